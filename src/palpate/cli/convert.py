@@ -1,0 +1,49 @@
+"""`palpate convert`: one format to another."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+def convert(
+    source: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN", help="File in any known format.")
+    ],
+    target: Annotated[
+        tyro.conf.Positional[Path],
+        tyro.conf.arg(
+            metavar="OUT", help="File to write; its extension says the format: .h5, .json, .tum, .csv."
+        ),
+    ],
+    /,
+    *,
+    from_: Annotated[
+        str | None,
+        tyro.conf.arg(
+            name="from",
+            metavar="FORMAT",
+            help="Format of IN.",
+            help_behavior_hint="(default: from its content)",
+        ),
+    ] = None,
+    force: Annotated[bool, tyro.conf.arg(help="Replace OUT if it exists.")] = False,
+    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+) -> int:
+    """Convert a recording or a trajectory from one format to another."""
+    from palpate import formats
+    from palpate.cli.console import busy, print_json, print_line
+    from palpate.errors import FileError
+    from palpate.recording import Recording
+
+    if target.exists() and not force:
+        raise FileError(f"{target}: already exists; --force replaces it")
+    with busy(f"converting {source.name}"):
+        data = formats.read(source, from_)
+        formats.write(data, target, overwrite=force)
+    what = "recording" if isinstance(data, Recording) else "trajectory"
+    if json:
+        print_json({"in": str(source), "out": str(target), "holds": what, "frames": len(data)})
+    else:
+        print_line(f"{target}: {what} of {len(data)} frames")
+    return 0

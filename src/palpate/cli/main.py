@@ -1,0 +1,51 @@
+"""`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
+
+import logging
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from palpate.cli.convert import convert
+from palpate.cli.demo import demo
+from palpate.cli.info import info
+from palpate.cli.track import track
+from palpate.errors import PalpateError
+
+COMMANDS = {"demo": demo, "info": info, "track": track, "convert": convert}
+DESCRIPTION = (
+    "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "
+    "failed. With --debug, any command shows the traceback of an error in its input."
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command line, by default the process's own, and return its exit code.
+
+    Bad usage raises SystemExit(2).
+    """
+    words = list(sys.argv[1:] if args is None else args)
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
+    logging.basicConfig(format="palpate: %(message)s", level=logging.WARNING)
+    try:
+        return tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="palpate",
+            description=DESCRIPTION,
+            args=words,
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
+        )
+    except PalpateError as error:
+        if debug:
+            raise
+        from palpate.cli.console import complain
+
+        complain(error)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,201 @@
+"""`palpate track`: tracks recordings and leaves a folder for each."""
+
+import math
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from palpate.tracker import TrackerSettings
+
+# Said again here so that --help need not import the estimator; a test compares them.
+Tactile = Literal["none", "constant", "oracle"]
+SmootherName = Literal["fixed-lag", "isam2"]
+NoiseName = Literal["palpate", "published"]
+
+METRICS = (
+    ("translation_rmse_mm", "translation RMSE", "mm", 2),
+    ("rotation_rmse_deg", "rotation RMSE", "deg", 2),
+    ("final_translation_error_mm", "final translation error", "mm", 2),
+    ("final_rotation_error_deg", "final rotation error", "deg", 2),
+    ("nees_mean", "NEES, mean (3 is right)", "", 1),
+)
+STEPS = (("p50", "step time, median", 2), ("p95", "step time, 95 %", 2), ("max", "step time, largest", 2))
+
+
+def track(
+    files: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(
+            metavar="FILE...", help="Recordings, in any known format.", help_behavior_hint="(required)"
+        ),
+    ],
+    /,
+    *,
+    tactile: Annotated[
+        Tactile, tyro.conf.arg(help="What touch says: nothing, no turning, or the truth.")
+    ] = "none",
+    smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
+    noise: Annotated[NoiseName, tyro.conf.arg(help="Preset of standard deviations.")] = "palpate",
+    pressure: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="uniform|rim|corner|METRES",
+            help="How the object presses on the table, or its friction radius c [m].",
+        ),
+    ] = "uniform",
+    first_pose: Annotated[
+        tuple[float, float, float] | None,
+        tyro.conf.arg(
+            metavar="X Y THETA",
+            help="Object pose at the start [m, m, rad].",
+            help_behavior_hint="(default: from ground truth)",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="Folder of the run; if FILEs are several, of their runs.",
+            help_behavior_hint="(default: runs/<name>)",
+        ),
+    ] = None,
+    force: Annotated[bool, tyro.conf.arg(help="Replace earlier runs.")] = False,
+    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+) -> int:
+    """Track the object of each recording; leaves poses, covariances, scores and a figure in a folder."""
+    from palpate.cli.console import complain, print_json
+    from palpate.errors import PalpateError, SettingError
+    from palpate.graph.noise import PRESETS
+    from palpate.tracker import TrackerSettings
+
+    if not files:
+        raise SettingError("track: no FILE given; name one or more recordings")
+    settings = TrackerSettings(
+        tactile=tactile, smoother=smoother, noise=PRESETS[noise], pressure=_pressure(pressure)
+    )
+    folders = _folders(files, out)
+    if len(files) == 1:
+        report_run(run_file(files[0], folders[0], settings, first_pose, force), folders[0], json)
+        return 0
+    runs: list[dict[str, Any]] = []
+    failed: list[dict[str, str]] = []
+    for file, folder in zip(files, folders, strict=True):
+        try:
+            summary = run_file(file, folder, settings, first_pose, force)
+        except PalpateError as error:
+            complain(error)
+            failed.append({"file": str(file), "error": str(error)})
+        else:
+            runs.append({"file": str(file), "folder": str(folder), **summary})
+    if json:
+        print_json({"runs": runs, "failed": failed})
+    elif runs:
+        _show_runs(runs)
+    return 3 if failed else 0
+
+
+def run_file(
+    file: Path,
+    folder: Path,
+    settings: "TrackerSettings",
+    first_pose: tuple[float, float, float] | None = None,
+    force: bool = False,
+) -> dict[str, Any]:
+    """Track one file, with progress, write its folder and return the summary."""
+    from palpate import formats
+    from palpate.cli.console import progress_bar
+    from palpate.evaluation.run import check_folder, track, write_run
+
+    check_folder(folder, force)  # before the work, not after it
+    recording = formats.load_recording(file)
+    with progress_bar(file.name, len(recording)) as progress:
+        run = track(recording, settings, first_pose, progress)
+    write_run(run, folder, force)
+    return run.summary
+
+
+def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
+    """Print the summary of one run."""
+    from palpate.cli.console import number, print_json, print_line, print_table
+
+    if json:
+        print_json(summary)
+        return
+    statuses = ", ".join(f"{count} {status}" for status, count in summary["statuses"].items())
+    rows = [
+        ("frames", str(summary["frames"]), ""),
+        ("in contact", str(summary["contact_frames"]), ""),
+        ("contacts", str(summary["episodes"]), ""),
+        ("scored", str(summary["scored_frames"]), "frames"),
+        *((name, number(summary[key], digits), unit) for key, name, unit, digits in METRICS),
+        *((name, number(summary["step_ms"][key], digits), "ms") for key, name, digits in STEPS),
+        ("status", statuses, "frames"),
+    ]
+    print_table(
+        f"tactile {summary['tactile']}, {summary['smoother']}",
+        ("metric", "value", "unit"),
+        rows,
+        numbers=(1,),
+    )
+    print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
+
+
+def _show_runs(runs: list[dict[str, Any]]) -> None:
+    from palpate.cli.console import number, print_line, print_table
+
+    keys = [key for key, *_ in METRICS]
+    table = [[*(run[key] for key in keys), run["step_ms"]["p50"]] for run in runs]
+    middle = [
+        median(known) if (known := [row[i] for row in table if row[i] is not None]) else None
+        for i in range(6)
+    ]
+    names = [*(Path(run["folder"]).name for run in runs), "median"]
+    rows = (
+        [name, *(number(value, 2) for value in values)]
+        for name, values in zip(names, [*table, middle], strict=True)
+    )
+    columns = ("run", "RMSE mm", "RMSE deg", "final mm", "final deg", "NEES", "step ms")
+    title = f"tactile {runs[0]['tactile']}, {runs[0]['smoother']}"
+    print_table(title, columns, rows, numbers=range(1, 7))
+    print_line(f"runs: {Path(runs[0]['folder']).parent}")
+
+
+def _folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:
+    """The folder of each file's run; SettingError if two would be the same."""
+    from palpate.errors import SettingError
+
+    if len(files) == 1 and out is not None:
+        return [out]
+    folders = [(out or Path("runs")) / _name(file) for file in files]
+    for index, folder in enumerate(folders):
+        if folder in folders[:index]:
+            first = files[folders.index(folder)]
+            raise SettingError(
+                f"{first} and {files[index]} would both go to {folder}; "
+                "track them apart, each with its own --out"
+            )
+    return folders
+
+
+def _name(file: Path) -> str:
+    """The file's name without .json.gz, .h5 and the like."""
+    return (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
+
+
+def _pressure(text: str) -> str | float:
+    from palpate.errors import SettingError
+
+    if text in ("uniform", "rim", "corner"):
+        return text
+    try:
+        radius = float(text)
+    except ValueError:
+        radius = math.nan
+    if not 0.0 < radius < math.inf:
+        raise SettingError(
+            f"--pressure is {text!r}; allowed are uniform, rim, corner or a friction radius above 0 [m]"
+        )
+    return radius

@@ -1,0 +1,21 @@
+"""The errors palpate raises on bad input. Each message names what is wrong, what was found and what is allowed."""
+
+
+class PalpateError(Exception):
+    """Base of all errors that are the input's fault; the command line prints them in one line."""
+
+
+class FileError(PalpateError):
+    """A file, or a field in it, is missing or not what it should be."""
+
+
+class ShapeError(PalpateError):
+    """An outline that is no outline: it crosses itself, has no area, or has a wrong size."""
+
+
+class SettingError(PalpateError):
+    """A setting or option with a value that is not allowed, or input that a setting needs and lacks."""
+
+
+class EstimationError(PalpateError):
+    """The estimator cannot go on; the message names the frame and the likely reason."""

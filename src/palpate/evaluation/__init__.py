@@ -1,0 +1,1 @@
+"""How well a recording was tracked, and what a recording is worth."""

@@ -1,0 +1,126 @@
+"""What readers and writers share: files that exist, files written whole, and checks of fields."""
+
+import json
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+
+# The kinds of NumPy types a field may come in, and what to call them in an error.
+NUMBERS = ("fiu", "numbers")
+INTEGERS = ("iu", "integers")
+FLAGS = ("b", "booleans")
+
+
+def existing_file(path: Path | str) -> Path:
+    """`path`, if a file with content is there; FileError if not."""
+    path = Path(path)
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder, expected a file")
+    if not path.exists():
+        raise FileError(f"{path}: no such file")
+    try:
+        if path.stat().st_size == 0:
+            raise FileError(f"{path}: is empty")
+        with path.open("rb"):
+            return path
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+@contextmanager
+def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
+    """A temporary path beside `path` to write to; renamed to `path` on success, removed on any failure.
+
+    An existing file is replaced only if `overwrite`; a missing folder is an error.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder, expected the name of a file to write")
+    if not path.parent.is_dir():
+        raise FileError(f"{path}: the folder {path.parent} does not exist")
+    if path.exists() and not overwrite:
+        raise FileError(f"{path}: already exists, and overwriting it was not asked for")
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error})") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:
+    """`value` as an array of the given kind and shape, "N" for any length; FileError if it is not."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise FileError(f"{name}: rows have different lengths, expected shape {_written(shape)}") from error
+    fits = len(array.shape) == len(shape) and all(
+        want in ("N", found) for found, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        raise FileError(f"{name}: found shape {_written(array.shape)}, expected {_written(shape)}")
+    kinds, words = kind
+    if array.dtype.kind not in kinds:
+        raise FileError(f"{name}: found values of type {array.dtype}, expected {words}")
+    return array
+
+
+def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool_], allowed: str) -> None:
+    """FileError that names the first frame where `good` is false, what it holds and what is allowed."""
+    if not np.all(good):
+        index = int(np.argmin(good))
+        raise FileError(f"{name}: frame {index} is {values[index].tolist()}, allowed is {allowed}")
+
+
+def check_increasing(time: NDArray[np.float64]) -> None:
+    """FileError unless times (N,) are finite and strictly increasing."""
+    check_rows("time", time, np.isfinite(time), "a finite number")
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if len(wrong):
+        index = int(wrong[0]) + 1
+        verb = "repeats" if time[index] == time[index - 1] else "runs backwards at"
+        raise FileError(
+            f"time: frame {index} {verb} {time[index]:.17g} s after {time[index - 1]:.17g} s, "
+            "allowed are strictly increasing times"
+        )
+
+
+def read_text(path: Path | str) -> str:
+    """The text of a UTF-8 file, or of a gzipped one; FileError if it is neither."""
+    import gzip
+    import zlib
+
+    path = existing_file(path)
+    data = path.read_bytes()
+    try:
+        if data.startswith(b"\x1f\x8b"):
+            data = gzip.decompress(data)
+        return data.decode("utf-8")
+    except (OSError, EOFError, zlib.error) as error:
+        raise FileError(f"{path}: is truncated or damaged ({error})") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: is not a text file") from error
+
+
+def read_json(path: Path | str) -> dict[str, Any]:
+    """The JSON object of a file, gzipped or plain; FileError if it holds none."""
+    try:
+        value = json.loads(read_text(path))
+    except ValueError as error:
+        raise FileError(f"{path}: is not valid JSON ({error})") from error
+    if not isinstance(value, dict):
+        raise FileError(f"{path}: found a JSON {type(value).__name__}, expected an object")
+    return value
+
+
+def _written(shape: tuple[int | str, ...]) -> str:
+    return f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"

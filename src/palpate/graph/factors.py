@@ -1,0 +1,208 @@
+"""The residuals of the factor graph and their Jacobians, for one step or for a whole window of steps at once.
+
+The variables of step t are the sensor pose in the object frame `g_t = o_t^-1 e_t` and the sensor pose in the world
+`e_t`; the object pose is `o_t = e_t g_t^-1`. Jacobians are with respect to right (body-frame) perturbations of these
+poses, order x, y, theta. All leading axes are free: poses are (..., 3), residuals (..., rows), Jacobians
+(..., rows, columns).
+
+With these variables the paper's tactile factor (Eqs. 5, 6) is a plain between factor on `g_i, g_j`, and contact needs
+no sensor pose. Between contacts the object rests, `o_t = o_t-1`: the graph of the next contact begins with a
+`first_pose` factor whose covariance is the last marginal plus that of resting, which is what remains of the paper's
+rest factor once the past is marginalised.
+
+Inside, a planar vector is a complex number: `exp(i theta)` turns it by theta, `i` by 90 degrees.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate import se2
+from palpate.distance_field import DistanceField
+from palpate.sensor import SensorProfile
+from palpate.shapes import Shape
+
+Array = np.ndarray
+
+_FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """What touches what: the object's outline and friction, and one round tip of the sensor."""
+
+    field: DistanceField
+    """Signed distance of the object's outline [m], object frame."""
+    center: tuple[float, float]
+    """Centre of curvature of the tip [m], sensor frame."""
+    radius: float
+    """Radius of curvature of the tip [m]; 0 is the paper's point."""
+    friction_radius: float
+    """c [m], the largest friction torque over the largest friction force between object and table."""
+    friction_center: tuple[float, float] = (0.0, 0.0)
+    """Centre of the pressure distribution [m], object frame."""
+    alone: bool = True
+    """Whether the whole pushing force acts here. One of several tips bears an unknown share of it, so that the balance
+    of force and torque says nothing about it."""
+
+
+def contact_models(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> list[ContactModel]:
+    """Return what each tip of the sensor is to an object of this shape.
+
+    pressure is how the object presses on the table ("uniform", "rim" or "corner"), which gives c, or c itself [m].
+    """
+    field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
+    c = shape.friction_radius(pressure)
+    x, y = shape.centroid.tolist()
+    alone = len(sensor.tips) == 1
+    return [ContactModel(field, (cx, cy), sensor.radius, c, (x, y), alone) for cx, cy in sensor.centers.tolist()]
+
+
+def between(pose_i: Array, pose_j: Array, measured: Array) -> tuple[Array, Array]:
+    """Error of a measured relative pose, `Log(measured^-1 pose_i^-1 pose_j)`: the tactile factor (Eq. 5).
+
+    Returns the residual (..., 3) [m, m, rad] and its Jacobian (..., 3, 6) with respect to pose_i and pose_j.
+    """
+    relative = se2.between(pose_i, pose_j)
+    residual, by_j = prior(relative, measured)
+    by_i = -by_j @ se2.adjoint(se2.inverse(relative))
+    return residual, np.concatenate([by_i, by_j], axis=-1)
+
+
+def prior(pose: Array, measured: Array) -> tuple[Array, Array]:
+    """Error of a measured pose, `Log(measured^-1 pose)`: the sensor pose prior (Eq. 12).
+
+    Returns the residual (..., 3) [m, m, rad] and its Jacobian (..., 3, 3).
+    """
+    residual = se2.log(se2.between(measured, pose))
+    return residual, se2.right_jacobian_inverse(residual)
+
+
+def first_pose(g: Array, e: Array, measured: Array) -> tuple[Array, Array]:
+    """Error of a known object pose, `Log(measured^-1 e g^-1)`.
+
+    Returns the residual (..., 3) [m, m, rad] and its Jacobian (..., 3, 6) with respect to g and e.
+    """
+    residual, by_object = prior(se2.compose(e, se2.inverse(g)), measured)
+    # With o = e g^-1: e exp(d) g^-1 = o exp(Ad_g d), and e (g exp(d))^-1 = o exp(-Ad_g d).
+    by_e = by_object @ se2.adjoint(g)
+    return residual, np.concatenate([-by_e, by_e], axis=-1)
+
+
+def contact(g: Array, model: ContactModel) -> tuple[Array, Array]:
+    """Distance between the tip's round surface and the outline (Eq. 11, two-sided).
+
+    Returns the residual (..., 1) [m], positive where they are apart and negative where they overlap, and its Jacobian
+    (..., 1, 3) with respect to g.
+    """
+    turned, placed = _center(g, model)
+    distance, gradient, _ = model.field.value_gradient_hessian(_real(placed))
+    jacobian = np.concatenate([_in_sensor(gradient, g), np.empty((*g.shape[:-1], 1))], axis=-1)
+    jacobian[..., 2] = _cross(turned, _complex(gradient))
+    return (distance - model.radius)[..., None], jacobian[..., None, :]
+
+
+def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> tuple[Array, Array]:
+    """Error of quasi-static pushing with a sticking contact over one step from 0 to 1 (Eqs. 7 to 10).
+
+    Rows 1 and 2 [m]: how far the object slid along the sensor, object frame. The sensor's material point that touches
+    the outline point p at step 1 was at `g0 g1^-1 p` at step 0; sticking (and rolling) left it in place. This is the
+    paper's `V + omega x p - Vp` without linearising the rotation, which would let the object drift by omega^2 p / 2 a
+    step. With r > 0 it is the material point that pushes, while p moves over the tip as the sensor turns.
+
+    Row 3 [m^2]: balance of force and torque on the ellipsoidal limit surface, `p x v - c^2 omega`, with the object's
+    motion v, omega over the step and p both taken at the centre of friction (Lynch 1992; Zhou 2017).
+
+    Returns the residual (..., 3) and its Jacobian (..., 3, 12) with respect to g0, e0, g1, e1.
+    """
+    point, point_by_g1, material, material_by_g1 = _touching(g1, model)
+    turn_g0, turn_e0, turn_e1, turn_g1 = (np.exp(1j * pose[..., 2]) for pose in (g0, e0, e1, g1))
+    jacobian = np.zeros((*g1.shape[:-1], 3, 12))
+
+    slid = _position(g0) + turn_g0 * material - point
+    jacobian[..., :2, 0:3] = _rows(_moved(turn_g0, material))
+    jacobian[..., :2, 6:9] = _rows(turn_g0[..., None] * material_by_g1 - point_by_g1)
+
+    # Where the centre of friction was at step 0, seen from the object at step 1: g1 e1^-1 e0 g0^-1 middle.
+    middle = complex(*model.friction_center)
+    in_sensor0 = np.conj(turn_g0) * (middle - _position(g0))
+    in_world = _position(e0) + turn_e0 * in_sensor0
+    in_sensor1 = np.conj(turn_e1) * (in_world - _position(e1))
+    motion = middle - (_position(g1) + turn_g1 * in_sensor1)
+    omega = se2.wrap(e1[..., 2] - e0[..., 2] - g1[..., 2] + g0[..., 2])
+    arm = point - middle
+
+    motion_by_g0 = _moved(turn_g1 * np.conj(turn_e1) * turn_e0, in_sensor0)
+    motion_by_e1 = _moved(turn_g1, in_sensor1)
+    lever = np.conj(arm)[..., None]
+    by_sensor0, by_sensor1 = (lever * motion_by_g0).imag, (lever * motion_by_e1).imag
+    # omega grows with the turns of g0 and e1, and shrinks with those of e0 and g1.
+    by_sensor0[..., 2] -= model.friction_radius**2
+    by_sensor1[..., 2] -= model.friction_radius**2
+    jacobian[..., 2, 0:3] = by_sensor0
+    jacobian[..., 2, 3:6] = -by_sensor0
+    jacobian[..., 2, 6:9] = _cross(point_by_g1, motion[..., None]) - by_sensor1
+    jacobian[..., 2, 9:12] = by_sensor1
+
+    balance = _cross(arm, motion) - model.friction_radius**2 * omega
+    return np.stack([slid.real, slid.imag, balance], axis=-1), jacobian
+
+
+def _center(g: Array, model: ContactModel) -> tuple[Array, Array]:
+    """The tip's centre in the object frame, complex: seen from the sensor's origin, and from the object's."""
+    turned = np.exp(1j * g[..., 2]) * complex(*model.center)
+    return turned, _position(g) + turned
+
+
+def _touching(g: Array, model: ContactModel) -> tuple[Array, Array, Array, Array]:
+    """The point of the tip's surface nearest to the outline, in the object frame and in the sensor frame.
+
+    Returns both as complex (...,), each followed by its derivative with respect to g, complex (..., 3).
+    """
+    _, placed = _center(g, model)
+    turn = np.exp(1j * g[..., 2])
+    placed_by_g = _moved(turn, np.full_like(turn, complex(*model.center)))
+    _, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
+    normal = _complex(gradient)
+    bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
+    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
+
+    normal_in_sensor = np.conj(turn) * normal
+    material_by_g = -model.radius * np.conj(turn)[..., None] * normal_by_g
+    material_by_g[..., 2] += 1j * model.radius * normal_in_sensor
+    return (
+        placed - model.radius * normal,
+        placed_by_g - model.radius * normal_by_g,
+        complex(*model.center) - model.radius * normal_in_sensor,
+        material_by_g,
+    )
+
+
+def _moved(turn: Array, point: Array) -> Array:
+    """How a point of a body moves with the body: derivative by a right perturbation of its pose, complex (..., 3)."""
+    return np.stack([turn, 1j * turn, 1j * turn * point], axis=-1)
+
+
+def _in_sensor(vector: Array, g: Array) -> Array:
+    return _real(np.exp(-1j * g[..., 2]) * _complex(vector))
+
+
+def _position(pose: Array) -> Array:
+    return pose[..., 0] + 1j * pose[..., 1]
+
+
+def _complex(vector: Array) -> Array:
+    return vector[..., 0] + 1j * vector[..., 1]
+
+
+def _real(vector: Array) -> Array:
+    return np.stack([vector.real, vector.imag], axis=-1)
+
+
+def _rows(columns: Array) -> Array:
+    """A complex Jacobian (..., columns) as a real one (..., 2, columns)."""
+    return np.stack([columns.real, columns.imag], axis=-2)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return (np.conj(a) * b).imag

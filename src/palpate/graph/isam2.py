@@ -1,0 +1,152 @@
+"""The paper's smoother: GTSAM's iSAM2 over all steps of a contact.
+
+Tactile factors and sensor priors are native. What is left for Python, contact and pushing, is one custom factor a
+step: each call copies all values of the graph into Python, so their number decides the time.
+"""
+
+from collections.abc import Callable, Sequence
+
+import gtsam
+import numpy as np
+
+from palpate import se2
+from palpate.errors import EstimationError
+from palpate.graph import factors
+from palpate.graph.factors import ContactModel
+from palpate.graph.noise import GraphNoise
+from palpate.graph.smoother import Belief
+from palpate.measurement import RelativePoses
+
+Array = np.ndarray
+RELINEARISE_ABOVE = 2e-3
+"""[m], [rad]. The published 0.01 lets a pose be 10 mm off its linearisation, too coarse for touch."""
+
+Linearisation = Callable[..., tuple[Array, Array]]
+
+
+class Isam2Smoother:
+    """Smoother over the whole contact; a step gets dearer as the contact goes on."""
+
+    def __init__(self, tips: Sequence[ContactModel], noise: GraphNoise) -> None:
+        self._tips, self._noise = tips, noise
+        self._parameters = gtsam.ISAM2Params()
+        self._parameters.setRelinearizeThreshold(RELINEARISE_ABOVE)
+        self._parameters.relinearizeSkip = 1
+
+    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array) -> None:
+        """See Smoother."""
+        self._isam = gtsam.ISAM2(self._parameters)
+        self._last, self._measured = 0, sensor_pose
+        self._root = np.linalg.inv(np.linalg.cholesky(covariance))
+
+        def first(g: Array, e: Array) -> tuple[Array, Array]:
+            residual, jacobian = factors.first_pose(g, e, object_pose)
+            touching = self._contact_rows(g, 6, 0)
+            return _stacked([(self._root @ residual, self._root @ jacobian), *touching])
+
+        graph = gtsam.NonlinearFactorGraph()
+        graph.push_back(_custom([_g(0), _e(0)], 3 + len(self._tips), first))
+        self._update(graph, se2.between(object_pose, sensor_pose), sensor_pose)
+
+    def add(self, sensor_pose: Array, relative: RelativePoses | None) -> None:
+        """See Smoother."""
+        last, now = self._last, self._last + 1
+        moved = self._moved = np.hypot(*(sensor_pose - self._measured)[:2])
+
+        def step(g0: Array, e0: Array, g1: Array, e1: Array) -> tuple[Array, Array]:
+            rows = self._contact_rows(g1, 12, 6)
+            for tip in self._tips:
+                residual, jacobian = factors.pushing(g0, e0, g1, e1, tip)
+                root = np.sqrt(self._noise.pushing_weight(residual, moved, tip))
+                rows.append((root * residual, root[:, None] * jacobian))
+            return _stacked(rows)
+
+        graph = gtsam.NonlinearFactorGraph()
+        graph.push_back(_custom([_g(last), _e(last), _g(now), _e(now)], 4 * len(self._tips), step))
+        if relative is not None:
+            noises: dict[bytes, gtsam.noiseModel.Gaussian] = {}
+            for back, pose, covariance in zip(relative.back, relative.pose, relative.covariance, strict=True):
+                noise = noises.setdefault(covariance.tobytes(), gtsam.noiseModel.Gaussian.Covariance(covariance))
+                graph.push_back(gtsam.BetweenFactorPose2(_g(now - back), _g(now), gtsam.Pose2(*pose), noise))
+        self._last, self._measured = now, sensor_pose
+        self._update(graph, _array(self._isam.calculateEstimatePose2(_g(last))), sensor_pose)
+
+    def belief(self) -> Belief:
+        """See Smoother."""
+        keys = [_g(self._last), _e(self._last)]
+        g, e = (_array(self._isam.calculateEstimatePose2(key)) for key in keys)
+        return Belief(g, e, self._isam.jointMarginalCovariance(keys).fullMatrix())
+
+    def pushing_error(self) -> Array:
+        """See Smoother."""
+        if self._last == 0:
+            return np.zeros(3)
+        g, e = self._steps(self._last - 1)
+        errors = [
+            factors.pushing(g[0], e[0], g[1], e[1], tip)[0] / self._noise.pushing_sigmas(self._moved, tip)
+            for tip in self._tips
+        ]
+        return np.abs(errors).max(axis=0)
+
+    def path(self) -> tuple[Array, Array]:
+        """See Smoother."""
+        return self._steps(0)
+
+    def _steps(self, first: int) -> tuple[Array, Array]:
+        """Estimates of the steps from the first one on: g (N, 3) and e (N, 3)."""
+        steps = range(first, self._last + 1)
+        g = np.array([_array(self._isam.calculateEstimatePose2(_g(step))) for step in steps])
+        e = np.array([_array(self._isam.calculateEstimatePose2(_e(step))) for step in steps])
+        return g, e
+
+    def _update(self, graph: gtsam.NonlinearFactorGraph, g: Array, e: Array) -> None:
+        """Add the factors of the last step and its first guess."""
+        values = gtsam.Values()
+        values.insert(_g(self._last), gtsam.Pose2(*g))
+        values.insert(_e(self._last), gtsam.Pose2(*e))
+        sensor = gtsam.noiseModel.Diagonal.Sigmas(np.array(self._noise.sensor))
+        graph.push_back(gtsam.PriorFactorPose2(_e(self._last), gtsam.Pose2(*e), sensor))
+        try:
+            self._isam.update(graph, values)
+        except RuntimeError as error:
+            raise EstimationError(f"step {self._last} of the contact is indeterminate") from error
+
+    def _contact_rows(self, g: Array, columns: int, place: int) -> list[tuple[Array, Array]]:
+        """Whitened contact rows with their Jacobians, g standing at column place."""
+        rows = []
+        for tip in self._tips:
+            residual, by_g = factors.contact(g, tip)
+            root = np.sqrt(self._noise.contact_weight(residual))
+            jacobian = np.zeros((1, columns))
+            jacobian[:, place : place + 3] = root * by_g
+            rows.append((root * residual, jacobian))
+        return rows
+
+
+def _custom(keys: list[int], rows: int, linearise: Linearisation) -> gtsam.CustomFactor:
+    """A GTSAM factor on poses from whitened rows and their Jacobian."""
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        residual, jacobian = linearise(*(_array(values.atPose2(key)) for key in keys))
+        if jacobians is not None:
+            for place in range(len(keys)):
+                jacobians[place] = np.asfortranarray(jacobian[:, 3 * place : 3 * place + 3])
+        return residual
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error)
+
+
+def _stacked(rows: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    return np.concatenate([residual for residual, _ in rows]), np.concatenate([jacobian for _, jacobian in rows])
+
+
+def _array(pose: gtsam.Pose2) -> Array:
+    return np.array([pose.x(), pose.y(), pose.theta()])
+
+
+def _g(step: int) -> int:
+    return gtsam.symbol("g", int(step))
+
+
+def _e(step: int) -> int:
+    return gtsam.symbol("e", int(step))

@@ -1,0 +1,83 @@
+"""How much each factor is believed: standard deviations, the published ones and ours."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.graph.factors import ContactModel
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class GraphNoise:
+    """Standard deviations of the factors. The defaults are palpate's, each with its reason."""
+
+    tactile: tuple[float, float, float] = (1.0, 1.0, 2e-2)
+    """Relative pose from touch where touch does not say itself [m, m, rad], for one pair of images. Only yaw counts. An
+    image yields yaw to about 4e-3 rad and takes part in 30 pairs a step: as independent measurements of variance 30
+    times larger they say as much as the images do."""
+    constant: tuple[float, float, float] = (1.0, 1.0, 0.5)
+    """The same for the constant model: the sensor turns by about 0.1 rad in 10 to 40 frames, thirty pairs a step."""
+    sticking: float = 2e-5
+    """Sliding in one step when nothing moves [m]."""
+    sticking_share: float = 0.05
+    """Sliding in one step as a share of the sensor's motion in it: real contacts creep by some percent of the way."""
+    turning: float = 1e-6
+    """Imbalance of force and torque in one step when nothing moves [m^2]."""
+    turning_share: float = 0.5
+    """The same as a share of the sensor's motion times c: uniform and rim pressure give a c^2 apart by a factor of 2."""
+    pushing_kernel: float | None = 2.0
+    """Scale of the Cauchy kernel on the pushing rows together [standard deviations]; None is a plain square. A slip or
+    a knock breaks all rows at once, and the kernel lets them go."""
+    contact: float = 1e-3
+    """Distance between sensor and outline in contact [m]: how well outline, gel and motion capture agree."""
+    contact_kernel: float | None = 3.0
+    """Scale of the Cauchy kernel on the contact row [standard deviations]; None is a plain square."""
+    sensor: tuple[float, float, float] = (1e-4, 1e-4, 1e-3)
+    """Measured sensor pose [m, m, rad], body frame: a good robot's kinematics or motion capture."""
+    first_pose: tuple[float, float, float] = (5e-4, 5e-4, 5e-3)
+    """The object's known first pose [m, m, rad], body frame."""
+    rest: tuple[float, float, float] = (1e-5, 1e-5, 1e-4)
+    """The object's motion between two contacts [m, m, rad]."""
+
+    def pushing_sigmas(self, moved: Array, tip: ContactModel) -> Array:
+        """Standard deviations (..., 3) [m, m, m^2] of the pushing rows where the sensor moved by moved (...) [m]."""
+        slide = np.hypot(self.sticking, self.sticking_share * moved)
+        turn = np.hypot(self.turning, self.turning_share * moved * tip.friction_radius)
+        if not tip.alone:
+            turn = np.full_like(slide, np.inf)
+        return np.stack([slide, slide, turn], axis=-1)
+
+    def pushing_weight(self, residual: Array, moved: Array, tip: ContactModel) -> Array:
+        """Inverse variances (..., 3) of the pushing rows, kernel included, at the residual (..., 3)."""
+        weight = self.pushing_sigmas(moved, tip) ** -2.0
+        return weight * cauchy_weight(np.sum(weight * residual**2, axis=-1, keepdims=True), self.pushing_kernel)
+
+    def contact_weight(self, residual: Array) -> Array:
+        """Inverse variance (...) of the contact row, kernel included, at the residual (...) [m]."""
+        return cauchy_weight((residual / self.contact) ** 2, self.contact_kernel) / self.contact**2
+
+
+def cauchy_weight(squared_error: Array, scale: float | None) -> Array | float:
+    """Weight (...) that the Cauchy kernel leaves to whitened rows of squared length squared_error (...)."""
+    return 1.0 if scale is None else 1.0 / (1.0 + squared_error / scale**2)
+
+
+PUBLISHED = GraphNoise(
+    tactile=(1.0, 1.0, 1e-5),
+    constant=(1.0, 1.0, 1e-5),
+    sticking=1e-3,
+    sticking_share=0.0,
+    turning=1e-3,
+    turning_share=0.0,
+    pushing_kernel=None,
+    contact=1e-2,
+    contact_kernel=None,
+    sensor=(1e-5, 1e-5, 1e-5),
+    first_pose=(1e-5, 1e-5, 1e-5),
+    rest=(1e-9, 1e-9, 1e-9),
+)
+"""The settings of the paper's experiments, taken from the authors' published code."""
+
+PRESETS = {"palpate": GraphNoise(), "published": PUBLISHED}

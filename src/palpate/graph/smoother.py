@@ -1,0 +1,64 @@
+"""What the tracker asks of a smoother, and the two that there are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+
+from palpate.errors import SettingError
+from palpate.graph.factors import ContactModel
+from palpate.graph.noise import GraphNoise
+from palpate.measurement import RelativePoses
+
+Array = np.ndarray
+SmootherName = Literal["fixed-lag", "isam2"]
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What the graph says about its last step."""
+
+    g: Array
+    """Sensor pose in the object frame, (3,) [m, m, rad]."""
+    e: Array
+    """Sensor pose in the world, (3,) [m, m, rad]."""
+    covariance: Array
+    """Joint covariance (6, 6) of g and e, each in the tangent space at its estimate (right, body frame)."""
+
+
+class Smoother(Protocol):
+    """The graph of one contact after the other. A step that cannot be solved raises EstimationError."""
+
+    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array) -> None:
+        """Start the graph of a new contact: measured sensor pose (3,), object pose (3,) and its covariance (3, 3)."""
+        ...
+
+    def add(self, sensor_pose: Array, relative: RelativePoses | None) -> None:
+        """Add a step: the measured sensor pose (3,) and what touch says of earlier steps of this contact."""
+        ...
+
+    def belief(self) -> Belief:
+        """Return the estimate at the last step."""
+        ...
+
+    def pushing_error(self) -> Array:
+        """Return the pushing residual of the last step (3,) in standard deviations, that of the tip worst off."""
+        ...
+
+    def path(self) -> tuple[Array, Array]:
+        """Return all steps of this contact as smoothed so far: g (N, 3) and e (N, 3)."""
+        ...
+
+
+def make_smoother(name: SmootherName, tips: Sequence[ContactModel], noise: GraphNoise) -> Smoother:
+    """Return the smoother of that name for a sensor with these tips."""
+    if name == "fixed-lag":
+        from palpate.graph.fixed_lag import FixedLagSmoother
+
+        return FixedLagSmoother(tips, noise)
+    if name == "isam2":
+        from palpate.graph.isam2 import Isam2Smoother
+
+        return Isam2Smoother(tips, noise)
+    raise SettingError(f"smoother is {name!r}; allowed are {', '.join(get_args(SmootherName))}")

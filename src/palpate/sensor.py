@@ -1,0 +1,111 @@
+"""A touch sensor as data: the geometry of its contact surface, its images and its rate.
+
+The sensor frame has its origin at the apex of the undeformed gel (for several tips, at the midpoint of their
+apexes), x out of the gel along the push, y along the pad's width and z up. Image columns run along y.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, asdict, dataclass, fields
+from numbers import Integral, Real
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import SettingError
+
+T = TypeVar("T", int, float)
+
+
+@dataclass(frozen=True)
+class SensorProfile:
+    """What the estimator needs to know of a sensor; raises SettingError on a value that is not allowed."""
+
+    name: str
+    """Name for people and files."""
+    radius: float
+    """Radius of curvature of the contact surface across the pad [m]; 0 is a point."""
+    tips: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
+    """Apex (x, y) of each tip in the sensor frame [m]; a two-finger pusher has two."""
+    half_width: float | None = None
+    """Half the width of the pad along y [m]; None for a pad without an edge."""
+    image_height: int = 0
+    """Rows of an image [px]; 0 for a sensor without images."""
+    image_width: int = 0
+    """Columns of an image [px]; 0 for a sensor without images."""
+    rate: float = 30.0
+    """Frames per second [Hz]."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise SettingError(f"sensor name is {self.name!r}; it must be a string that is not empty")
+        self._keep("radius", _number(self.radius), lambda value: value >= 0.0, "a length [m], 0 or more")
+        self._keep("rate", _number(self.rate), lambda value: value > 0.0, "a rate [Hz] above 0")
+        if self.half_width is not None:
+            half_width = _number(self.half_width)
+            self._keep("half_width", half_width, lambda value: value > 0.0, "a length [m] above 0, or None")
+        for field in ("image_height", "image_width"):
+            value = getattr(self, field)
+            whole = isinstance(value, Integral) and not isinstance(value, bool)
+            self._keep(
+                field,
+                int(value) if whole else None,
+                lambda value: value >= 0,
+                "a whole number [px], 0 or more",
+            )
+        if (self.image_height == 0) != (self.image_width == 0):
+            found = f"{self.image_height} rows and {self.image_width} columns"
+            raise SettingError(f"sensor {self.name!r} has images of {found}; both must be 0 or both above 0")
+        try:
+            tips = tuple((float(x), float(y)) for x, y in self.tips)
+        except (TypeError, ValueError):
+            tips = ()
+        if not tips or not np.isfinite(tips).all():
+            found = f"sensor {self.name!r} has tips {self.tips!r}"
+            raise SettingError(f"{found}; they must be one or more finite (x, y) pairs [m]")
+        object.__setattr__(self, "tips", tips)
+
+    @property
+    def centers(self) -> NDArray[np.float64]:
+        """Centres of curvature of the tips in the sensor frame, (tips, 2) [m]."""
+        return np.array(self.tips) - np.array((self.radius, 0.0))
+
+    def _keep(self, field: str, value: T | None, allowed: Callable[[T], bool], wanted: str) -> None:
+        if value is None or not allowed(value):
+            found = f"sensor {self.name!r} has {field} {getattr(self, field)!r}"
+            raise SettingError(f"{found}; it must be {wanted}")
+        object.__setattr__(self, field, value)
+
+
+def sensor_to_dict(sensor: SensorProfile) -> dict[str, Any]:
+    """Return the profile as plain data for JSON."""
+    return {**asdict(sensor), "tips": [list(tip) for tip in sensor.tips]}
+
+
+def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
+    """Return the profile that `sensor_to_dict` wrote; raises SettingError on a missing or unknown field."""
+    if not isinstance(data, Mapping):
+        raise SettingError(f"a sensor must be an object with fields, not {data!r}")
+    known = {field.name for field in fields(SensorProfile)}
+    needed = {field.name for field in fields(SensorProfile) if field.default is MISSING}
+    if missing := needed - data.keys():
+        raise SettingError(f"a sensor needs the fields {sorted(needed)}; missing: {sorted(missing)}")
+    if unknown := data.keys() - known:
+        raise SettingError(f"a sensor has no fields {sorted(unknown)}; allowed: {sorted(known)}")
+    return SensorProfile(**data)
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
+        return float(value)
+    return None
+
+
+DIGIT = SensorProfile(
+    name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0
+)
+"""The DIGIT with its curved gel."""
+
+POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
+"""A sharp probe without images."""

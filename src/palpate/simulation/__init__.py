@@ -1,0 +1,1 @@
+"""Making recordings: pushes of known objects by known sensors."""

@@ -1,0 +1,79 @@
+"""Pushes drawn from the estimator's own model: sticking contact on an ellipsoidal limit surface.
+
+They are as easy as the estimator believes the world to be, which is what a test of consistency and a benchmark need;
+they say nothing about how well the model fits real pushes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate import se2
+from palpate.graph import factors
+from palpate.graph.factors import ContactModel
+
+Array = np.ndarray
+
+_NEWTON_STEPS = 8
+_CONVERGED = 1e-12  # [m], [rad]: far below any noise that is drawn
+
+
+@dataclass(frozen=True)
+class Steering:
+    """How the sensor moves while it pushes: forward, turning towards the object's centre and to and fro."""
+
+    speed: float = 1.0e-3
+    """Forward motion per frame [m]."""
+    aim: float = 0.04
+    """Share of the bearing of the object's centre, seen from the sensor, that is turned off per frame."""
+    sway: float = 6e-3
+    """Amplitude of the turning to and fro [rad per frame]."""
+    period: float = 90.0
+    """Period of the turning to and fro [frames]."""
+
+
+def push(
+    tip: ContactModel,
+    object_pose: Array,
+    touching: Array,
+    steps: int,
+    steering: Steering,
+    phase: Array | float = 0.0,
+    slip: Array | float = 0.0,
+    torque: Array | float = 0.0,
+) -> tuple[Array, Array]:
+    """Push B objects at once for a number of steps and return their poses and the sensors', (steps + 1, B, 3) each.
+
+    object_pose (B, 3) are the first object poses in the world, touching (B, 3) the first sensor poses in the object frame,
+    phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the values that the rows of
+    the pushing residual take; 0 is the noise-free model.
+    """
+    g = np.broadcast_to(touching, np.broadcast_shapes(np.shape(touching), np.shape(object_pose))).astype(np.float64)
+    e = se2.compose(object_pose, g)
+    slip = np.broadcast_to(slip, (steps, *g.shape[:-1], 2))
+    torque = np.broadcast_to(torque, (steps, *g.shape[:-1]))
+    sensors, touches = [e], [g]
+    for step in range(steps):
+        aim = se2.transform(se2.inverse(g), np.asarray(tip.friction_center))
+        bearing = np.arctan2(aim[..., 1], aim[..., 0])
+        turn = steering.aim * bearing + steering.sway * np.sin(2 * np.pi * step / steering.period + phase)
+        forward = np.full_like(turn, steering.speed)
+        e_next = se2.compose(e, se2.exp(np.stack([forward, np.zeros_like(turn), turn], axis=-1)))
+        g = _pushed(g, e, e_next, tip, np.concatenate([slip[step], torque[step][..., None]], axis=-1))
+        e = e_next
+        sensors.append(e)
+        touches.append(g)
+    world_T_sensor = np.stack(sensors)
+    return se2.compose(world_T_sensor, se2.inverse(np.stack(touches))), world_T_sensor
+
+
+def _pushed(g: Array, e: Array, e_next: Array, tip: ContactModel, wanted: Array) -> Array:
+    """The sensor-in-object pose after a step, by Newton's method on the rows of the pushing residual (Eq. 7)."""
+    g_next = g
+    for _ in range(_NEWTON_STEPS):
+        residual, jacobian = factors.pushing(g, e, g_next, e_next, tip)
+        change = np.linalg.solve(jacobian[..., 6:9], (wanted - residual)[..., None])[..., 0]
+        g_next = se2.compose(g_next, se2.exp(change))
+        if np.abs(change).max() < _CONVERGED:
+            break
+    return g_next

@@ -1,0 +1,109 @@
+"""Relative sensor poses from touch: between the current frame and earlier ones of the same contact (paper Sec. IV-A)."""
+
+from collections import deque
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+
+from palpate import se2
+from palpate.errors import SettingError
+from palpate.measurement import RelativePoses
+from palpate.recording import Frame
+
+Array = np.ndarray
+Tactile = Literal["none", "constant", "oracle"]
+
+BACK = np.arange(10, 40)
+"""How many frames ago the compared frames were, as in the published system."""
+
+
+class Touch(Protocol):
+    """What feels the frames of a contact, one after the other."""
+
+    def feel(self, frame: Frame) -> RelativePoses | None:
+        """Return what the frame says relative to earlier ones of this contact; None where it says nothing."""
+        ...
+
+    def lift(self) -> None:
+        """Forget this contact: the next frame begins another."""
+        ...
+
+
+class NoTouch:
+    """Feels nothing: pushing and geometry alone."""
+
+    def feel(self, frame: Frame) -> RelativePoses | None:
+        """See Touch."""
+        return None
+
+    def lift(self) -> None:
+        """See Touch."""
+
+
+class ConstantTouch:
+    """Says that the sensor has not turned on the object, whatever the image: the paper's constant model."""
+
+    def __init__(self, sigmas: tuple[float, float, float]) -> None:
+        self._covariance = np.diag(np.square(sigmas))
+        self._age = -1
+
+    def feel(self, frame: Frame) -> RelativePoses | None:
+        """See Touch."""
+        self._age += 1
+        back = compared_frames(self._age)
+        return _relative(back, np.zeros((len(back), 3)), self._covariance)
+
+    def lift(self) -> None:
+        """See Touch."""
+        self._age = -1
+
+
+class OracleTouch:
+    """Says the true relative poses, from the frames' ground truth: the paper's upper bound."""
+
+    def __init__(self, sigmas: tuple[float, float, float]) -> None:
+        self._covariance = np.diag(np.square(sigmas))
+        self._felt: deque[Array] = deque(maxlen=int(BACK[-1]) + 1)
+
+    def feel(self, frame: Frame) -> RelativePoses | None:
+        """See Touch. A frame without ground truth says nothing, then and later."""
+        known = np.full(3, np.nan) if frame.object_pose is None else frame.object_pose
+        self._felt.append(se2.between(known, frame.sensor_pose))
+        felt = np.array(self._felt)
+        back = compared_frames(len(felt) - 1)
+        pose = se2.between(felt[-1 - back], felt[-1])
+        known = np.isfinite(pose).all(axis=-1)
+        return _relative(back[known], pose[known], self._covariance)
+
+    def lift(self) -> None:
+        """See Touch."""
+        self._felt.clear()
+
+
+def compared_frames(age: int) -> Array:
+    """How many frames ago the frames are with which one of this age is compared; the first of a contact has age 0.
+
+    A young frame is compared with the first as well, on which the object's first pose rests: without that nothing tells
+    its yaw until the contact is BACK[0] frames old.
+    """
+    back = BACK[BACK <= age]
+    return np.append(back, age) if 0 < age <= BACK[-1] and age not in back[-1:] else back
+
+
+def make_touch(
+    tactile: Tactile, sigmas: tuple[float, float, float], constant_sigmas: tuple[float, float, float]
+) -> Touch:
+    """Return what feels in this mode, with the standard deviations [m, m, rad] of a relative pose."""
+    if tactile == "none":
+        return NoTouch()
+    if tactile == "constant":
+        return ConstantTouch(constant_sigmas)
+    if tactile == "oracle":
+        return OracleTouch(sigmas)
+    raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
+
+
+def _relative(back: Array, pose: Array, covariance: Array) -> RelativePoses | None:
+    if not len(back):
+        return None
+    return RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3)))

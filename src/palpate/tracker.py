@@ -1,0 +1,219 @@
+"""Touch and graph together: one frame in, one estimate out."""
+
+import logging
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from palpate import se2
+from palpate.errors import EstimationError, SettingError
+from palpate.graph import factors
+from palpate.graph.noise import GraphNoise
+from palpate.graph.smoother import SmootherName, make_smoother
+from palpate.recording import Frame
+from palpate.sensor import SensorProfile
+from palpate.shapes import Shape
+from palpate.touch.relative import Tactile, make_touch
+from palpate.trajectory import Trajectory
+
+logger = logging.getLogger(__name__)
+Array = np.ndarray
+Status = Literal["resting", "tracking", "strained", "uncertain", "displaced", "indeterminate"]
+
+STRAIN_FRAMES, STRAIN_LIMIT = 30, 2.0
+"""Pushing contradicts touch when one row of its residual has a mean square of more variances than this over so many
+frames: it has one time in a thousand where the model holds (chi-squared)."""
+_SURPRISE = 3.0  # standard deviations of a distance from which on an untouched object must have moved
+_UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad]; beyond it a linearised covariance is a guess itself
+_PAUSE = 10  # sensor periods without a frame after which a contact is a new one
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """How to track."""
+
+    tactile: Tactile = "none"
+    """What touch says: nothing, the constant model, or the truth (oracle)."""
+    smoother: SmootherName = "fixed-lag"
+    """Sliding window with a bounded time a step, or iSAM2 over each whole contact."""
+    noise: GraphNoise = GraphNoise()
+    """Standard deviations of the factors."""
+    pressure: str | float = "uniform"
+    """How the object presses on the table, which gives c; or c itself [m]."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The object's pose at one frame."""
+
+    time: float
+    """[s]"""
+    pose: Array
+    """world_T_object, (3,) [m, m, rad]."""
+    covariance: Array
+    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    contact: bool
+    """Whether the sensor touches the object."""
+    status: Status
+    """resting: untouched, so unmoved. tracking: all is well. strained: what touch says and how things are pushed
+    contradict each other (a slip, a knock); the covariance is larger by as much. uncertain: the covariance is so large that
+    it is itself a guess. displaced: the object was moved while
+    nothing touched it; its pose is known no better than the covariance says, in this contact and after it.
+    indeterminate: the graph could not be solved at this frame and starts anew from the last pose."""
+
+
+class Tracker:
+    """Tracks one object from the frames of one sensor. No input, output or drawing."""
+
+    def __init__(
+        self, shape: Shape, sensor: SensorProfile, first_pose: Array, settings: TrackerSettings | None = None
+    ) -> None:
+        settings = settings or TrackerSettings()
+        pose = np.asarray(first_pose, dtype=np.float64)
+        if pose.shape != (3,) or not np.isfinite(pose).all():
+            raise SettingError(f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]")
+        self._noise, self._sensor = settings.noise, sensor
+        self._tips = factors.contact_models(shape, sensor, settings.pressure)
+        self._touch = make_touch(settings.tactile, settings.noise.tactile, settings.noise.constant)
+        self._smoother = make_smoother(settings.smoother, self._tips, settings.noise)
+        self._pose = pose
+        self._covariance = np.diag(np.square(settings.noise.first_pose))
+        self._status: Status = "resting"
+        self._last: Frame | None = None
+        self._touching = False
+        self._errors: deque[Array] = deque(maxlen=STRAIN_FRAMES)
+        self._strain = 1.0  # by which pushing and touch contradict each other, times the covariance
+        self._displacement = 0.0  # [m] by which the object must have moved since it was last touched
+        self._times: list[float] = []
+        self._contacts: list[bool] = []
+        self._smoothed: list[Array] = []  # object poses (n, 3) up to the current graph
+        self._filtered: list[Array] = []  # object poses (3,) of the current graph
+
+    def update(self, frame: Frame) -> Estimate:
+        """Take the next frame and return the estimate at its time.
+
+        Raises EstimationError where the frame cannot be used (no contact flag, time not after the last frame's, a
+        sensor pose that is not finite) or the graph cannot be solved even anew.
+        """
+        self._check(frame)
+        if self._touching and (not frame.contact or self._paused(frame)):
+            self._lift()
+        if frame.contact:
+            self._feel(frame)
+        else:
+            self._rest(frame)
+        self._touching = bool(frame.contact)
+        self._last = frame
+        self._times.append(frame.time)
+        self._contacts.append(self._touching)
+        return Estimate(frame.time, self._pose, self._strain * self._covariance, self._touching, self._status)
+
+    def smoothed(self) -> Trajectory:
+        """Return all poses so far, each as all later measurements in its contact leave it."""
+        parts = [*self._smoothed, *([self._contact_path()] if self._touching else [])]
+        poses = np.concatenate(parts) if parts else np.empty((0, 3))
+        return Trajectory(np.array(self._times), poses, contact=np.array(self._contacts, dtype=bool))
+
+    def _rest(self, frame: Frame) -> None:
+        """The object stays where it is, unless the sensor now stands where it should be."""
+        self._smoothed.append(self._pose[None])
+        gap, sigma = self._gap(frame)
+        if gap < -_SURPRISE * sigma:
+            self._displacement = max(self._displacement, -gap)
+        self._status = "displaced" if self._displacement else "resting"
+
+    def _feel(self, frame: Frame) -> None:
+        """Add a frame of contact to the graph."""
+        relative = self._touch.feel(frame)
+        try:
+            if self._touching:
+                self._smoother.add(frame.sensor_pose, relative)
+            else:
+                self._begin(frame)
+        except EstimationError as error:
+            self._begin_anew(frame, error)
+        else:
+            self._status = "displaced" if self._displacement else "tracking"
+        self._take_belief()
+
+    def _begin(self, frame: Frame) -> None:
+        """Start the graph of a contact from the last marginal."""
+        gap, sigma = self._gap(frame)
+        if abs(gap) > _SURPRISE * sigma:
+            self._displacement = max(self._displacement, abs(gap))
+        unseen = 2.0 * self._displacement  # the gap shows what happened along one line only
+        doubt = np.array([unseen, unseen, unseen / self._tips[0].friction_radius])
+        self._covariance = self._strain * self._covariance + np.diag(np.square(self._noise.rest) + np.square(doubt))
+        self._strain = 1.0
+        self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
+
+    def _begin_anew(self, frame: Frame, error: EstimationError) -> None:
+        """Go on with a new graph from the last pose, where the old one could not be solved."""
+        reason = (
+            f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch together "
+            "leave undetermined, or a sensor pose far from the object"
+        )
+        logger.warning("%s; starting a new graph from the last pose", reason)
+        self._smoothed.extend(pose[None] for pose in self._filtered)
+        self._filtered.clear()
+        self._touch.lift()
+        self._touch.feel(frame)
+        try:
+            self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
+        except EstimationError:
+            raise EstimationError(reason) from error
+        self._status = "indeterminate"
+
+    def _take_belief(self) -> None:
+        """Turn the belief about g and e into the object's pose and covariance."""
+        belief = self._smoother.belief()
+        self._pose = se2.compose(belief.e, se2.inverse(belief.g))
+        # o = e g^-1: o moves by Ad_g (d_e - d_g)
+        by_g = se2.adjoint(belief.g)
+        by_both = np.concatenate([-by_g, by_g], axis=1)
+        covariance = by_both @ belief.covariance @ by_both.T
+        self._covariance = 0.5 * (covariance + covariance.T)
+        self._errors.append(self._smoother.pushing_error() ** 2)
+        strain = float(np.max(np.sum(self._errors, axis=0))) / STRAIN_FRAMES
+        self._strain = strain if strain > STRAIN_LIMIT else 1.0
+        if self._status == "tracking":
+            if (np.diagonal(self._strain * self._covariance) > _UNCERTAIN**2).any():
+                self._status = "uncertain"
+            elif self._strain > 1.0:
+                self._status = "strained"
+        self._filtered.append(self._pose)
+
+    def _lift(self) -> None:
+        self._smoothed.append(self._contact_path())
+        self._filtered.clear()
+        self._errors.clear()
+        self._displacement = 0.0
+        self._touch.lift()
+        self._touching = False
+
+    def _contact_path(self) -> Array:
+        g, e = self._smoother.path()
+        return se2.compose(e, se2.inverse(g))
+
+    def _gap(self, frame: Frame) -> tuple[float, float]:
+        """Estimated distance between sensor and object, and its standard deviation, both [m]."""
+        g = se2.between(self._pose, frame.sensor_pose)
+        nearest = min((factors.contact(g, tip) for tip in self._tips), key=lambda found: found[0][0])
+        by_object = -nearest[1] @ se2.adjoint(se2.inverse(g))
+        variance = (by_object @ self._covariance @ by_object.T).item() + self._noise.contact**2
+        return float(nearest[0][0]), float(np.sqrt(variance))
+
+    def _paused(self, frame: Frame) -> bool:
+        return self._last is not None and frame.time - self._last.time > _PAUSE / self._sensor.rate
+
+    def _check(self, frame: Frame) -> None:
+        if frame.contact is None:
+            raise EstimationError(f"frame at {frame.time:.3f} s has no contact flag; the tracker needs one for every frame")
+        if not np.isfinite(frame.sensor_pose).all():
+            raise EstimationError(f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be finite")
+        if self._last is not None and not frame.time > self._last.time:
+            raise EstimationError(
+                f"frame at {frame.time:.3f} s follows one at {self._last.time:.3f} s; times must increase"
+            )
