@@ -18,6 +18,7 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.graph import factors
@@ -32,7 +33,7 @@ from palpate.simulation.limit_surface import Steering, push
 from palpate.touch.relative import OracleTouch
 from palpate.tracker import Tracker, TrackerSettings
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 BASELINE = Path(__file__).with_name("baseline.json")
 SHAPE = Rectangle(0.2363, 0.1579)
 SHORT, LONG = 450, 10_000

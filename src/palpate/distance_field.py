@@ -59,9 +59,7 @@ class DistanceField:
         if origin.shape != (2,) or not np.isfinite(origin).all():
             raise SettingError(f"distance field origin is {self.origin!r}; it must be a finite (x, y) [m]")
         if not 0.0 < self.cell < math.inf:
-            raise SettingError(
-                f"distance field cell is {self.cell!r}; it must be a finite length above 0 [m]"
-            )
+            raise SettingError(f"distance field cell is {self.cell!r}; it must be a finite length above 0 [m]")
         if values.ndim != 2 or min(values.shape) < 2:
             raise SettingError(f"distance field values have shape {values.shape}; at least (2, 2) is needed")
         if not np.isfinite(values).all():
@@ -89,9 +87,7 @@ class DistanceField:
         low, high = outline.min(axis=0) - margin, outline.max(axis=0) + margin
         extent = high - low
         if not (margin >= 0.0 and np.isfinite(extent).all()):
-            raise SettingError(
-                f"distance field margin is {margin!r}; it must be a finite length, 0 or more [m]"
-            )
+            raise SettingError(f"distance field margin is {margin!r}; it must be a finite length, 0 or more [m]")
         if cell is None:
             cell = float(extent.max()) / (_NODES - 1)
         if not 0.0 < cell <= extent.min():
@@ -170,9 +166,7 @@ def read_json(path: Path | str) -> DistanceField:
     if missing := [name for name in (*kinds, "grid_data") if name not in data]:
         raise FileError(f"{path}: missing {', '.join(missing)}, which a distance grid needs")
     try:
-        cell, columns, rows, *origin = (
-            files.checked_array(name, data[name], kind, ()) for name, kind in kinds.items()
-        )
+        cell, columns, rows, *origin = (files.checked_array(name, data[name], kind, ()) for name, kind in kinds.items())
         values = files.checked_array("grid_data", data["grid_data"], files.NUMBERS, (int(rows), int(columns)))
         return DistanceField(np.array(origin), float(cell), values)
     except (FileError, SettingError) as error:

@@ -3,15 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
 class RelativePoses:
     """Sensor-in-object poses of the current frame as seen from P earlier frames of the same contact (paper Eq. 6)."""
 
-    back: np.ndarray
+    back: NDArray[np.int_]
     """How many frames ago the earlier frame was, (P,) int, at least 1."""
-    pose: np.ndarray
+    pose: NDArray[np.float64]
     """`g_earlier^-1 g_now`, (P, 3) [m, m, rad]."""
-    covariance: np.ndarray
-    """Covariance in the tangent space at the pose, (P, 3, 3), order x, y, theta. A yaw-only measurement has large x, y variances."""
+    covariance: NDArray[np.float64]
+    """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is told."""

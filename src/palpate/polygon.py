@@ -23,9 +23,7 @@ def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
     if not np.isfinite(corners).all():
         row = int(np.flatnonzero(~np.isfinite(corners).all(axis=1))[0])
         raise ShapeError(f"polygon vertex {row} is {tuple(corners[row].tolist())}; vertices must be finite")
-    corners = corners[
-        (corners != np.roll(corners, -1, axis=0)).any(axis=1)
-    ]  # drops repeats, the closing one too
+    corners = corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]  # drops repeats, the closing one too
     if len(corners) < 3:
         raise ShapeError(f"polygon has {len(corners)} different vertices in a row; it needs 3 or more")
     extent = float(np.ptp(corners, axis=0).max())

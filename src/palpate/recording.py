@@ -149,9 +149,7 @@ def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
     import cv2
 
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise FileError(
-            f"image: found {image.dtype} of shape {image.shape}, allowed is uint8 (height, width, 3)"
-        )
+        raise FileError(f"image: found {image.dtype} of shape {image.shape}, allowed is uint8 (height, width, 3)")
     settings = {"jpeg": (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 95]), "png": (".png", [])}
     if codec not in settings:
         raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
@@ -222,9 +220,7 @@ def read_recording(path: Path | str) -> Recording:
 def _read(file: Any, path: Path) -> Recording:
     found = file.attrs.get("format", "none")
     if found != FORMAT:
-        raise FileError(
-            f"is an HDF5 file of another kind: attribute format is {found!r}, expected {FORMAT!r}"
-        )
+        raise FileError(f"is an HDF5 file of another kind: attribute format is {found!r}, expected {FORMAT!r}")
     version = _attribute(file, "version")
     if not isinstance(version, np.integer) or version < 1:
         raise FileError(f"attribute version: found {version!r}, allowed is 1 to {VERSION}")

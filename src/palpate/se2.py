@@ -18,9 +18,7 @@ Array = NDArray[np.float64]
 
 _TAU = 2.0 * math.pi
 _TINY = 1e-300
-_SERIES_BELOW = (
-    0.1  # [rad]; here the series below are exact to rounding and the closed forms lose three digits
-)
+_SERIES_BELOW = 0.1  # [rad]; here the series below are exact to rounding and the closed forms lose three digits
 
 
 @overload

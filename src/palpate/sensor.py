@@ -102,9 +102,7 @@ def _number(value: Any) -> float | None:
     return None
 
 
-DIGIT = SensorProfile(
-    name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0
-)
+DIGIT = SensorProfile(name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0)
 """The DIGIT with its curved gel."""
 
 POINT = SensorProfile(name="point", radius=0.0, rate=30.0)

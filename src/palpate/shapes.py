@@ -151,9 +151,7 @@ class Ellipse(_Outline):
         """
         points = np.abs(np.asarray(points, dtype=np.float64))
         flat = self.size_x >= self.size_y
-        long, short = (
-            (0.5 * self.size_x, 0.5 * self.size_y) if flat else (0.5 * self.size_y, 0.5 * self.size_x)
-        )
+        long, short = (0.5 * self.size_x, 0.5 * self.size_y) if flat else (0.5 * self.size_y, 0.5 * self.size_x)
         p = points[..., 0 if flat else 1] / short
         # A point on the long axis may have two nearest points; a shift far below rounding picks one.
         q = np.maximum(points[..., 1 if flat else 0] / short, 1e-20)

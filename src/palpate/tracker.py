@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import EstimationError, SettingError
@@ -19,7 +20,7 @@ from palpate.touch.relative import Tactile, make_touch
 from palpate.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
-Array = np.ndarray
+Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "strained", "uncertain", "displaced", "indeterminate"]
 
 STRAIN_FRAMES, STRAIN_LIMIT = 30, 2.0
@@ -57,11 +58,17 @@ class Estimate:
     contact: bool
     """Whether the sensor touches the object."""
     status: Status
-    """resting: untouched, so unmoved. tracking: all is well. strained: what touch says and how things are pushed
-    contradict each other (a slip, a knock); the covariance is larger by as much. uncertain: the covariance is so large that
-    it is itself a guess. displaced: the object was moved while
-    nothing touched it; its pose is known no better than the covariance says, in this contact and after it.
-    indeterminate: the graph could not be solved at this frame and starts anew from the last pose."""
+    """What to make of it.
+
+    - resting: untouched, so unmoved.
+    - tracking: all is well.
+    - strained: what touch says and how things are pushed contradict each other (a slip, a knock); the covariance is
+      larger by as much.
+    - uncertain: the covariance is so large that it is itself a guess.
+    - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
+      says, in this contact and after it.
+    - indeterminate: the graph could not be solved at this frame and starts anew from the last pose.
+    """
 
 
 class Tracker:
@@ -73,7 +80,9 @@ class Tracker:
         settings = settings or TrackerSettings()
         pose = np.asarray(first_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
-            raise SettingError(f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]")
+            raise SettingError(
+                f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]"
+            )
         self._noise, self._sensor = settings.noise, sensor
         self._tips = factors.contact_models(shape, sensor, settings.pressure)
         self._touch = make_touch(settings.tactile, settings.noise.tactile, settings.noise.constant)
@@ -152,8 +161,8 @@ class Tracker:
     def _begin_anew(self, frame: Frame, error: EstimationError) -> None:
         """Go on with a new graph from the last pose, where the old one could not be solved."""
         reason = (
-            f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch together "
-            "leave undetermined, or a sensor pose far from the object"
+            f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
+            "together leave undetermined, or a sensor pose far from the object"
         )
         logger.warning("%s; starting a new graph from the last pose", reason)
         self._smoothed.extend(pose[None] for pose in self._filtered)
@@ -210,7 +219,9 @@ class Tracker:
 
     def _check(self, frame: Frame) -> None:
         if frame.contact is None:
-            raise EstimationError(f"frame at {frame.time:.3f} s has no contact flag; the tracker needs one for every frame")
+            raise EstimationError(
+                f"frame at {frame.time:.3f} s has no contact flag; the tracker needs one for every frame"
+            )
         if not np.isfinite(frame.sensor_pose).all():
             raise EstimationError(f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be finite")
         if self._last is not None and not frame.time > self._last.time:

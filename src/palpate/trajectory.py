@@ -43,9 +43,7 @@ class Trajectory:
         if self.status is not None:
             object.__setattr__(self, "status", tuple(self.status))
             if len(self.status) != n:
-                raise FileError(
-                    f"status: found {len(self.status)} words for {n} times, expected one for each"
-                )
+                raise FileError(f"status: found {len(self.status)} words for {n} times, expected one for each")
 
     def __len__(self) -> int:
         return len(self.time)

@@ -7,14 +7,10 @@ import tyro
 
 
 def convert(
-    source: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN", help="File in any known format.")
-    ],
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN", help="File in any known format.")],
     target: Annotated[
         tyro.conf.Positional[Path],
-        tyro.conf.arg(
-            metavar="OUT", help="File to write; its extension says the format: .h5, .json, .tum, .csv."
-        ),
+        tyro.conf.arg(metavar="OUT", help="File to write; its extension says the format: .h5, .json, .tum, .csv."),
     ],
     /,
     *,

@@ -16,8 +16,14 @@ def demo(
     json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
 ) -> int:
     """Track the small recording that comes with palpate: a modelled push, touch from its truth."""
+    from palpate.cli.console import print_line
     from palpate.cli.track import report_run, run_file
     from palpate.tracker import TrackerSettings
 
-    report_run(run_file(RECORDING, out, TrackerSettings(tactile="oracle"), force=True), out, json)
+    summary = run_file(RECORDING, out, TrackerSettings(tactile="oracle"), force=True)
+    if not json:
+        print_line(
+            "Three pushes of a rectangle, drawn from the limit-surface model; touch tells the true relative poses."
+        )
+    report_run(summary, out, json)
     return 0

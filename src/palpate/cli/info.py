@@ -49,9 +49,7 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
 
     shape = shape_to_dict(recording.shape)
     sizes = ", ".join(
-        f"{name.replace('_', ' ')} {value * 1e3:g} mm"
-        for name, value in shape.items()
-        if isinstance(value, float)
+        f"{name.replace('_', ' ')} {value * 1e3:g} mm" for name, value in shape.items() if isinstance(value, float)
     )
     corners = f"{len(shape['vertices'])} corners" if "vertices" in shape else sizes
     jitter = None if inspection.jitter is None else inspection.jitter * 1e3

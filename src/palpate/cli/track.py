@@ -28,15 +28,11 @@ STEPS = (("p50", "step time, median", 2), ("p95", "step time, 95 %", 2), ("max",
 def track(
     files: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
-        tyro.conf.arg(
-            metavar="FILE...", help="Recordings, in any known format.", help_behavior_hint="(required)"
-        ),
+        tyro.conf.arg(metavar="FILE...", help="Recordings, in any known format.", help_behavior_hint="(required)"),
     ],
     /,
     *,
-    tactile: Annotated[
-        Tactile, tyro.conf.arg(help="What touch says: nothing, no turning, or the truth.")
-    ] = "none",
+    tactile: Annotated[Tactile, tyro.conf.arg(help="What touch says: nothing, no turning, or the truth.")] = "none",
     smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
     noise: Annotated[NoiseName, tyro.conf.arg(help="Preset of standard deviations.")] = "palpate",
     pressure: Annotated[
@@ -73,9 +69,7 @@ def track(
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
-    settings = TrackerSettings(
-        tactile=tactile, smoother=smoother, noise=PRESETS[noise], pressure=_pressure(pressure)
-    )
+    settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=PRESETS[noise], pressure=_pressure(pressure))
     folders = _folders(files, out)
     if len(files) == 1:
         report_run(run_file(files[0], folders[0], settings, first_pose, force), folders[0], json)
@@ -148,14 +142,10 @@ def _show_runs(runs: list[dict[str, Any]]) -> None:
 
     keys = [key for key, *_ in METRICS]
     table = [[*(run[key] for key in keys), run["step_ms"]["p50"]] for run in runs]
-    middle = [
-        median(known) if (known := [row[i] for row in table if row[i] is not None]) else None
-        for i in range(6)
-    ]
+    middle = [median(known) if (known := [row[i] for row in table if row[i] is not None]) else None for i in range(6)]
     names = [*(Path(run["folder"]).name for run in runs), "median"]
     rows = (
-        [name, *(number(value, 2) for value in values)]
-        for name, values in zip(names, [*table, middle], strict=True)
+        [name, *(number(value, 2) for value in values)] for name, values in zip(names, [*table, middle], strict=True)
     )
     columns = ("run", "RMSE mm", "RMSE deg", "final mm", "final deg", "NEES", "step ms")
     title = f"tactile {runs[0]['tactile']}, {runs[0]['smoother']}"
@@ -174,8 +164,7 @@ def _folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:
         if folder in folders[:index]:
             first = files[folders.index(folder)]
             raise SettingError(
-                f"{first} and {files[index]} would both go to {folder}; "
-                "track them apart, each with its own --out"
+                f"{first} and {files[index]} would both go to {folder}; track them apart, each with its own --out"
             )
     return folders
 
@@ -195,7 +184,5 @@ def _pressure(text: str) -> str | float:
     except ValueError:
         radius = math.nan
     if not 0.0 < radius < math.inf:
-        raise SettingError(
-            f"--pressure is {text!r}; allowed are uniform, rim, corner or a friction radius above 0 [m]"
-        )
+        raise SettingError(f"--pressure is {text!r}; allowed are uniform, rim, corner or a friction radius above 0 [m]")
     return radius

@@ -108,9 +108,7 @@ def _draw_errors(translation: "Axes", rotation: "Axes", run: "Run") -> None:
     words = "1 sigma" if errors[0] is None else "error"
     _draw_error(translation, run, errors[0], np.zeros_like(distance), distance)
     _draw_error(rotation, run, errors[1], -angle, angle)
-    translation.set(
-        ylabel=f"translation {words} [mm]", title="Uncertainty" if errors[0] is None else "Error over time"
-    )
+    translation.set(ylabel=f"translation {words} [mm]", title="Uncertainty" if errors[0] is None else "Error over time")
     translation.tick_params(labelbottom=False)
     rotation.axhline(0.0, color=UNKNOWN, lw=0.8)
     rotation.set(ylabel=f"rotation {words} [°]", xlabel="time [s]")

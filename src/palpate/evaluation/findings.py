@@ -237,9 +237,7 @@ def _misfits(recording: Recording) -> Iterator[Finding]:
                 yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
 
 
-def _finding(
-    recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False
-) -> Finding:
+def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
     return Finding(kind, float(recording.time[first]), float(recording.time[last]), sentence, breaks)
 
 

@@ -76,15 +76,12 @@ def inspect_recording(recording: Recording) -> Inspection:
         jitter=float(np.std(regular)) if len(regular) else None,
         contact=("derived" if recording.contact_derived else "measured") if flagged else "absent",
         contacts=tuple(
-            Contact(float(time[first]), float(time[last]), float(time[last] - time[first]))
-            for first, last in runs
+            Contact(float(time[first]), float(time[last]), float(time[last] - time[first])) for first, last in runs
         ),
         contact_share=float(np.mean(recording.contact)) if recording.contact is not None else None,
         truth_share=0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         images=0 if recording.image is None else sum(map(bool, recording.image)),
-        image_size=None
-        if recording.image is None
-        else (recording.sensor.image_height, recording.sensor.image_width),
+        image_size=None if recording.image is None else (recording.sensor.image_height, recording.sensor.image_width),
         findings=findings,
         unbroken=not any(finding.breaks for finding in findings),
         knocked=knocked,

@@ -62,9 +62,7 @@ def load_recording(path: Path | str) -> Recording:
     return data
 
 
-def write(
-    data: Recording | Trajectory, path: Path | str, format: str | None = None, overwrite: bool = False
-) -> None:
+def write(data: Recording | Trajectory, path: Path | str, format: str | None = None, overwrite: bool = False) -> None:
     """Write a file in the named format, or in the one its extension stands for."""
     path = Path(path)
     name = format or EXTENSIONS.get(path.suffix.lower())

@@ -38,9 +38,7 @@ NAME = "cmu-two-finger"
 DESCRIPTION = "two-finger pushes of a rectangle, CMU PlanarManipulationToolBox log (.txt)"
 
 RECTANGLE = Rectangle(0.051, 0.036)
-HAND = SensorProfile(
-    name="CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (0.0, -0.009)), rate=1.0 / 0.03
-)
+HAND = SensorProfile(name="CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (0.0, -0.009)), rate=1.0 / 0.03)
 
 LATENCY = 0.164
 """[s] by which the camera's object pose is older than the hand pose in the same row."""
@@ -113,9 +111,7 @@ def read(path: Path) -> Recording:
     )
 
 
-def _at(
-    wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _at(wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Poses (M, 3) at the wanted times, linear between rows (N, 3); NaN if a row on either side is.
 
     After the last row its pose stays: the hand stands still at the end of a log.
@@ -140,9 +136,7 @@ def _rows(path: Path) -> NDArray[np.float64]:
         if not line.strip():
             continue
         if not ROW.fullmatch(line.strip()):
-            raise FileError(
-                f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers with commas between"
-            )
+            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers with commas between")
         rows.append([float(value) for value in line.split(",")])
     if not rows:
         raise FileError(f"{path}: holds no rows")

@@ -45,10 +45,7 @@ KEYS = ("timeJSON", "q_sliderJSON", "q_pusher_sensedJSON")
 
 def detect(path: Path) -> bool:
     """Whether the file looks like one of these."""
-    return (
-        re.match(r'\s*\{\s*"(q_slider|q_pusher_\w+|time|u_control|vipi)JSON"\s*:', text_start(path))
-        is not None
-    )
+    return re.match(r'\s*\{\s*"(q_slider|q_pusher_\w+|time|u_control|vipi)JSON"\s*:', text_start(path)) is not None
 
 
 def read(path: Path) -> Recording:

@@ -39,9 +39,7 @@ PAUSE = 1.0
 """[s] between episodes; how long it really was is not in the file."""
 
 QUARTER_TURN = np.array([0.0, 0.0, np.pi / 2])
-FIRST_KEY = re.compile(
-    r'\s*\{\s*"(obj_poses_2d|ee_poses_2d|img_feats|contact_flag|contact_episode|params)"\s*:'
-)
+FIRST_KEY = re.compile(r'\s*\{\s*"(obj_poses_2d|ee_poses_2d|img_feats|contact_flag|contact_episode|params)"\s*:')
 
 
 def detect(path: Path) -> bool:

@@ -36,9 +36,7 @@ def read(path: Path) -> Trajectory:
         if not row:
             continue
         if not ROW.fullmatch(row):
-            raise FileError(
-                f"{path}: line {number}: found {row[:80]!r}, expected 8 numbers with blanks between"
-            )
+            raise FileError(f"{path}: line {number}: found {row[:80]!r}, expected 8 numbers with blanks between")
         values = [float(value) for value in row.split()]
         _, _, _, z, qx, qy, qz, qw = values
         if not _is_unit(row):

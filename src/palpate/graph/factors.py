@@ -16,13 +16,15 @@ Inside, a planar vector is a complex number: `exp(i theta)` turns it by theta, `
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.distance_field import DistanceField
 from palpate.sensor import SensorProfile
 from palpate.shapes import Shape
 
-Array = np.ndarray
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 _FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
 
@@ -148,13 +150,13 @@ def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> 
     return np.stack([slid.real, slid.imag, balance], axis=-1), jacobian
 
 
-def _center(g: Array, model: ContactModel) -> tuple[Array, Array]:
+def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex]:
     """The tip's centre in the object frame, complex: seen from the sensor's origin, and from the object's."""
     turned = np.exp(1j * g[..., 2]) * complex(*model.center)
     return turned, _position(g) + turned
 
 
-def _touching(g: Array, model: ContactModel) -> tuple[Array, Array, Array, Array]:
+def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex]:
     """The point of the tip's surface nearest to the outline, in the object frame and in the sensor frame.
 
     Returns both as complex (...,), each followed by its derivative with respect to g, complex (..., 3).
@@ -178,7 +180,7 @@ def _touching(g: Array, model: ContactModel) -> tuple[Array, Array, Array, Array
     )
 
 
-def _moved(turn: Array, point: Array) -> Array:
+def _moved(turn: Complex, point: Complex) -> Complex:
     """How a point of a body moves with the body: derivative by a right perturbation of its pose, complex (..., 3)."""
     return np.stack([turn, 1j * turn, 1j * turn * point], axis=-1)
 
@@ -187,22 +189,22 @@ def _in_sensor(vector: Array, g: Array) -> Array:
     return _real(np.exp(-1j * g[..., 2]) * _complex(vector))
 
 
-def _position(pose: Array) -> Array:
+def _position(pose: Array) -> Complex:
     return pose[..., 0] + 1j * pose[..., 1]
 
 
-def _complex(vector: Array) -> Array:
+def _complex(vector: Array) -> Complex:
     return vector[..., 0] + 1j * vector[..., 1]
 
 
-def _real(vector: Array) -> Array:
+def _real(vector: Complex) -> Array:
     return np.stack([vector.real, vector.imag], axis=-1)
 
 
-def _rows(columns: Array) -> Array:
+def _rows(columns: Complex) -> Array:
     """A complex Jacobian (..., columns) as a real one (..., 2, columns)."""
     return np.stack([columns.real, columns.imag], axis=-2)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross(a: Complex, b: Complex) -> Array:
     return (np.conj(a) * b).imag

@@ -7,9 +7,10 @@ linearised where they were then estimated.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from threadpoolctl import ThreadpoolController
 
 from palpate import se2
@@ -25,10 +26,11 @@ from palpate.graph.normal_equations import (
     PairBlock,
     StepBlock,
 )
-from palpate.graph.smoother import Belief
+from palpate.graph.smoother import Belief, continued
 from palpate.measurement import RelativePoses
 
-Array = np.ndarray
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
 
 LAG = 41
 """Steps in the window: the last one and the 40 before it, as far back as touch compares images."""
@@ -43,26 +45,30 @@ class FixedLagSmoother:
 
     def __init__(self, tips: Sequence[ContactModel], noise: GraphNoise, lag: int = LAG) -> None:
         self._tips, self._noise, self._lag = tips, noise, lag
+        # Matrices this small gain nothing from BLAS threads, and wait for them for half a second whenever another
+        # process holds a core.
+        self._threads = ThreadpoolController()
 
     def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array) -> None:
         """See Smoother."""
         self._measured = sensor_pose[None]
         self._poses = np.stack([se2.between(object_pose, sensor_pose), sensor_pose])[None]  # g and e, (steps, 2, 3)
-        self._first: tuple[Array, Array] | None = (object_pose, np.linalg.inv(covariance))
+        self._first: tuple[Array, Array] | None = (object_pose, _inverse(covariance))
         self._marginal: _Marginal | None = None
         self._pairs = _NO_PAIRS
         self._left: list[Array] = []
-        self._solve()
+        with self._threads.limit(limits=1, user_api="blas"):
+            self._solve()
 
     def add(self, sensor_pose: Array, relative: RelativePoses | None) -> None:
         """See Smoother."""
-        with _one_thread().limit(limits=1, user_api="blas"):
+        with self._threads.limit(limits=1, user_api="blas"):
             if len(self._poses) == self._lag:
                 self._marginalise()
             now = len(self._poses)
-            stuck = np.stack([self._poses[-1, 0], sensor_pose])
+            guess = np.stack([continued(self._poses[-2:, 0]), sensor_pose])
             self._measured = np.concatenate([self._measured, sensor_pose[None]])
-            self._poses = np.concatenate([self._poses, stuck[None]])
+            self._poses = np.concatenate([self._poses, guess[None]])
             if relative is not None:
                 self._pairs = self._pairs.joined(relative, now)
             self._solve()
@@ -81,22 +87,26 @@ class FixedLagSmoother:
         return poses[:, 0], poses[:, 1]
 
     def _solve(self) -> None:
-        from scipy.linalg import lapack
-
-        steps = len(self._poses)
         for _ in range(_ITERATIONS):
-            self._at, self._blocks = self._poses, self._linearised()
-            normal = NormalEquations(steps, self._blocks)
-            root, change, failed = lapack.dposv(normal.matrix(), normal.vector(), lower=1)
-            if failed or not np.isfinite(change).all():
-                raise EstimationError("the linear system of the window is indeterminate")
-            change = change.reshape(steps, 2, 3)
-            self._poses = se2.compose(self._poses, se2.exp(change))
-            if np.abs(change).max() < _CONVERGED:
+            if self._improve() < _CONVERGED:
                 break
+
+    def _improve(self) -> float:
+        """Take a Gauss-Newton step and return its largest change [m], [rad]."""
+        self._at, self._blocks = self._poses, self._linearised()
+        normal = NormalEquations(len(self._at), self._blocks)
+        try:
+            root, _ = factor = cho_factor(normal.matrix(), lower=True, overwrite_a=True, check_finite=False)
+        except LinAlgError:
+            raise EstimationError("the linear system of the window is indeterminate") from None
+        change = cho_solve(factor, normal.vector(), check_finite=False).reshape(self._at.shape)
+        if not np.isfinite(change).all():
+            raise EstimationError("the solution of the window is not finite")
+        self._poses = se2.compose(self._at, se2.exp(change))
         # The last step comes last in the elimination, so its block of the root is that of its marginal.
         last = np.linalg.inv(np.tril(root[-6:, -6:]))
         self._covariance = last.T @ last
+        return float(np.abs(change).max())
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others, as its factors were last linearised."""
@@ -139,11 +149,8 @@ class FixedLagSmoother:
         return blocks
 
 
-@cache
-def _one_thread() -> ThreadpoolController:
-    """Control of the BLAS threads: matrices this small gain nothing from them, and wait for them for half a second
-    whenever another process holds a core."""
-    return ThreadpoolController()
+def _inverse(covariance: Array) -> Array:
+    return np.linalg.inv(covariance).astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True)
@@ -167,9 +174,9 @@ class _Marginal:
 class _Pairs:
     """Relative poses between steps of the window."""
 
-    i: Array
+    i: Indices
     """Place of the earlier step in the window, (P,)."""
-    j: Array
+    j: Indices
     """Place of the later step, (P,)."""
     pose: Array
     """Measured `g_i^-1 g_j`, (P, 3) [m, m, rad]."""
@@ -184,7 +191,7 @@ class _Pairs:
             np.concatenate([self.i, now - back]),
             np.concatenate([self.j, np.full(len(back), now)]),
             np.concatenate([self.pose, relative.pose[kept]]),
-            np.concatenate([self.information, np.linalg.inv(relative.covariance[kept])]),
+            np.concatenate([self.information, _inverse(relative.covariance[kept])]),
         )
 
     def without_oldest(self) -> "_Pairs":

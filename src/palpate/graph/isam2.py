@@ -8,16 +8,17 @@ from collections.abc import Callable, Sequence
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import EstimationError
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import Belief
+from palpate.graph.smoother import Belief, continued
 from palpate.measurement import RelativePoses
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 RELINEARISE_ABOVE = 2e-3
 """[m], [rad]. The published 0.01 lets a pose be 10 mm off its linearisation, too coarse for touch."""
 
@@ -64,12 +65,12 @@ class Isam2Smoother:
         graph = gtsam.NonlinearFactorGraph()
         graph.push_back(_custom([_g(last), _e(last), _g(now), _e(now)], 4 * len(self._tips), step))
         if relative is not None:
-            noises: dict[bytes, gtsam.noiseModel.Gaussian] = {}
             for back, pose, covariance in zip(relative.back, relative.pose, relative.covariance, strict=True):
-                noise = noises.setdefault(covariance.tobytes(), gtsam.noiseModel.Gaussian.Covariance(covariance))
+                noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
                 graph.push_back(gtsam.BetweenFactorPose2(_g(now - back), _g(now), gtsam.Pose2(*pose), noise))
+        guess = continued(self._steps(max(0, last - 1), now)[0])
         self._last, self._measured = now, sensor_pose
-        self._update(graph, _array(self._isam.calculateEstimatePose2(_g(last))), sensor_pose)
+        self._update(graph, guess, sensor_pose)
 
     def belief(self) -> Belief:
         """See Smoother."""
@@ -81,7 +82,7 @@ class Isam2Smoother:
         """See Smoother."""
         if self._last == 0:
             return np.zeros(3)
-        g, e = self._steps(self._last - 1)
+        g, e = self._steps(self._last - 1, self._last + 1)
         errors = [
             factors.pushing(g[0], e[0], g[1], e[1], tip)[0] / self._noise.pushing_sigmas(self._moved, tip)
             for tip in self._tips
@@ -90,11 +91,11 @@ class Isam2Smoother:
 
     def path(self) -> tuple[Array, Array]:
         """See Smoother."""
-        return self._steps(0)
+        return self._steps(0, self._last + 1)
 
-    def _steps(self, first: int) -> tuple[Array, Array]:
-        """Estimates of the steps from the first one on: g (N, 3) and e (N, 3)."""
-        steps = range(first, self._last + 1)
+    def _steps(self, first: int, end: int) -> tuple[Array, Array]:
+        """Estimates of the steps from first to before end: g (N, 3) and e (N, 3)."""
+        steps = range(first, end)
         g = np.array([_array(self._isam.calculateEstimatePose2(_g(step))) for step in steps])
         e = np.array([_array(self._isam.calculateEstimatePose2(_e(step))) for step in steps])
         return g, e

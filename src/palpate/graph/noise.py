@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.graph.factors import ContactModel
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class GraphNoise:
     turning: float = 1e-6
     """Imbalance of force and torque in one step when nothing moves [m^2]."""
     turning_share: float = 0.5
-    """The same as a share of the sensor's motion times c: uniform and rim pressure give a c^2 apart by a factor of 2."""
+    """The same as a share of the sensor's motion times c: c^2 differs by a factor of 2 from uniform to rim pressure."""
     pushing_kernel: float | None = 2.0
     """Scale of the Cauchy kernel on the pushing rows together [standard deviations]; None is a plain square. A slip or
     a knock breaks all rows at once, and the kernel lets them go."""
@@ -59,9 +60,11 @@ class GraphNoise:
         return cauchy_weight((residual / self.contact) ** 2, self.contact_kernel) / self.contact**2
 
 
-def cauchy_weight(squared_error: Array, scale: float | None) -> Array | float:
+def cauchy_weight(squared_error: Array, scale: float | None) -> Array:
     """Weight (...) that the Cauchy kernel leaves to whitened rows of squared length squared_error (...)."""
-    return 1.0 if scale is None else 1.0 / (1.0 + squared_error / scale**2)
+    if scale is None:
+        return np.ones_like(squared_error)
+    return 1.0 / (1.0 + squared_error / scale**2)
 
 
 PUBLISHED = GraphNoise(

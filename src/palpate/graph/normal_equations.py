@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-Array = np.ndarray
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
 
 UNKNOWNS = 6
 """Per step: three of g, then three of e."""
@@ -101,9 +103,9 @@ class NeighbourBlock:
 class PairBlock:
     """Factors on g of any two steps each."""
 
-    i: Array
+    i: Indices
     """Place of the earlier step, (P,)."""
-    j: Array
+    j: Indices
     """Place of the later step, (P,)."""
     residual: Array
     """(P, 3)"""
@@ -121,8 +123,8 @@ class PairBlock:
         blocks = _summed(squares, self.i * steps + self.j, steps * steps).reshape(steps, steps, 6, 6)
         both = blocks[:, :, :3, 3:]
         diagonal = np.arange(steps)
-        normal.information[diagonal, :3, diagonal, :3] += (
-            blocks[:, :, :3, :3].sum(axis=1) + blocks[:, :, 3:, 3:].sum(axis=0)
+        normal.information[diagonal, :3, diagonal, :3] += blocks[:, :, :3, :3].sum(axis=1) + blocks[:, :, 3:, 3:].sum(
+            axis=0
         )
         normal.information[:, :3, :, :3] += both.transpose(0, 2, 1, 3) + both.transpose(1, 3, 0, 2)
         normal.gradient[:, :3] += _summed(gradient[:, :3], self.i, steps) + _summed(gradient[:, 3:], self.j, steps)
@@ -130,9 +132,7 @@ class PairBlock:
     def of_oldest(self) -> "PairBlock":
         """See Block."""
         mine = self.i == 0
-        return PairBlock(
-            self.i[mine], self.j[mine], self.residual[mine], self.jacobian[mine], self.information[mine]
-        )
+        return PairBlock(self.i[mine], self.j[mine], self.residual[mine], self.jacobian[mine], self.information[mine])
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,9 @@ def _weighted(residual: Array, jacobian: Array, weight: Array) -> tuple[Array, A
     return pulled @ jacobian, -(pulled @ residual[..., None])[..., 0]
 
 
-def _summed(values: Array, place: Array, places: int) -> Array:
+def _summed(values: Array, place: Indices, places: int) -> Array:
     """Sum values (N, ...) that go to the same place (N,): (places, ...)."""
     width = int(np.prod(values.shape[1:]))
     index = (place[:, None] * width + np.arange(width)).ravel()
-    return np.bincount(index, values.ravel(), places * width).reshape(places, *values.shape[1:])
+    sums = np.bincount(index, weights=values.ravel(), minlength=places * width)
+    return sums.reshape(places, *values.shape[1:]).astype(np.float64, copy=False)

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
+from palpate import se2
 from palpate.errors import SettingError
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
 from palpate.measurement import RelativePoses
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 SmootherName = Literal["fixed-lag", "isam2"]
 
 
@@ -49,6 +51,11 @@ class Smoother(Protocol):
     def path(self) -> tuple[Array, Array]:
         """Return all steps of this contact as smoothed so far: g (N, 3) and e (N, 3)."""
         ...
+
+
+def continued(g: Array) -> Array:
+    """Guess the next pose (3,) after the last one or two (N, 3): the sensor goes on turning on the object as it did."""
+    return se2.compose(g[-1], se2.between(g[0], g[-1]))
 
 
 def make_smoother(name: SmootherName, tips: Sequence[ContactModel], noise: GraphNoise) -> Smoother:

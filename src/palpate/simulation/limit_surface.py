@@ -7,12 +7,14 @@ they say nothing about how well the model fits real pushes.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
+from palpate.graph.noise import GraphNoise
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 
 _NEWTON_STEPS = 8
 _CONVERGED = 1e-12  # [m], [rad]: far below any noise that is drawn
@@ -44,9 +46,9 @@ def push(
 ) -> tuple[Array, Array]:
     """Push B objects at once for a number of steps and return their poses and the sensors', (steps + 1, B, 3) each.
 
-    object_pose (B, 3) are the first object poses in the world, touching (B, 3) the first sensor poses in the object frame,
-    phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the values that the rows of
-    the pushing residual take; 0 is the noise-free model.
+    object_pose (B, 3) are the first object poses in the world, touching (B, 3) the first sensor poses in the object
+    frame, phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the values that
+    the rows of the pushing residual take; 0 is the noise-free model.
     """
     g = np.broadcast_to(touching, np.broadcast_shapes(np.shape(touching), np.shape(object_pose))).astype(np.float64)
     e = se2.compose(object_pose, g)
@@ -65,6 +67,25 @@ def push(
         touches.append(g)
     world_T_sensor = np.stack(sensors)
     return se2.compose(world_T_sensor, se2.inverse(np.stack(touches))), world_T_sensor
+
+
+def draw_residuals(
+    tip: ContactModel, noise: GraphNoise, speed: float, outward: float, steps: int, count: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Draw what the model leaves open in count pushes on a straight side whose outward normal points to outward [rad].
+
+    Returns the first gap between tip and side (count,) [m], and the slip (steps, count, 2) [m] and torque
+    (steps, count) [m^2] that `push` takes. The graph has two Gaussians on the same gaps, one on each (contact) and one
+    on their differences (the normal part of sticking), so they are drawn from the product of both.
+    """
+    sigmas = noise.pushing_sigmas(np.asarray(speed), tip)
+    differences = np.diff(np.eye(steps + 1), axis=0)
+    information = np.eye(steps + 1) / noise.contact**2 + differences.T @ differences / sigmas[0] ** 2
+    gaps = np.linalg.solve(np.linalg.cholesky(information).T, rng.normal(size=(steps + 1, count)))
+    along_normal, along_side = -np.diff(gaps, axis=0), rng.normal(0.0, sigmas[1], (steps, count))
+    normal, side = np.array([np.cos(outward), np.sin(outward)]), np.array([-np.sin(outward), np.cos(outward)])
+    slip = along_normal[..., None] * normal + along_side[..., None] * side
+    return gaps[0], slip, rng.normal(0.0, sigmas[2], (steps, count))
 
 
 def _pushed(g: Array, e: Array, e_next: Array, tip: ContactModel, wanted: Array) -> Array:

@@ -1,16 +1,18 @@
-"""Relative sensor poses from touch: between the current frame and earlier ones of the same contact (paper Sec. IV-A)."""
+"""Relative sensor poses from touch, between the current frame and earlier ones of a contact (paper Sec. IV-A)."""
 
 from collections import deque
 from typing import Literal, Protocol, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import SettingError
 from palpate.measurement import RelativePoses
 from palpate.recording import Frame
 
-Array = np.ndarray
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
 Tactile = Literal["none", "constant", "oracle"]
 
 BACK = np.arange(10, 40)
@@ -80,13 +82,13 @@ class OracleTouch:
         self._felt.clear()
 
 
-def compared_frames(age: int) -> Array:
+def compared_frames(age: int) -> Indices:
     """How many frames ago the frames are with which one of this age is compared; the first of a contact has age 0.
 
     A young frame is compared with the first as well, on which the object's first pose rests: without that nothing tells
     its yaw until the contact is BACK[0] frames old.
     """
-    back = BACK[BACK <= age]
+    back = BACK[age >= BACK]
     return np.append(back, age) if 0 < age <= BACK[-1] and age not in back[-1:] else back
 
 
@@ -103,7 +105,7 @@ def make_touch(
     raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
 
 
-def _relative(back: Array, pose: Array, covariance: Array) -> RelativePoses | None:
+def _relative(back: Indices, pose: Array, covariance: Array) -> RelativePoses | None:
     if not len(back):
         return None
     return RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3)))
