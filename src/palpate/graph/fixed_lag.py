@@ -112,7 +112,10 @@ class FixedLagSmoother:
         """Replace the oldest step by a Gaussian on the others, as its factors were last linearised."""
         normal = NormalEquations(len(self._at), (block.of_oldest() for block in self._blocks))
         information, gradient = normal.matrix(), normal.vector()
-        gain = np.linalg.solve(information[:6, :6], np.column_stack([information[:6, 6:], gradient[:6]]))
+        try:
+            gain = np.linalg.solve(information[:6, :6], np.column_stack([information[:6, 6:], gradient[:6]]))
+        except LinAlgError:
+            raise EstimationError("the step that leaves the window is indeterminate") from None
         left = information[6:, 6:] - information[6:, :6] @ gain[:, :-1]
         self._marginal = _Marginal(
             self._at[1:], 0.5 * (left + left.T), gradient[6:] - information[6:, :6] @ gain[:, -1]

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 RELINEARISE_ABOVE = 2e-3
 """[m], [rad]. The published 0.01 lets a pose be 10 mm off its linearisation, too coarse for touch."""
 
+_EXTRA_UPDATES = 2  # more Gauss-Newton steps while poses still move away from their linearisation
+
 Linearisation = Callable[..., tuple[Array, Array]]
 
 
@@ -108,7 +110,11 @@ class Isam2Smoother:
         sensor = gtsam.noiseModel.Diagonal.Sigmas(np.array(self._noise.sensor))
         graph.push_back(gtsam.PriorFactorPose2(_e(self._last), gtsam.Pose2(*e), sensor))
         try:
-            self._isam.update(graph, values)
+            result = self._isam.update(graph, values)
+            for _ in range(_EXTRA_UPDATES):
+                if not result.getVariablesRelinearized():
+                    break
+                result = self._isam.update()
         except RuntimeError as error:
             raise EstimationError(f"step {self._last} of the contact is indeterminate") from error
 
