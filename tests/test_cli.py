@@ -12,7 +12,7 @@ from recording_samples import pushed, trajectory
 from palpate import formats
 from palpate.cli import demo, main
 from palpate.cli import track as track_command
-from palpate.evaluation.run import FILES
+from palpate.evaluation.run_folder import FILES
 from palpate.graph.noise import PRESETS
 from palpate.graph.smoother import SmootherName
 from palpate.recording import write_recording
@@ -274,9 +274,7 @@ def test_import_and_help_load_nothing_heavy(words):
         "import palpate": "import palpate",
         "help": "from palpate.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass",
     }
-    code = (
-        f"import sys\n{statements[words]}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
-    )
+    code = f"import sys\n{statements[words]}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"
 

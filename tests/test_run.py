@@ -9,8 +9,9 @@ from recording_samples import pushed
 
 from palpate import formats
 from palpate.errors import FileError, SettingError
-from palpate.evaluation import run as runs
-from palpate.evaluation.run import FILES, check_folder, track, write_run
+from palpate.evaluation import run_folder
+from palpate.evaluation.run import track
+from palpate.evaluation.run_folder import FILES, check_folder, write_run
 from palpate.graph.noise import PRESETS
 from palpate.tracker import TrackerSettings
 
@@ -132,7 +133,7 @@ def test_a_run_that_fails_to_be_written_leaves_the_old_one(tracked, tmp_path, mo
     def full(*_: object) -> None:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(runs.tum, "write", full)
+    monkeypatch.setattr(run_folder.tum, "write", full)
     with pytest.raises(FileError, match="no space left"):
         write_run(tracked, folder, force=True)
     assert (folder / "summary.json").read_text() == old

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 from palpate import se2
 from palpate.evaluation.findings import flag_runs, time_gaps
 from palpate.evaluation.metrics import rotation_errors, translation_errors
+from palpate.evaluation.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from palpate.evaluation.run import Run
 
 Array = NDArray[np.float64]
 
@@ -25,7 +24,7 @@ INSTANTS = 4
 """Outlines between the first and the last one."""
 
 
-def run_figure(run: "Run") -> "Figure":
+def run_figure(run: Run) -> "Figure":
     """Draw a run: the view from above on the left, errors over time on the right."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,7 +53,7 @@ def run_figure(run: "Run") -> "Figure":
     return figure
 
 
-def _title(run: "Run") -> str:
+def _title(run: Run) -> str:
     summary, name = run.summary, run.recording.file.name if run.recording.file else "recording"
     how = f"{name}  (tactile {summary['tactile']}, {summary['smoother']})"
     if summary["scored_frames"] == 0:
@@ -65,7 +64,7 @@ def _title(run: "Run") -> str:
     )
 
 
-def _draw_above(axes: "Axes", run: "Run") -> None:
+def _draw_above(axes: "Axes", run: Run) -> None:
     known = _known_truth(run)
     final = len(run.online) - 1 if known is None else int(np.flatnonzero(known)[-1])
     outline = run.recording.shape.outline(100)
@@ -94,7 +93,7 @@ def _draw_above(axes: "Axes", run: "Run") -> None:
     axes.grid(alpha=0.25)
 
 
-def _draw_errors(translation: "Axes", rotation: "Axes", run: "Run") -> None:
+def _draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     assert run.online.covariance is not None
     variance = np.diagonal(run.online.covariance, axis1=1, axis2=2)
     # The expected length of a zero-mean error in the plane, root mean square.
@@ -114,7 +113,7 @@ def _draw_errors(translation: "Axes", rotation: "Axes", run: "Run") -> None:
     rotation.set(ylabel=f"rotation {words} [°]", xlabel="time [s]")
 
 
-def _draw_error(axes: "Axes", run: "Run", error: Array | None, below: Array, above: Array) -> None:
+def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
     time = run.online.time
     _shade(axes, run)
     times, low, high = _with_gaps(time, below, above)
@@ -126,7 +125,7 @@ def _draw_error(axes: "Axes", run: "Run", error: Array | None, below: Array, abo
     axes.set_xlim(time[0], time[-1] if len(time) > 1 else time[0] + 1.0)
 
 
-def _shade(axes: "Axes", run: "Run") -> None:
+def _shade(axes: "Axes", run: Run) -> None:
     """Shade contact, and hatch where truth is not known."""
     time, known = run.online.time, _known_truth(run)
     spans = []
@@ -152,7 +151,7 @@ def _shade(axes: "Axes", run: "Run") -> None:
                 axes.axvspan(float(time[start]), float(ends[end - 1]), **style)
 
 
-def _known_truth(run: "Run") -> NDArray[np.bool_] | None:
+def _known_truth(run: Run) -> NDArray[np.bool_] | None:
     """The frames (N,) with ground truth, None if there are none."""
     if run.truth is None:
         return None
