@@ -53,7 +53,7 @@ def pushed(
     """Noise-free object and sensor poses (steps + 1, 3) of one push from the left."""
     tip = tips_of(name, sensor(radius))[0]
     first = np.zeros(3) if first is None else first
-    o, e = push(tip, first[None], touching(tip, [y], 0.05), steps, steering or Steering())
+    o, e = push(tip, first[None], touching(tip, np.array([y]), 0.05), steps, steering or Steering())
     return o[:, 0], e[:, 0]
 
 

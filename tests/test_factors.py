@@ -156,7 +156,8 @@ def test_first_pose_by_hand():
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
     residual, jacobian = factors.first_pose(g, e, np.array([0.9, 0.0, 0.0]))
     np.testing.assert_allclose(residual, [0.1, 0, 0], atol=1e-15)
-    # Known to be where it is. Turning the sensor by d about itself swings the object's origin, 0.1 behind it, by -0.1 d in y.
+    # Known to be where it is. Turning the sensor by d about itself swings the object's origin, 0.1 behind it, by -0.1
+    # d in y.
     residual, jacobian = factors.first_pose(g, e, np.array([1.0, 0.0, 0.0]))
     by_e = np.array([[1, 0, 0], [0, 1, -0.1], [0, 0, 1]])
     np.testing.assert_allclose(jacobian, np.hstack([-by_e, by_e]), atol=1e-15)
@@ -173,11 +174,13 @@ def test_contact_by_hand():
     np.testing.assert_allclose(residual, [0.003], atol=1e-9)
     np.testing.assert_allclose(jacobian, [[-1, 0, 0]], atol=1e-9)
     # Turned to the left by 90 degrees the apex at (-0.13, 0.021) has its centre at (-0.13, 0), 0.03 - 0.021 off. The
-    # side's normal is now the sensor's +y. Turning further moves the centre, 0.021 below, to the right: closer by 0.021.
+    # side's normal is now the sensor's +y. Turning further moves the centre, 0.021 below, to the right: closer by
+    # 0.021.
     residual, jacobian = factors.contact(np.array([-0.13, 0.021, math.pi / 2]), tip)
     np.testing.assert_allclose(residual, [0.009], atol=1e-9)
     np.testing.assert_allclose(jacobian, [[0, 1, -0.021]], atol=1e-9)
-    # The centre 30 mm left of and 40 mm above a corner: 50 mm from it, less the radius. The spline is good to micrometres.
+    # The centre 30 mm left of and 40 mm above a corner: 50 mm from it, less the radius. The spline is good to
+    # micrometres.
     residual, _ = factors.contact(np.array([-0.109, 0.14, 0.0]), tip)
     np.testing.assert_allclose(residual, [0.029], atol=2e-6)
     # Two-sided: 2 mm inside is -2 mm.
@@ -213,8 +216,8 @@ def test_torque_is_taken_about_the_centre_of_friction():
     g, before = np.array([-0.08, 0.03, 0.0]), np.array([-0.081, 0.03, 0.0])
     tip = ContactModel(field, (0.0, 0.0), 0.0, 0.06, (0.0, 0.01))
     np.testing.assert_allclose(factors.pushing(g, before, g, g, tip)[0], [0, 0, -2e-5], atol=1e-15)
-    # Turning by omega = 0.01 rad about a centre of friction at (0.02, 0.01) moves that centre nowhere: v = 0, although the
-    # object's origin moves. Row 3 is -c^2 omega = -0.0036 * 0.01.
+    # Turning by omega = 0.01 rad about a centre of friction at (0.02, 0.01) moves that centre nowhere: v = 0,
+    # although the object's origin moves. Row 3 is -c^2 omega = -0.0036 * 0.01.
     tip = ContactModel(field, (0.0, 0.0), 0.0, 0.06, (0.02, 0.01))
     there = np.array([0.02, 0.01, 0.0])
     before = se2.compose(se2.compose(there, [0.0, 0.0, -0.01]), se2.inverse(there))
@@ -224,19 +227,19 @@ def test_torque_is_taken_about_the_centre_of_friction():
 
 @pytest.mark.parametrize("angle", [0.001, 0.02, -0.02, 0.1])
 def test_rolling_on_a_flat_side_is_no_sliding(angle):
-    # Left of a flat side at x = -0.1 a tip that turns by +angle rolls down by 0.021 angle. The material point that touches
-    # at the end was, on its cycloid, r (1 - cos angle) off the side and r (angle - sin angle) above: of second and third
-    # order. At 0.02 rad, a fast turn, that is 4.2e-6 m and 2.8e-8 m.
+    # Left of a flat side at x = -0.1 a tip that turns by +angle rolls down by 0.021 angle. The material point that
+    # touches at the end was, on its cycloid, r (1 - cos angle) off the side and r (angle - sin angle) above: of
+    # second and third order. At 0.02 rad, a fast turn, that is 4.2e-6 m and 2.8e-8 m.
     tip, r = square_tip(RADIUS), RADIUS
     start = np.array([-0.1 - r, 0.01, 0.0])  # of the centre
-    end = start + [0.0, -r * angle, angle]
+    end = start + np.array([0.0, -r * angle, angle])
     to_origin = np.array([r, 0.0, 0.0])  # the sensor's origin is its apex
     g0, g1 = se2.compose(start, to_origin), se2.compose(end, to_origin)
     residual, _ = factors.pushing(g0, g0, g1, g1, tip)
     wanted = [-r * (1 - math.cos(angle)), r * (angle - math.sin(angle)), 0.0]
     np.testing.assert_allclose(residual, wanted, atol=1e-9)
     # The same turn on the spot is a slide by 0.021 angle, less than 0.2 % of which is hidden by the curvature.
-    spot = se2.compose(start + [0, 0, angle], to_origin)
+    spot = se2.compose(start + np.array([0, 0, angle]), to_origin)
     residual, _ = factors.pushing(g0, g0, spot, spot, tip)
     assert residual[1] == pytest.approx(-r * angle, rel=2e-3)
 
@@ -274,7 +277,8 @@ def test_pushing_agrees_with_the_paper_to_first_order():
             ours, _ = factors.pushing(g0, e0, g1, e1, tip)
             paper = paper_rows(o0, e0, o1, e1, 0.06)
             off.append(np.abs(ours - paper).max())
-            # What the paper linearises away in a step turns the ways by omega: the object's, the sensor's and the arm's.
+            # What the paper linearises away in a step turns the ways by omega: the object's, the sensor's and the
+            # arm's.
             ways = np.hypot(*by_object[:2]) + np.hypot(*by_sensor[:2]) + abs(by_object[2]) * np.hypot(*(e1 - o1)[:2])
             assert off[-1] < scale**2 * abs(by_object[2]) * ways
         assert off[1] < 0.02 * off[0]  # a tenth of the motion, a hundredth of the difference

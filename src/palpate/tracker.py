@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import EstimationError, SettingError
-from palpate.graph import factors
+from palpate.graph import factors, make_smoother
 from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import SmootherName, make_smoother
+from palpate.graph.smoother import SmootherName
 from palpate.recording import Frame
 from palpate.sensor import SensorProfile
 from palpate.shapes import Shape
@@ -78,7 +78,7 @@ class Tracker:
         self, shape: Shape, sensor: SensorProfile, first_pose: Array, settings: TrackerSettings | None = None
     ) -> None:
         settings = settings or TrackerSettings()
-        pose = np.asarray(first_pose, dtype=np.float64)
+        pose = np.array(first_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise SettingError(
                 f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]"
@@ -117,7 +117,7 @@ class Tracker:
         self._last = frame
         self._times.append(frame.time)
         self._contacts.append(self._touching)
-        return Estimate(frame.time, self._pose, self._strain * self._covariance, self._touching, self._status)
+        return Estimate(frame.time, self._pose.copy(), self._strain * self._covariance, self._touching, self._status)
 
     def smoothed(self) -> Trajectory:
         """Return all poses so far, each as all later measurements in its contact leave it."""

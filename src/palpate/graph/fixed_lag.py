@@ -122,7 +122,7 @@ class FixedLagSmoother:
         )
         self._first = None
         self._pairs = self._pairs.without_oldest()
-        self._left.append(self._poses[0])
+        self._left.append(self._poses[0].copy())  # not a view that keeps the whole window
         self._poses, self._measured = self._poses[1:], self._measured[1:]
 
     def _linearised(self) -> list[Block]:

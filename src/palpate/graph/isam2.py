@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 RELINEARISE_ABOVE = 2e-3
 """[m], [rad]. The published 0.01 lets a pose be 10 mm off its linearisation, too coarse for touch."""
 
-_EXTRA_UPDATES = 2  # more Gauss-Newton steps while poses still move away from their linearisation
+_EXTRA_UPDATES = 2  # more Gauss-Newton steps where the last pose turned out to be far from its first guess
 
 Linearisation = Callable[..., tuple[Array, Array]]
 
@@ -40,12 +40,12 @@ class Isam2Smoother:
         """See Smoother."""
         self._isam = gtsam.ISAM2(self._parameters)
         self._last, self._measured = 0, sensor_pose
-        self._root = np.linalg.inv(np.linalg.cholesky(covariance))
+        root = np.linalg.inv(np.linalg.cholesky(covariance))
 
         def first(g: Array, e: Array) -> tuple[Array, Array]:
             residual, jacobian = factors.first_pose(g, e, object_pose)
             touching = self._contact_rows(g, 6, 0)
-            return _stacked([(self._root @ residual, self._root @ jacobian), *touching])
+            return _stacked([(root @ residual, root @ jacobian), *touching])
 
         graph = gtsam.NonlinearFactorGraph()
         graph.push_back(_custom([_g(0), _e(0)], 3 + len(self._tips), first))
@@ -70,51 +70,50 @@ class Isam2Smoother:
             for back, pose, covariance in zip(relative.back, relative.pose, relative.covariance, strict=True):
                 noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
                 graph.push_back(gtsam.BetweenFactorPose2(_g(now - back), _g(now), gtsam.Pose2(*pose), noise))
-        guess = continued(self._steps(max(0, last - 1), now)[0])
         self._last, self._measured = now, sensor_pose
-        self._update(graph, guess, sensor_pose)
+        self._update(graph, continued(self._g), sensor_pose)
 
     def belief(self) -> Belief:
         """See Smoother."""
-        keys = [_g(self._last), _e(self._last)]
-        g, e = (_array(self._isam.calculateEstimatePose2(key)) for key in keys)
-        return Belief(g, e, self._isam.jointMarginalCovariance(keys).fullMatrix())
+        return Belief(self._g[-1], self._e[-1], self._covariance)
 
     def pushing_error(self) -> Array:
         """See Smoother."""
         if self._last == 0:
             return np.zeros(3)
-        g, e = self._steps(self._last - 1, self._last + 1)
+        (g0, g1), (e0, e1) = self._g, self._e
         errors = [
-            factors.pushing(g[0], e[0], g[1], e[1], tip)[0] / self._noise.pushing_sigmas(self._moved, tip)
-            for tip in self._tips
+            factors.pushing(g0, e0, g1, e1, tip)[0] / self._noise.pushing_sigmas(self._moved, tip) for tip in self._tips
         ]
         return np.abs(errors).max(axis=0)
 
     def path(self) -> tuple[Array, Array]:
         """See Smoother."""
-        return self._steps(0, self._last + 1)
+        return self._steps(0)
 
-    def _steps(self, first: int, end: int) -> tuple[Array, Array]:
-        """Estimates of the steps from first to before end: g (N, 3) and e (N, 3)."""
-        steps = range(first, end)
+    def _steps(self, first: int) -> tuple[Array, Array]:
+        """Estimates of the steps from the first one on: g (N, 3) and e (N, 3)."""
+        steps = range(first, self._last + 1)
         g = np.array([_array(self._isam.calculateEstimatePose2(_g(step))) for step in steps])
         e = np.array([_array(self._isam.calculateEstimatePose2(_e(step))) for step in steps])
         return g, e
 
     def _update(self, graph: gtsam.NonlinearFactorGraph, g: Array, e: Array) -> None:
-        """Add the factors of the last step and its first guess."""
+        """Add the factors of the last step with its first guess, and solve."""
         values = gtsam.Values()
         values.insert(_g(self._last), gtsam.Pose2(*g))
         values.insert(_e(self._last), gtsam.Pose2(*e))
         sensor = gtsam.noiseModel.Diagonal.Sigmas(np.array(self._noise.sensor))
         graph.push_back(gtsam.PriorFactorPose2(_e(self._last), gtsam.Pose2(*e), sensor))
         try:
-            result = self._isam.update(graph, values)
+            self._isam.update(graph, values)
             for _ in range(_EXTRA_UPDATES):
-                if not result.getVariablesRelinearized():
+                guess, g = g, _array(self._isam.calculateEstimatePose2(_g(self._last)))
+                if np.abs(se2.log(se2.between(guess, g))).max() < RELINEARISE_ABOVE:
                     break
-                result = self._isam.update()
+                self._isam.update()
+            self._g, self._e = self._steps(max(0, self._last - 1))
+            self._covariance = self._isam.jointMarginalCovariance([_g(self._last), _e(self._last)]).fullMatrix()
         except RuntimeError as error:
             raise EstimationError(f"step {self._last} of the contact is indeterminate") from error
 

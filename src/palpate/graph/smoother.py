@@ -1,16 +1,12 @@
-"""What the tracker asks of a smoother, and the two that there are."""
+"""What the tracker asks of a smoother."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate import se2
-from palpate.errors import SettingError
-from palpate.graph.factors import ContactModel
-from palpate.graph.noise import GraphNoise
 from palpate.measurement import RelativePoses
 
 Array = NDArray[np.float64]
@@ -56,16 +52,3 @@ class Smoother(Protocol):
 def continued(g: Array) -> Array:
     """Guess the next pose (3,) after the last one or two (N, 3): the sensor goes on turning on the object as it did."""
     return se2.compose(g[-1], se2.between(g[0], g[-1]))
-
-
-def make_smoother(name: SmootherName, tips: Sequence[ContactModel], noise: GraphNoise) -> Smoother:
-    """Return the smoother of that name for a sensor with these tips."""
-    if name == "fixed-lag":
-        from palpate.graph.fixed_lag import FixedLagSmoother
-
-        return FixedLagSmoother(tips, noise)
-    if name == "isam2":
-        from palpate.graph.isam2 import Isam2Smoother
-
-        return Isam2Smoother(tips, noise)
-    raise SettingError(f"smoother is {name!r}; allowed are {', '.join(get_args(SmootherName))}")

@@ -1,0 +1,100 @@
+import math
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, sensor, tips_of, touching
+
+from palpate import se2
+from palpate.graph import factors
+from palpate.graph.noise import GraphNoise
+from palpate.simulation.limit_surface import Steering, draw_residuals, push
+
+STRAIGHT = Steering(speed=1e-3, aim=0.0, sway=0.0)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.021])
+def test_a_disc_pushed_through_its_centre_goes_straight(radius):
+    tip = tips_of("disc", sensor(radius))[0]
+    heading = 0.7
+    o, e = push(tip, np.array([[0.1, -0.2, heading]]), np.array([[-0.088, 0.0, 0.0]]), 100, STRAIGHT)
+    assert o.shape == e.shape == (101, 1, 3)
+    # Object and sensor both go 1 mm a step along the heading. A spline cell's error in the normal may turn it by 1e-6.
+    ahead = 1e-3 * np.arange(101)[:, None] * [math.cos(heading), math.sin(heading)]
+    np.testing.assert_allclose(o[:, 0, :2], np.array([0.1, -0.2]) + ahead, atol=1e-7)
+    np.testing.assert_allclose(o[:, 0, 2], heading, atol=1e-6)
+    np.testing.assert_allclose(np.diff(e[:, 0, :2], axis=0), np.diff(ahead, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("y", [0.02, -0.05])
+def test_momentary_rotation_of_a_push_off_centre(y):
+    # The contact point p = (px, py) moves by (d, 0) and sticks: vx - omega py = d, vy + omega px = 0, and
+    # px vy - py vx = c^2 omega. Hence omega (c^2 + px^2 + py^2) = -py d.
+    tip = tips_of("rectangle", sensor(0.0))[0]
+    tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
+    px = -0.2363 / 2
+    o, _ = push(tip, np.zeros((1, 3)), np.array([[px, y, 0.0]]), 1, tiny)
+    omega = -y * 1e-6 / (tip.friction_radius**2 + px**2 + y**2)
+    # To first order in the 1 micrometre of the step, 1e-5 of the lengths.
+    np.testing.assert_allclose(o[1, 0], [1e-6 + omega * y, -omega * px, omega], rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_noise_free_push_keeps_all_residuals_at_zero(name):
+    tip = tips_of(name)[0]
+    g = touching(tip, np.array([0.015]), 0.1)
+    o, e = push(tip, np.array([[0.3, 0.1, 3.1]]), g, 80, Steering())
+    g = se2.between(o, e)
+    residual, _ = factors.pushing(g[:-1], e[:-1], g[1:], e[1:], tip)
+    np.testing.assert_allclose(residual, 0.0, atol=1e-12)
+    # Rolling costs r omega^2 / 2 a step in the gap: below 0.021 (0.01 rad)^2 / 2 = 1e-6 m each.
+    assert np.abs(factors.contact(g, tip)[0]).max() < 80 * 1e-6
+
+
+def test_drawn_slip_and_torque_are_what_the_residuals_show():
+    rng = np.random.default_rng(1)
+    tip = tips_of("ellipse")[0]
+    slip, torque = rng.normal(0, 5e-5, (30, 4, 2)), rng.normal(0, 2e-5, (30, 4))
+    g = touching(tip, np.linspace(-0.03, 0.03, 4))
+    o, e = push(tip, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
+    g = se2.between(o, e)
+    residual, _ = factors.pushing(g[:-1], e[:-1], g[1:], e[1:], tip)
+    np.testing.assert_allclose(residual[..., :2], slip, atol=1e-12)
+    np.testing.assert_allclose(residual[..., 2], torque, atol=1e-12)
+    # The sensor goes as it is steered, whatever slips: 1 mm along its own arc a step.
+    np.testing.assert_allclose(
+        se2.log(se2.between(e[:-1], e[1:]))[..., :2], np.broadcast_to([1e-3, 0], (30, 4, 2)), atol=1e-12
+    )
+
+
+def test_many_pushes_at_once_are_each_as_alone():
+    rng = np.random.default_rng(2)
+    tip = tips_of("rectangle")[0]
+    first, g, phase = rng.normal(size=(5, 3)), touching(tip, rng.uniform(-0.03, 0.03, 5)), rng.uniform(0, 6, 5)
+    slip, torque = rng.normal(0, 5e-5, (20, 5, 2)), rng.normal(0, 2e-5, (20, 5))
+    o, e = push(tip, first, g, 20, Steering(), phase, slip, torque)
+    for k in range(5):
+        one = slice(k, k + 1)
+        o1, e1 = push(tip, first[one], g[one], 20, Steering(), phase[one], slip[:, one], torque[:, one])
+        # Newton stops when the slowest of them has converged to 1e-12.
+        np.testing.assert_allclose(o[:, one], o1, atol=1e-9)
+        np.testing.assert_allclose(e[:, one], e1, atol=1e-9)
+
+
+def test_drawn_gaps_and_slips_belong_together():
+    # On a side whose normal points to -x: a slip by s along the normal takes the gap with it, gap_1 = gap_0 - s.
+    tip = tips_of("rectangle", sensor(0.0))[0]
+    noise = GraphNoise()
+    gap, slip, torque = draw_residuals(tip, noise, 1e-3, math.pi, 30, 50, np.random.default_rng(3))
+    g = np.zeros((50, 3))
+    g[:, 0] = -0.2363 / 2 - gap
+    o, e = push(tip, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
+    found = factors.contact(se2.between(o, e), tip)[0][..., 0]
+    wanted = gap - np.concatenate([np.zeros((1, 50)), np.cumsum(-slip[..., 0], axis=0)])
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    # Along the side and in torque, plain draws: 1500 of each, whose deviation is known to 1.8 %.
+    sigmas = noise.pushing_sigmas(np.array(1e-3), tip)
+    assert np.std(slip[..., 1]) == pytest.approx(sigmas[1], rel=0.06)
+    assert np.std(torque) == pytest.approx(sigmas[2], rel=0.06)
+    # Two Gaussians on each gap's neighbourhood: tighter than either alone.
+    assert np.std(found) < noise.contact
+    assert np.std(slip[..., 0]) < sigmas[0]
