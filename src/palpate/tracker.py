@@ -2,7 +2,7 @@
 
 import logging
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -62,8 +62,8 @@ class Estimate:
 
     - resting: untouched, so unmoved.
     - tracking: all is well.
-    - strained: what touch says and how things are pushed contradict each other (a slip, a knock); the covariance is
-      larger by as much.
+    - strained: what touch says and how things are pushed have contradicted each other in this contact (a slip, a
+      knock); the covariance is larger by as much.
     - uncertain: the covariance is so large that it is itself a guess.
     - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
       says, in this contact and after it.
@@ -78,8 +78,8 @@ class Tracker:
         self, shape: Shape, sensor: SensorProfile, first_pose: Array, settings: TrackerSettings | None = None
     ) -> None:
         settings = settings or TrackerSettings()
-        pose = np.array(first_pose, dtype=np.float64)
-        if pose.shape != (3,) or not np.isfinite(pose).all():
+        pose = _pose(first_pose)
+        if pose is None:
             raise SettingError(
                 f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]"
             )
@@ -106,7 +106,7 @@ class Tracker:
         Raises EstimationError where the frame cannot be used (no contact flag, time not after the last frame's, a
         sensor pose that is not finite) or the graph cannot be solved even anew.
         """
-        self._check(frame)
+        frame = self._checked(frame)
         if self._touching and (not frame.contact or self._paused(frame)):
             self._lift()
         if frame.contact:
@@ -172,6 +172,7 @@ class Tracker:
         try:
             self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
         except EstimationError:
+            self._touching = False
             raise EstimationError(reason) from error
         self._status = "indeterminate"
 
@@ -186,7 +187,8 @@ class Tracker:
         self._covariance = 0.5 * (covariance + covariance.T)
         self._errors.append(self._smoother.pushing_error() ** 2)
         strain = float(np.max(np.sum(self._errors, axis=0))) / STRAIN_FRAMES
-        self._strain = strain if strain > STRAIN_LIMIT else 1.0
+        if strain > STRAIN_LIMIT:
+            self._strain = max(self._strain, strain)  # what a slip or a knock has shifted stays shifted
         if self._status == "tracking":
             if (np.diagonal(self._strain * self._covariance) > _UNCERTAIN**2).any():
                 self._status = "uncertain"
@@ -207,7 +209,10 @@ class Tracker:
         return se2.compose(e, se2.inverse(g))
 
     def _gap(self, frame: Frame) -> tuple[float, float]:
-        """Estimated distance between sensor and object, and its standard deviation, both [m]."""
+        """Estimated distance between sensor and object, and its standard deviation, both [m].
+
+        The strain is left out: it puts pushing in doubt, not where the outline was last touched.
+        """
         g = se2.between(self._pose, frame.sensor_pose)
         nearest = min((factors.contact(g, tip) for tip in self._tips), key=lambda found: found[0][0])
         by_object = -nearest[1] @ se2.adjoint(se2.inverse(g))
@@ -217,14 +222,27 @@ class Tracker:
     def _paused(self, frame: Frame) -> bool:
         return self._last is not None and frame.time - self._last.time > _PAUSE / self._sensor.rate
 
-    def _check(self, frame: Frame) -> None:
+    def _checked(self, frame: Frame) -> Frame:
+        """The frame with a sensor pose of its own, so that a live sensor may reuse its buffers."""
+        last = -np.inf if self._last is None else self._last.time
+        if not last < frame.time < np.inf:
+            raise EstimationError(f"frame at {frame.time:.3f} s follows one at {last:.3f} s; times must increase")
         if frame.contact is None:
             raise EstimationError(
                 f"frame at {frame.time:.3f} s has no contact flag; the tracker needs one for every frame"
             )
-        if not np.isfinite(frame.sensor_pose).all():
-            raise EstimationError(f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be finite")
-        if self._last is not None and not frame.time > self._last.time:
+        pose = _pose(frame.sensor_pose)
+        if pose is None:
             raise EstimationError(
-                f"frame at {frame.time:.3f} s follows one at {self._last.time:.3f} s; times must increase"
+                f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be three finite numbers"
             )
+        return replace(frame, sensor_pose=pose)
+
+
+def _pose(given: object) -> Array | None:
+    """A copy of three finite numbers as an array (3,), or None if they are not that."""
+    try:
+        pose = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return pose if pose.shape == (3,) and np.isfinite(pose).all() else None

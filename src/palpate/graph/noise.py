@@ -1,10 +1,11 @@
 """How much each factor is believed: standard deviations, the published ones and ours."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.errors import SettingError
 from palpate.graph.factors import ContactModel
 
 Array = NDArray[np.float64]
@@ -41,6 +42,18 @@ class GraphNoise:
     """The object's known first pose [m, m, rad], body frame."""
     rest: tuple[float, float, float] = (1e-5, 1e-5, 1e-4)
     """The object's motion between two contacts [m, m, rad]."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name.endswith("kernel") and value is None:
+                continue
+            is_share = field.name.endswith("share")
+            large_enough = np.greater_equal(value, 0.0) if is_share else np.greater(value, 0.0)
+            if not (np.all(large_enough) and np.isfinite(value).all()):
+                raise SettingError(
+                    f"noise {field.name} is {value!r}; it must be finite and {'at least' if is_share else 'above'} 0"
+                )
 
     def pushing_sigmas(self, moved: Array, tip: ContactModel) -> Array:
         """Standard deviations (..., 3) [m, m, m^2] of the pushing rows where the sensor moved by moved (...) [m]."""
