@@ -23,7 +23,7 @@ from palpate.touch.relative import compared_frames
 
 Array = np.ndarray
 TOLD = replace(GraphNoise(), pushing_kernel=None, contact_kernel=None)
-STEPS, LAG = 20, 16  # the last steps marginalise, and drop pairs, which costs information but not consistency
+STEPS, LAG = 16, 13  # the last steps marginalise, and drop pairs, which costs information but not consistency
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def test_mean_nees_lies_in_its_interval(name):
 
 
 LARGER = {
-    # After 20 steps the first pose decides most of where the object is; of the rest it takes more.
+    # After 16 steps the first pose decides most of where the object is; of the rest it takes more.
     "first pose": replace(TOLD, first_pose=tuple(2 * np.array(TOLD.first_pose))),
     "sticking": replace(TOLD, sticking=4 * TOLD.sticking, sticking_share=4 * TOLD.sticking_share),
     "tactile": replace(TOLD, tactile=(1.0, 1.0, 5 * TOLD.tactile[2])),

@@ -2,7 +2,6 @@
 
 import logging
 import math
-from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -109,8 +108,9 @@ def test_a_knock_in_contact_strains(smoother):
     _, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother))
     said = statuses(found)
     assert set(said[:51]) == {"tracking"}
-    assert said[52] == "strained"
-    assert Counter(said[51 : 51 + STRAIN_FRAMES])["strained"] >= STRAIN_FRAMES - 1
+    # The covariance is larger by so much that it may count as a guess. It stays so: nothing measures what has shifted.
+    assert {"strained", "uncertain"} >= set(said[52:])
+    assert (np.diff([estimate.covariance[2, 2] for estimate in found[60:]]) > -1e-6).all()
     # Touch is believed: the turn of 0.1 rad is followed within two frames, and the covariance covers what is left.
     assert np.abs(rotation_errors(poses(found), o))[53:].max() < 5e-3
     assert found[55].covariance[2, 2] > 4 * found[49].covariance[2, 2]
@@ -119,17 +119,17 @@ def test_a_knock_in_contact_strains(smoother):
         assert error @ np.linalg.solve(found[k].covariance, error) < 7.8
 
 
-def test_strain_ends_with_its_contact():
+def test_strain_outlasts_its_contact():
     o1, e1 = knocked(0.1)
     o2, e2 = pushed("rectangle", 20, first=o1[55])
     away = np.broadcast_to(se2.compose(o1[55], [-0.25, 0.0, 0.0]), (5, 3))
     o = np.concatenate([o1[:56], np.broadcast_to(o1[55], (5, 3)), o2])
     e, contact = np.concatenate([e1[:56], away, e2]), np.repeat([True, False, True], [56, 5, 21])
     _, found = track("rectangle", frames(o, e, contact), o[0], settings())
-    assert found[55].status == "strained"
-    # The wider covariance rests with the object and is where the next contact starts from.
+    assert found[55].status in {"strained", "uncertain"}
+    # The wider covariance rests with the object, and the next contact does not make it smaller.
     np.testing.assert_allclose(found[60].covariance, found[55].covariance)
-    assert set(statuses(found)[61:]) == {"tracking"}
+    assert set(statuses(found)[61:]) <= {"strained", "uncertain"}
     assert found[61].covariance[1, 1] > 0.5 * found[60].covariance[1, 1]
 
 

@@ -23,12 +23,14 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "strained", "uncertain", "displaced", "indeterminate"]
 
-STRAIN_FRAMES, STRAIN_LIMIT = 30, 2.0
-"""Pushing contradicts touch when one row of its residual has a mean square of more variances than this over so many
-frames: it has one time in a thousand where the model holds (chi-squared)."""
+STRAIN_FRAMES, STRAIN_EXPECTED, STRAIN_LIMIT = 30, 0.05, 0.5
+"""Strain is the mean square, over so many frames, of the pushing row that is worst off, in variances. On pushes drawn
+from the model it is 0.05 and less, for the graph bends the poses to it. Ten times that is a contradiction with touch,
+and the covariance that is reported from then on is larger by the ratio of the two: nothing later measures what has
+shifted."""
 _SURPRISE = 3.0  # standard deviations of a distance from which on an untouched object must have moved
 _UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad]; beyond it a linearised covariance is a guess itself
-_PAUSE = 10  # sensor periods without a frame after which a contact is a new one
+_PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Estimate:
 
     - resting: untouched, so unmoved.
     - tracking: all is well.
-    - strained: what touch says and how things are pushed have contradicted each other in this contact (a slip, a
-      knock); the covariance is larger by as much.
+    - strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock); the
+      covariance is larger by as much.
     - uncertain: the covariance is so large that it is itself a guess.
     - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
       says, in this contact and after it.
@@ -91,9 +93,10 @@ class Tracker:
         self._covariance = np.diag(np.square(settings.noise.first_pose))
         self._status: Status = "resting"
         self._last: Frame | None = None
+        self._interval = 1.0 / sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._touching = False
         self._errors: deque[Array] = deque(maxlen=STRAIN_FRAMES)
-        self._strain = 1.0  # by which pushing and touch contradict each other, times the covariance
+        self._strain = 1.0  # factor on the reported covariance
         self._displacement = 0.0  # [m] by which the object must have moved since it was last touched
         self._times: list[float] = []
         self._contacts: list[bool] = []
@@ -114,10 +117,13 @@ class Tracker:
         else:
             self._rest(frame)
         self._touching = bool(frame.contact)
+        if self._last is not None:
+            self._interval = max(1.0 / self._sensor.rate, frame.time - self._last.time)
         self._last = frame
         self._times.append(frame.time)
         self._contacts.append(self._touching)
-        return Estimate(frame.time, self._pose.copy(), self._strain * self._covariance, self._touching, self._status)
+        covariance = self._strain * self._covariance + (0.0 if self._touching else self._doubt())
+        return Estimate(frame.time, self._pose.copy(), covariance, self._touching, self._status)
 
     def smoothed(self) -> Trajectory:
         """Return all poses so far, each as all later measurements in its contact leave it."""
@@ -152,11 +158,16 @@ class Tracker:
         gap, sigma = self._gap(frame)
         if abs(gap) > _SURPRISE * sigma:
             self._displacement = max(self._displacement, abs(gap))
-        unseen = 2.0 * self._displacement  # the gap shows what happened along one line only
-        doubt = np.array([unseen, unseen, unseen / self._tips[0].friction_radius])
-        self._covariance = self._strain * self._covariance + np.diag(np.square(self._noise.rest) + np.square(doubt))
-        self._strain = 1.0
+        self._covariance = self._covariance + np.diag(np.square(self._noise.rest)) + self._doubt()
         self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
+
+    def _doubt(self) -> Array:
+        """Covariance (3, 3) of what may have moved the untouched object: twice what the gap shows along one line."""
+        return self._moved_by(2.0 * self._displacement)
+
+    def _moved_by(self, length: float) -> Array:
+        """Covariance (3, 3) of an unknown motion of this size [m]."""
+        return np.diag(np.square([length, length, length / self._tips[0].friction_radius]))
 
     def _begin_anew(self, frame: Frame, error: EstimationError) -> None:
         """Go on with a new graph from the last pose, where the old one could not be solved."""
@@ -169,6 +180,9 @@ class Tracker:
         self._filtered.clear()
         self._touch.lift()
         self._touch.feel(frame)
+        pushed = 0.0 if self._last is None else float(np.hypot(*(frame.sensor_pose - self._last.sensor_pose)[:2]))
+        self._covariance = self._covariance + self._moved_by(pushed)
+        self._errors.clear()
         try:
             self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
         except EstimationError:
@@ -188,7 +202,7 @@ class Tracker:
         self._errors.append(self._smoother.pushing_error() ** 2)
         strain = float(np.max(np.sum(self._errors, axis=0))) / STRAIN_FRAMES
         if strain > STRAIN_LIMIT:
-            self._strain = max(self._strain, strain)  # what a slip or a knock has shifted stays shifted
+            self._strain = max(self._strain, strain / STRAIN_EXPECTED)
         if self._status == "tracking":
             if (np.diagonal(self._strain * self._covariance) > _UNCERTAIN**2).any():
                 self._status = "uncertain"
@@ -220,7 +234,7 @@ class Tracker:
         return float(nearest[0][0]), float(np.sqrt(variance))
 
     def _paused(self, frame: Frame) -> bool:
-        return self._last is not None and frame.time - self._last.time > _PAUSE / self._sensor.rate
+        return self._last is not None and frame.time - self._last.time > _PAUSE * self._interval
 
     def _checked(self, frame: Frame) -> Frame:
         """The frame with a sensor pose of its own, so that a live sensor may reuse its buffers."""

@@ -108,7 +108,8 @@ def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> 
     """Error of quasi-static pushing with a sticking contact over one step from 0 to 1 (Eqs. 7 to 10).
 
     Rows 1 and 2 [m]: how far the object slid along the sensor, object frame. The sensor's material point that touches
-    the outline point p at step 1 was at `g0 g1^-1 p` at step 0; sticking (and rolling) left it in place. This is the
+    the outline point p at step 1 was at `g0 g1^-1 p` at step 0; sticking left it in place, and so does rolling by
+    a small angle (up to r angle^2 / 2). This is the
     paper's `V + omega x p - Vp` without linearising the rotation, which would let the object drift by omega^2 p / 2 a
     step. With r > 0 it is the material point that pushes, while p moves over the tip as the sensor turns.
 

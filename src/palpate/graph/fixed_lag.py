@@ -2,7 +2,7 @@
 
 Every step relinearises the whole window, vectorised over its factors, so that a step costs the same at frame 10 000 as
 at frame 500. A step that leaves the window leaves behind a Gaussian on the steps it was tied to (Schur complement),
-linearised where they were then estimated.
+linearised where they stood before the last Gauss-Newton step.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ from palpate.graph.normal_equations import (
     PairBlock,
     StepBlock,
 )
-from palpate.graph.smoother import Belief, continued
+from palpate.graph.smoother import Belief, continued, last_pushing_error
 from palpate.measurement import RelativePoses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
-LAG = 41
-"""Steps in the window: the last one and the 40 before it, as far back as touch compares images."""
+LAG = 40
+"""Steps in the window: the last one and the 39 before it, as far back as touch compares images."""
 
 _ITERATIONS = 4
 _CONVERGED = 1e-3  # [m], [rad]; the next frame takes another Gauss-Newton step, which leaves about its square
@@ -79,7 +79,8 @@ class FixedLagSmoother:
 
     def pushing_error(self) -> Array:
         """See Smoother."""
-        return self._pushing_error
+        moved = np.hypot(*(self._measured[-1] - self._measured[-2 if len(self._measured) > 1 else -1])[:2])
+        return last_pushing_error(self._poses[:, 0], self._poses[:, 1], moved, self._tips, self._noise)
 
     def path(self) -> tuple[Array, Array]:
         """See Smoother; steps that left the window stay as they were last estimated in it."""
@@ -130,15 +131,12 @@ class FixedLagSmoother:
         g, e, noise = self._poses[:, 0], self._poses[:, 1], self._noise
         blocks: list[Block] = [StepBlock(_E, *factors.prior(e, self._measured), np.square(noise.sensor) ** -1.0)]
         moved = np.hypot(*(self._measured[1:, :2] - self._measured[:-1, :2]).T)
-        self._pushing_error = np.zeros(3)
         for tip in self._tips:
             residual, jacobian = factors.contact(g, tip)
             blocks.append(StepBlock(_G, residual, jacobian, noise.contact_weight(residual)))
             if len(g) > 1:
                 residual, jacobian = factors.pushing(g[:-1], e[:-1], g[1:], e[1:], tip)
                 blocks.append(NeighbourBlock(residual, jacobian, noise.pushing_weight(residual, moved, tip)))
-                whitened = residual[-1] / noise.pushing_sigmas(moved[-1], tip)
-                self._pushing_error = np.maximum(self._pushing_error, np.abs(whitened))
         if len(self._pairs.i):
             i, j = self._pairs.i, self._pairs.j
             blocks.append(PairBlock(i, j, *factors.between(g[i], g[j], self._pairs.pose), self._pairs.information))

@@ -15,7 +15,7 @@ from palpate.errors import EstimationError
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import Belief, continued
+from palpate.graph.smoother import Belief, continued, last_pushing_error
 from palpate.measurement import RelativePoses
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Isam2Smoother:
     def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array) -> None:
         """See Smoother."""
         self._isam = gtsam.ISAM2(self._parameters)
-        self._last, self._measured = 0, sensor_pose
+        self._last, self._measured, self._moved = 0, sensor_pose, 0.0
         root = np.linalg.inv(np.linalg.cholesky(covariance))
 
         def first(g: Array, e: Array) -> tuple[Array, Array]:
@@ -54,13 +54,13 @@ class Isam2Smoother:
     def add(self, sensor_pose: Array, relative: RelativePoses | None) -> None:
         """See Smoother."""
         last, now = self._last, self._last + 1
-        moved = self._moved = np.hypot(*(sensor_pose - self._measured)[:2])
+        moved = self._moved = float(np.hypot(*(sensor_pose - self._measured)[:2]))
 
         def step(g0: Array, e0: Array, g1: Array, e1: Array) -> tuple[Array, Array]:
             rows = self._contact_rows(g1, 12, 6)
             for tip in self._tips:
                 residual, jacobian = factors.pushing(g0, e0, g1, e1, tip)
-                root = np.sqrt(self._noise.pushing_weight(residual, moved, tip))
+                root = np.sqrt(self._noise.pushing_weight(residual, np.asarray(moved), tip))
                 rows.append((root * residual, root[:, None] * jacobian))
             return _stacked(rows)
 
@@ -79,13 +79,7 @@ class Isam2Smoother:
 
     def pushing_error(self) -> Array:
         """See Smoother."""
-        if self._last == 0:
-            return np.zeros(3)
-        (g0, g1), (e0, e1) = self._g, self._e
-        errors = [
-            factors.pushing(g0, e0, g1, e1, tip)[0] / self._noise.pushing_sigmas(self._moved, tip) for tip in self._tips
-        ]
-        return np.abs(errors).max(axis=0)
+        return last_pushing_error(self._g, self._e, self._moved, self._tips, self._noise)
 
     def path(self) -> tuple[Array, Array]:
         """See Smoother."""

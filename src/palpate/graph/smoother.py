@@ -1,5 +1,6 @@
 """What the tracker asks of a smoother."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -7,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate import se2
+from palpate.graph import factors
+from palpate.graph.factors import ContactModel
+from palpate.graph.noise import GraphNoise
 from palpate.measurement import RelativePoses
 
 Array = NDArray[np.float64]
@@ -47,6 +51,17 @@ class Smoother(Protocol):
     def path(self) -> tuple[Array, Array]:
         """Return all steps of this contact as smoothed so far: g (N, 3) and e (N, 3)."""
         ...
+
+
+def last_pushing_error(g: Array, e: Array, moved: float, tips: Sequence[ContactModel], noise: GraphNoise) -> Array:
+    """Pushing residual (3,) in standard deviations between the last two of the steps (N, 3), of the tip worst off."""
+    if len(g) < 2:
+        return np.zeros(3)
+    errors = [
+        factors.pushing(g[-2], e[-2], g[-1], e[-1], tip)[0] / noise.pushing_sigmas(np.asarray(moved), tip)
+        for tip in tips
+    ]
+    return np.abs(errors).max(axis=0)
 
 
 def continued(g: Array) -> Array:

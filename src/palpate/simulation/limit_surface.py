@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate import se2
+from palpate.errors import EstimationError
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
@@ -96,5 +97,5 @@ def _pushed(g: Array, e: Array, e_next: Array, tip: ContactModel, wanted: Array)
         change = np.linalg.solve(jacobian[..., 6:9], (wanted - residual)[..., None])[..., 0]
         g_next = se2.compose(g_next, se2.exp(change))
         if np.abs(change).max() < _CONVERGED:
-            break
-    return g_next
+            return g_next
+    raise EstimationError("the step of a push has no solution near the last one; make it smaller")

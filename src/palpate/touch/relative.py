@@ -43,7 +43,10 @@ class NoTouch:
 
 
 class ConstantTouch:
-    """Says that the sensor has not turned on the object, whatever the image: the paper's constant model."""
+    """Says that the sensor has not turned on the object, whatever the image.
+
+    This is the paper's constant model: over pairs in both orders, the mean of the turns is zero.
+    """
 
     def __init__(self, sigmas: tuple[float, float, float]) -> None:
         self._covariance = np.diag(np.square(sigmas))
@@ -69,8 +72,8 @@ class OracleTouch:
 
     def feel(self, frame: Frame) -> RelativePoses | None:
         """See Touch. A frame without ground truth says nothing, then and later."""
-        known = np.full(3, np.nan) if frame.object_pose is None else frame.object_pose
-        self._felt.append(se2.between(known, frame.sensor_pose))
+        object_pose = np.full(3, np.nan) if frame.object_pose is None else frame.object_pose
+        self._felt.append(se2.between(object_pose, frame.sensor_pose))
         felt = np.array(self._felt)
         back = compared_frames(len(felt) - 1)
         pose = se2.between(felt[-1 - back], felt[-1])

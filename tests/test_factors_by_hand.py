@@ -1,0 +1,195 @@
+"""Residuals of the factors against values worked out by hand, and against the paper's own form."""
+
+import math
+
+import numpy as np
+import pytest
+from push_samples import RADIUS, SHAPES, sensor
+
+from palpate import se2
+from palpate.distance_field import DistanceField
+from palpate.graph import factors
+from palpate.graph.factors import ContactModel
+from palpate.shapes import Disc, Rectangle
+
+Array = np.ndarray
+
+
+def test_between_by_hand():
+    # Across the seam: from 3.1 to -3.1 is 2 pi - 6.2 = 0.0831853 rad, 0.0031853 more than the measured 0.08.
+    residual, _ = factors.between(np.array([0, 0, 3.1]), np.array([0, 0, -3.1]), np.array([0, 0, 0.08]))
+    np.testing.assert_allclose(residual, [0, 0, 2 * math.pi - 6.28], atol=1e-15)
+    # i looks along +y; j lies 2 m ahead of it, measured 1.5 m ahead.
+    i, j = np.array([1.0, 1.0, math.pi / 2]), np.array([1.0, 3.0, math.pi / 2])
+    residual, jacobian = factors.between(i, j, np.array([1.5, 0.0, 0.0]))
+    np.testing.assert_allclose(residual, [0.5, 0, 0], atol=1e-15)
+    # Measured right. Turning i by d swings j, 2 m ahead, by -2 d to the left.
+    residual, jacobian = factors.between(i, j, np.array([2.0, 0.0, 0.0]))
+    np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, 0, 0], [0, -1, -2, 0, 1, 0], [0, 0, -1, 0, 0, 1]], atol=1e-15)
+
+
+def test_first_pose_by_hand():
+    # Sensor at x = 1.1, 0.1 in front of the object's origin: o = (1, 0, 0), known to be at (0.9, 0, 0).
+    g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
+    residual, jacobian = factors.first_pose(g, e, np.array([0.9, 0.0, 0.0]))
+    np.testing.assert_allclose(residual, [0.1, 0, 0], atol=1e-15)
+    # Known to be where it is. Turning the sensor by d about itself swings the object's origin, 0.1 behind it, by -0.1
+    # d in y.
+    residual, jacobian = factors.first_pose(g, e, np.array([1.0, 0.0, 0.0]))
+    by_e = np.array([[1, 0, 0], [0, 1, -0.1], [0, 0, 1]])
+    np.testing.assert_allclose(jacobian, np.hstack([-by_e, by_e]), atol=1e-15)
+
+
+def square_tip(radius: float) -> ContactModel:
+    return ContactModel(DistanceField.of(Rectangle(0.2, 0.2), margin=0.08), (-radius, 0.0), radius, 0.05)
+
+
+def test_contact_by_hand():
+    tip = square_tip(RADIUS)
+    # The apex 3 mm off the left side: the centre is at -0.103 - 0.021, 0.024 from the side, less the radius.
+    residual, jacobian = factors.contact(np.array([-0.103, 0.02, 0.0]), tip)
+    np.testing.assert_allclose(residual, [0.003], atol=1e-9)
+    np.testing.assert_allclose(jacobian, [[-1, 0, 0]], atol=1e-9)
+    # Turned to the left by 90 degrees the apex at (-0.13, 0.021) has its centre at (-0.13, 0), 0.03 - 0.021 off. The
+    # side's normal is now the sensor's +y. Turning further moves the centre, 0.021 below, to the right: closer by
+    # 0.021.
+    residual, jacobian = factors.contact(np.array([-0.13, 0.021, math.pi / 2]), tip)
+    np.testing.assert_allclose(residual, [0.009], atol=1e-9)
+    np.testing.assert_allclose(jacobian, [[0, 1, -0.021]], atol=1e-9)
+    # The centre 30 mm left of and 40 mm above a corner: 50 mm from it, less the radius. The spline is good to
+    # micrometres.
+    residual, _ = factors.contact(np.array([-0.109, 0.14, 0.0]), tip)
+    np.testing.assert_allclose(residual, [0.029], atol=2e-6)
+    # Two-sided: 2 mm inside is -2 mm.
+    residual, _ = factors.contact(np.array([-0.098, 0.0, 0.0]), tip)
+    np.testing.assert_allclose(residual, [-0.002], atol=1e-9)
+
+
+def test_paper_point_pushes_a_disc_through_its_centre():
+    disc = Disc(0.088)
+    tip = ContactModel(DistanceField.of(disc), (0.0, 0.0), 0.0, disc.friction_radius())
+    start, moved = np.array([-0.088, 0.0, 0.0]), np.array([-0.087, 0.0, 0.0])
+    # Sensor and object both go 1 mm in x: p = (-0.088, 0), v = (1, 0) mm, so that p x v = 0 and the disc does not turn.
+    np.testing.assert_allclose(factors.pushing(start, start, start, moved, tip)[0], np.zeros(3), atol=1e-15)
+    # The object stays while the sensor goes 1 mm in x: V = 0, Vp = (1, 0) mm, so that V - Vp = (-1, 0) mm.
+    np.testing.assert_allclose(factors.pushing(start, start, moved, moved, tip)[0], [-1e-3, 0, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
+def test_paper_point_pushes_off_centre(share):
+    # p = (-0.08, 0.03) and v = (1, 0) mm give p x v = px vy - py vx = -3e-5 m^2. With c^2 = 0.0036 the disc turns by
+    # omega = -3e-5 / 0.0036 = -1/120 rad. With only a share of that turn the row is -3e-5 (1 - share).
+    tip = ContactModel(DistanceField.of(Disc(0.088)), (0.0, 0.0), 0.0, 0.06)
+    omega = -share / 120
+    object0, object1 = np.array([-1e-3, 0.0, -omega]), np.zeros(3)  # the frame at step 1 is the world's
+    g = np.array([-0.08, 0.03, 0.4])  # the point sticks where it is
+    residual, _ = factors.pushing(g, se2.compose(object0, g), g, se2.compose(object1, g), tip)
+    np.testing.assert_allclose(residual, [0, 0, -3e-5 * (1 - share)], atol=1e-15)
+
+
+def test_torque_is_taken_about_the_centre_of_friction():
+    # v = (1, 0) mm without turning and p = (-0.08, 0.03). About (0, 0.01) the arm is (-0.08, 0.02): row 3 is -2e-5 m^2.
+    field = DistanceField.of(Disc(0.088))
+    g, before = np.array([-0.08, 0.03, 0.0]), np.array([-0.081, 0.03, 0.0])
+    tip = ContactModel(field, (0.0, 0.0), 0.0, 0.06, (0.0, 0.01))
+    np.testing.assert_allclose(factors.pushing(g, before, g, g, tip)[0], [0, 0, -2e-5], atol=1e-15)
+    # Turning by omega = 0.01 rad about a centre of friction at (0.02, 0.01) moves that centre nowhere: v = 0,
+    # although the object's origin moves. Row 3 is -c^2 omega = -0.0036 * 0.01.
+    tip = ContactModel(field, (0.0, 0.0), 0.0, 0.06, (0.02, 0.01))
+    there = np.array([0.02, 0.01, 0.0])
+    before = se2.compose(se2.compose(there, [0.0, 0.0, -0.01]), se2.inverse(there))
+    residual, _ = factors.pushing(g, se2.compose(before, g), g, g, tip)
+    np.testing.assert_allclose(residual, [0, 0, -3.6e-5], atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", [0.001, 0.02, -0.02, 0.1])
+def test_rolling_on_a_flat_side_is_no_sliding(angle):
+    # Left of a flat side at x = -0.1 a tip that turns by +angle rolls down by 0.021 angle. The material point that
+    # touches at the end was, on its cycloid, r (1 - cos angle) off the side and r (angle - sin angle) above: of
+    # second and third order. At 0.02 rad, a fast turn, that is 4.2e-6 m and 2.8e-8 m.
+    tip, r = square_tip(RADIUS), RADIUS
+    start = np.array([-0.1 - r, 0.01, 0.0])  # of the centre
+    end = start + np.array([0.0, -r * angle, angle])
+    to_origin = np.array([r, 0.0, 0.0])  # the sensor's origin is its apex
+    g0, g1 = se2.compose(start, to_origin), se2.compose(end, to_origin)
+    residual, _ = factors.pushing(g0, g0, g1, g1, tip)
+    wanted = [-r * (1 - math.cos(angle)), r * (angle - math.sin(angle)), 0.0]
+    np.testing.assert_allclose(residual, wanted, atol=1e-9)
+    # The same turn on the spot is a slide by 0.021 angle, less than 0.2 % of which is hidden by the curvature.
+    spot = se2.compose(start + np.array([0, 0, angle]), to_origin)
+    residual, _ = factors.pushing(g0, g0, spot, spot, tip)
+    assert residual[1] == pytest.approx(-r * angle, rel=2e-3)
+
+
+def test_sliding_by_1_mm_is_1_mm():
+    tip = square_tip(RADIUS)
+    g0, g1 = np.array([-0.1, 0.01, 0.0]), np.array([-0.1, 0.011, 0.0])
+    np.testing.assert_allclose(factors.pushing(g0, g0, g1, g1, tip)[0], [0, -1e-3, 0], atol=1e-9)
+    # A 1 mm deeper overlap is 1 mm along the normal.
+    g1 = np.array([-0.099, 0.01, 0.0])
+    np.testing.assert_allclose(factors.pushing(g0, g0, g1, g1, tip)[0], [-1e-3, 0, 0], atol=1e-9)
+
+
+def paper_rows(o0: Array, e0: Array, o1: Array, e1: Array, c: float) -> Array:
+    """D V - Vp in the object frame of step 1 (facts: Lynch 1992, Zhou 2017), for a point sensor."""
+    turn = se2.rotation(o1[2]).T
+    vx, vy = turn @ (o1 - o0)[:2]
+    omega = o1[2] - o0[2]
+    px, py = turn @ (e1 - o1)[:2]
+    contact_velocity = turn @ (e1 - e0)[:2]
+    d = np.array([[1, 0, -py], [0, 1, px], [-py, px, -(c**2)]])
+    return d @ [vx, vy, omega] - [*contact_velocity, 0.0]
+
+
+def test_pushing_agrees_with_the_paper_to_first_order():
+    tip = ContactModel(DistanceField.of(Disc(0.088)), (0.0, 0.0), 0.0, 0.06)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        o1, e1 = np.array([0.3, -0.2, 0.7]), np.array([0.25, -0.13, 1.9])
+        by_object, by_sensor = rng.normal(size=(2, 3)) * [2e-3, 2e-3, 2e-2]
+        off = []
+        for scale in (1.0, 0.1):
+            o0, e0 = o1 - scale * by_object, e1 - scale * by_sensor
+            g0, g1 = se2.between(o0, e0), se2.between(o1, e1)
+            ours, _ = factors.pushing(g0, e0, g1, e1, tip)
+            paper = paper_rows(o0, e0, o1, e1, 0.06)
+            off.append(np.abs(ours - paper).max())
+            # What the paper linearises away in a step turns the ways by omega: the object's, the sensor's and the
+            # arm's.
+            ways = np.hypot(*by_object[:2]) + np.hypot(*by_sensor[:2]) + abs(by_object[2]) * np.hypot(*(e1 - o1)[:2])
+            assert off[-1] < scale**2 * abs(by_object[2]) * ways
+        assert off[1] < 0.02 * off[0]  # a tenth of the motion, a hundredth of the difference
+
+
+def test_rest_marginalised_is_a_first_pose_with_summed_covariance():
+    # Unknowns: the object's pose before, and g and e after. The last marginal N(m, P) on the one and the paper's rest
+    # factor Log(o_before^-1 o_now), N(0, Q), between them; the first is then eliminated.
+    rng = np.random.default_rng(7)
+    e, g = rng.normal(size=(2, 3))
+    now = se2.compose(e, se2.inverse(g))
+    last, rest = (0.1 * np.eye(3) + root @ root.T for root in rng.normal(size=(2, 3, 3)))
+    _, prior = factors.prior(now, now)
+    _, between = factors.between(now, now, np.zeros(3))
+    _, by_both = factors.first_pose(g, e, now)  # at zero error that is how o moves with g and e
+    known = np.hstack([prior, np.zeros((3, 6))])
+    resting = np.hstack([between[:, :3], between[:, 3:] @ by_both])
+    information = known.T @ np.linalg.inv(last) @ known + resting.T @ np.linalg.inv(rest) @ resting
+    left = information[3:, 3:] - information[3:, :3] @ np.linalg.solve(information[:3, :3], information[:3, 3:])
+    np.testing.assert_allclose(left, by_both.T @ np.linalg.inv(last + rest) @ by_both, atol=1e-12)
+
+
+def test_contact_models_of_a_sensor():
+    tips = factors.contact_models(SHAPES["concave"], sensor(0.004, ((0.0, 0.03), (0.001, -0.03))), 0.05)
+    assert [tip.center for tip in tips] == [(-0.004, 0.03), (-0.003, -0.03)]
+    assert tips[0].field is tips[1].field
+    assert not any(tip.alone for tip in tips)
+    # The L is 0.16 x 0.06 about (-0.01, -0.03) and 0.07 x 0.07 about (-0.055, 0.035): areas 0.0096 and 0.0049.
+    # x = (0.0096 * -0.01 + 0.0049 * -0.055) / 0.0145, y = (0.0096 * -0.03 + 0.0049 * 0.035) / 0.0145
+    assert tips[0].friction_center == pytest.approx((-0.02520690, -0.00803448), abs=1e-8)
+    assert tips[0].friction_radius == 0.05
+    alone = factors.contact_models(Disc(0.09), sensor())
+    assert alone[0].alone
+    assert alone[0].friction_radius == pytest.approx(0.06)  # 2 r / 3 for uniform pressure
+    # The centre of a tip of radius r stands r off the outline: the grid reaches further.
+    wide = factors.contact_models(Disc(0.09), sensor(0.1))[0].field
+    assert wide.origin[0] < -0.09 - 0.1

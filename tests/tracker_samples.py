@@ -1,0 +1,44 @@
+"""What the tests of the tracker share."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from push_samples import RADIUS, SHAPES, sensor
+
+from palpate.graph.noise import GraphNoise
+from palpate.recording import Frame
+from palpate.tracker import Estimate, Tracker, TrackerSettings
+
+Array = np.ndarray
+SMOOTHERS = ["fixed-lag", "isam2"]
+
+
+def settings(tactile: Any = "oracle", smoother: Any = "fixed-lag", noise: GraphNoise | None = None) -> TrackerSettings:
+    return TrackerSettings(tactile, smoother, noise or GraphNoise())
+
+
+def track(name: str, seen: list[Frame], first: Array, how: TrackerSettings, radius: float = RADIUS):
+    """The tracker after these frames, and its estimates."""
+    tracker = Tracker(SHAPES[name], sensor(radius), first, how)
+    return tracker, [tracker.update(frame) for frame in seen]
+
+
+def poses(estimates: list[Estimate]) -> Array:
+    return np.array([estimate.pose for estimate in estimates])
+
+
+def statuses(estimates: list[Estimate]) -> list[str]:
+    return [estimate.status for estimate in estimates]
+
+
+def yaw_deviations(estimates: list[Estimate]) -> Array:
+    return np.sqrt([estimate.covariance[2, 2] for estimate in estimates])
+
+
+def small_frame(**changes: Any) -> Frame:
+    return dataclasses.replace(Frame(1.0, np.array([-0.2, 0.0, 0.0]), contact=False), **changes)
+
+
+def disc_tracker(how: TrackerSettings | None = None, first: Any = (0.0, 0.0, 0.0)) -> Tracker:
+    return Tracker(SHAPES["disc"], sensor(), first, how)
