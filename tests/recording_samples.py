@@ -24,9 +24,7 @@ def pushed(n: int = 40, shape: Shape | None = None) -> Any:
     moved = np.cumsum(contact) * 0.002
     pose: Any = np.column_stack([moved, 0.5 * moved, 3.0 + moved])
     sensor = se2.compose(pose, np.array([[-0.1, 0.0, 0.2]]))
-    return Recording(
-        np.arange(n) / 30, sensor, shape or Rectangle(0.2, 0.1), POINT, pose.astype(np.float64), contact
-    )
+    return Recording(np.arange(n) / 30, sensor, shape or Rectangle(0.2, 0.1), POINT, pose.astype(np.float64), contact)
 
 
 def trajectory(n: int = 50, **changes: Any) -> Any:

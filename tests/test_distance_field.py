@@ -61,9 +61,7 @@ def test_values_between_nodes_are_within_10_micrometres_away_from_kinks(sampled)
     shape, field = sampled
     rng = np.random.default_rng(1)
     points = shape.outline(3000)
-    points = np.concatenate(
-        [points + rng.normal(scale=scale, size=points.shape) for scale in (0, 1e-3, 1e-2)]
-    )
+    points = np.concatenate([points + rng.normal(scale=scale, size=points.shape) for scale in (0, 1e-3, 1e-2)])
     points = away_from_kinks(shape, points, field.cell)
     assert len(points) > 5000
     np.testing.assert_allclose(field.value(points), shape.signed_distance(points), atol=1e-5)
@@ -206,9 +204,7 @@ def test_read_json_by_hand(tmp_path: Path):
     field = read_json(path)
     # First column, last row: x = -0.5, y = 2, d = -1 - 2. Middle: x = 0, y = 1.5.
     # Last column, first row: 1 - 1.
-    np.testing.assert_allclose(
-        field.value([[-0.5, 2.0], [0.0, 1.5], [0.5, 1.0]]), [-3.0, -1.5, 0.0], atol=1e-12
-    )
+    np.testing.assert_allclose(field.value([[-0.5, 2.0], [0.0, 1.5], [0.5, 1.0]]), [-3.0, -1.5, 0.0], atol=1e-12)
     # The nodes lie on the plane d = 2 x - y, and so does the spline.
     distance, gradient, hessian = field.value_gradient_hessian([0.2, 1.3])
     assert distance == pytest.approx(2 * 0.2 - 1.3, abs=1e-6)

@@ -79,9 +79,7 @@ def summary(truth):
         status=("resting", "tracking", "tracking", "resting"),
     )
     step_ms = [1.0] * 4
-    return metrics.summarise(
-        trajectory, truth, step_ms, tactile="none", smoother="isam2", wall_s=1.5, episodes=1
-    )
+    return metrics.summarise(trajectory, truth, step_ms, tactile="none", smoother="isam2", wall_s=1.5, episodes=1)
 
 
 KEYS = [

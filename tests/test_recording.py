@@ -122,9 +122,7 @@ def test_fields_that_do_not_fit_are_refused(changes, message):
         recording(**changes)
 
 
-@pytest.mark.parametrize(
-    "image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)]
-)
+@pytest.mark.parametrize("image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)])
 def test_only_rgb_bytes_are_encoded(image):
     with pytest.raises(FileError, match="allowed is uint8"):
         encode_image(image)
@@ -283,9 +281,7 @@ def test_a_bad_image_is_named_when_it_is_looked_at(path):
     assert found[0].image is not None
     with pytest.raises(FileError, match=r"a\.h5: image of frame 2: its 50 bytes do not decode as png"):
         found[2]
-    with pytest.raises(
-        FileError, match=r"image of frame 3: found \(6, 8\) rows and columns, the sensor has \(12, 8\)"
-    ):
+    with pytest.raises(FileError, match=r"image of frame 3: found \(6, 8\) rows and columns, the sensor has \(12, 8\)"):
         found[3]
     with pytest.raises(FileError, match=r"image of frame 1: its \d+ bytes do not decode"):
         found[1]

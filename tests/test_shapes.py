@@ -126,9 +126,7 @@ def test_signed_distance_of_an_ellipse_where_the_nearest_point_is_not_unique():
 def test_signed_distance_of_a_rectangle_by_hand():
     # Half sizes 0.2 and 0.1. Inside, 0.03 from the right edge; outside a corner by 3 and 4 mm: 5 mm.
     points = [[0.17, 0.0], [0.203, 0.104], [0.0, -0.15], [0.2, 0.05]]
-    np.testing.assert_allclose(
-        Rectangle(0.4, 0.2).signed_distance(points), [-0.03, 0.005, 0.05, 0.0], atol=1e-15
-    )
+    np.testing.assert_allclose(Rectangle(0.4, 0.2).signed_distance(points), [-0.03, 0.005, 0.05, 0.0], atol=1e-15)
 
 
 @every_shape

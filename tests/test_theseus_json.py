@@ -45,9 +45,7 @@ def test_theseus_is_read(tmp_path, nested, width):
     assert found.contact.tolist() == [True] * 5 + [False]
     assert found.episode.tolist() == [0, 0, 0, 1, 1, -1]
     # Our x axis points along the push, from the contact point to the disc.
-    np.testing.assert_allclose(
-        derive.gaps(found.sensor_pose, found.object_pose, found.shape, POINT)[0], 0, atol=1e-12
-    )
+    np.testing.assert_allclose(derive.gaps(found.sensor_pose, found.object_pose, found.shape, POINT)[0], 0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -34,9 +34,7 @@ def test_tum_lines_are_as_the_format_has_them(tmp_path):
     path = tmp_path / "a.tum"
     formats.write(Trajectory(np.array([1.5]), np.array([[1.0, -2.0, np.pi / 2]])), path)
     # A quarter turn about z: qz = qw = sqrt(1/2).
-    line = (
-        "1.500000000 1.000000000 -2.000000000 0.000000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
-    )
+    line = "1.500000000 1.000000000 -2.000000000 0.000000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
     assert path.read_text() == line
     path.write_text("# a comment\n\n  " + line.replace(" 0.707106781", " -0.707106781"))
     found = tum.read(path)

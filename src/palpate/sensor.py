@@ -105,5 +105,13 @@ def _number(value: Any) -> float | None:
 DIGIT = SensorProfile(name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0)
 """The DIGIT with its curved gel."""
 
+GELSIGHT_MINI = SensorProfile(
+    name="GelSight Mini", radius=1.0, half_width=0.01014, image_height=240, image_width=320, rate=25.0
+)
+"""The GelSight Mini: 320 x 240 px of 0.0634 mm, as the maker's software (gsrobotics) has them.
+
+Its gel is flat; the radius of 1 m, with which the pad falls back 0.05 mm at its edges, stands for that.
+"""
+
 POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
 """A sharp probe without images."""
