@@ -4,6 +4,7 @@ All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` 
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from numbers import Real
@@ -18,7 +19,7 @@ from palpate.errors import ShapeError
 Array = NDArray[np.float64]
 
 
-class _Outline:
+class _Outline(ABC):
     """What all shapes share; all but polygons are made of sizes and lie about the origin."""
 
     def __post_init__(self) -> None:
@@ -45,17 +46,18 @@ class _Outline:
             raise ShapeError(f"pressure of a {name} is {pressure!r}; allowed: {allowed} or a radius [m]")
         return known[pressure]
 
+    @abstractmethod
     def _mean_distances(self) -> dict[str, float]:
-        raise NotImplementedError
+        """The friction radius [m] of each kind of pressure that the shape can have."""
 
 
 class _Cornered(_Outline):
     """What rectangle and polygon share."""
 
     @property
+    @abstractmethod
     def corners(self) -> Array:
         """Corners (N, 2) [m], counter-clockwise."""
-        raise NotImplementedError
 
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m], counter-clockwise: the corners and points between them."""
