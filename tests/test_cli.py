@@ -265,7 +265,7 @@ def test_the_real_process():
     assert (failed.returncode, failed.stdout, failed.stderr) == (2, "", "palpate: missing.h5: no such file\n")
 
 
-HEAVY = ["scipy", "shapely", "cv2", "h5py", "gtsam", "matplotlib", "torch", "mujoco", "rerun"]
+HEAVY = ["scipy", "shapely", "cv2", "h5py", "gtsam", "matplotlib", "torch", "mujoco", "rerun", "joblib", "distributed"]
 
 
 @pytest.mark.parametrize("words", ["import palpate", "help"])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import SettingError
-from palpate.recording import encode_image
+from palpate.images import encode_image
 from palpate.sensor import DIGIT, GELSIGHT_MINI, POINT, sensor_from_dict, sensor_to_dict
 from palpate.shapes import Disc, Ellipse, Polygon, Rectangle
 from palpate.simulation.gel import ball_overlap, gel_height, prism_overlap, render, touch_image

@@ -8,7 +8,8 @@ import pytest
 from palpate import formats, se2
 from palpate.evaluation.findings import trusted_truth
 from palpate.evaluation.inspection import inspect_recording
-from palpate.recording import Recording, encode_image
+from palpate.images import encode_image
+from palpate.recording import Recording
 from palpate.sensor import POINT, SensorProfile
 from palpate.shapes import Rectangle
 

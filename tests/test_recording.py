@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from palpate.errors import FileError
+from palpate.images import encode_image
 from palpate.recording import (
     Frame,
     Recording,
-    encode_image,
     episode_numbers,
     read_recording,
     write_recording,

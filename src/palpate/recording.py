@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,13 +20,12 @@ from palpate.files import (
     existing_file,
     whole_file,
 )
+from palpate.images import Codec, decode_image
 from palpate.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
 from palpate.shapes import Shape, shape_from_dict, shape_to_dict
 
 FORMAT = "palpate-recording"
 VERSION = 1
-
-Codec = Literal["jpeg", "png"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +72,8 @@ class Recording:
     """where the data come from, in words"""
     frames: dict[str, str] = field(default_factory=dict)
     """how each pose was obtained, in words, by field name"""
+    extra: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """what else is known of each frame, by name, (N, ...) numbers or booleans each, NaN where not known"""
     file: Path | None = None
     """the file it was read from; errors name it"""
 
@@ -108,6 +109,7 @@ class Recording:
             settle("image", tuple(self.image))
             if len(self.image) != n:
                 raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
+        settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})
 
     def __len__(self) -> int:
         return len(self.time)
@@ -127,37 +129,19 @@ class Recording:
         return (self[index] for index in range(len(self)))
 
     def _decode(self, index: int) -> NDArray[np.uint8]:
-        import cv2
-
         assert self.image is not None
-        where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
-        data = np.frombuffer(self.image[index], np.uint8)
         try:
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-        except cv2.error:  # a header that claims an absurd size
-            image = None
-        if image is None:
-            raise FileError(f"{where}: its {len(data)} bytes do not decode as {self.codec}")
-        expected = (self.sensor.image_height, self.sensor.image_width)
-        if image.shape[:2] != expected:
-            raise FileError(f"{where}: found {image.shape[:2]} rows and columns, the sensor has {expected}")
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+            return decode_image(self.image[index], self.codec, (self.sensor.image_height, self.sensor.image_width))
+        except FileError as error:
+            where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
+            raise FileError(f"{where}: {error}") from error
 
 
-def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
-    """An RGB image (height, width, 3) as bytes: "jpeg" at quality 95, or "png", lossless."""
-    import cv2
-
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise FileError(f"image: found {image.dtype} of shape {image.shape}, allowed is uint8 (height, width, 3)")
-    settings = {"jpeg": (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 95]), "png": (".png", [])}
-    if codec not in settings:
-        raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
-    extension, options = settings[codec]
-    done, data = cv2.imencode(extension, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
-    if not done:
-        raise FileError(f"image: an image of shape {image.shape} could not be encoded as {codec}")
-    return data.tobytes()
+def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:
+    if not name or "/" in name or name == ".":
+        raise FileError(f"extra: found the name {name!r}, allowed are names without a slash")
+    size = value.shape[1:] if isinstance(value, np.ndarray) else ()
+    return checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
 
 
 def episode_numbers(contact: ArrayLike) -> NDArray[np.int64]:
@@ -181,24 +165,37 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     """Write the HDF5 file, whole or not at all; an existing one is replaced only if `overwrite`."""
     import h5py
 
-    with whole_file(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
-        file.attrs["shape"] = json.dumps(shape_to_dict(recording.shape))
-        file.attrs["sensor"] = json.dumps(sensor_to_dict(recording.sensor))
-        file.attrs["source"] = recording.source
-        file.attrs["frames"] = json.dumps(recording.frames)
-        file.attrs["contact_derived"] = recording.contact_derived
-        for name in ("time", "sensor_pose", "object_pose", "contact", "episode"):
-            if (value := getattr(recording, name)) is not None:
-                file[name] = value
-        if recording.image is not None:
-            images = file.create_dataset("image", (len(recording),), h5py.vlen_dtype(np.uint8))
-            for index, data in enumerate(recording.image):
-                images[index] = np.frombuffer(data, np.uint8)
-            images.attrs["codec"] = recording.codec
-            images.attrs["height"] = recording.sensor.image_height
-            images.attrs["width"] = recording.sensor.image_width
+    with whole_file(path, overwrite) as temporary:
+        # In memory first: HDF5 cannot close a file on a full disk.
+        with h5py.File(temporary, "w", driver="core", backing_store=False) as file:
+            _fill(file, recording)
+            file.flush()
+            content = file.id.get_file_image()
+        temporary.write_bytes(content)
+
+
+def _fill(file: Any, recording: Recording) -> None:
+    import h5py
+
+    file.attrs["format"] = FORMAT
+    file.attrs["version"] = VERSION
+    file.attrs["shape"] = json.dumps(shape_to_dict(recording.shape))
+    file.attrs["sensor"] = json.dumps(sensor_to_dict(recording.sensor))
+    file.attrs["source"] = recording.source
+    file.attrs["frames"] = json.dumps(recording.frames)
+    file.attrs["contact_derived"] = recording.contact_derived
+    for name in ("time", "sensor_pose", "object_pose", "contact", "episode"):
+        if (value := getattr(recording, name)) is not None:
+            file[name] = value
+    for name, value in recording.extra.items():
+        file[f"extra/{name}"] = value
+    if recording.image is not None:
+        images = file.create_dataset("image", (len(recording),), h5py.vlen_dtype(np.uint8))
+        for index, data in enumerate(recording.image):
+            images[index] = np.frombuffer(data, np.uint8)
+        images.attrs["codec"] = recording.codec
+        images.attrs["height"] = recording.sensor.image_height
+        images.attrs["width"] = recording.sensor.image_width
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -241,8 +238,20 @@ def _read(file: Any, path: Path) -> Recording:
         contact_derived=bool(_attribute(file, "contact_derived")),
         source=str(_attribute(file, "source")),
         frames={str(key): str(value) for key, value in _json(file, "frames").items()},
+        extra=_read_extra(file),
         file=path,
     )
+
+
+def _read_extra(file: Any) -> dict[str, Any]:
+    import h5py
+
+    if "extra" not in file:
+        return {}
+    group = file["extra"]
+    if not isinstance(group, h5py.Group):
+        raise FileError("extra: found a dataset, expected a group of datasets")
+    return {str(name): _dataset(group, str(name)) for name in group}
 
 
 def _read_images(file: Any, sensor: SensorProfile) -> tuple[tuple[bytes, ...] | None, Any]:

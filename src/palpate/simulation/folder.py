@@ -1,0 +1,139 @@
+"""Folders of simulated recordings: which belong to it, which are there, and making the rest."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.parallel import spread
+from palpate.recording import Recording, write_recording
+from palpate.shapes import Shape
+from palpate.simulation.places import kinds
+from palpate.simulation.pushes import SECONDS
+from palpate.simulation.recordings import simulate_recording, simulated_source
+from palpate.simulation.scene import load_mujoco
+
+COUNT = 100_000
+"""Most recordings of one object; recordings of one seed and of the next have no seed in common."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording to make."""
+
+    name: str
+    """Its file, without the folder."""
+    shape: Shape
+    """The object."""
+    kind: str
+    """Kind of contact."""
+    seed: int
+    """Seed of this recording alone."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a folder."""
+
+    made: tuple[str, ...]
+    """Files that were made."""
+    kept: tuple[str, ...]
+    """Files that were there already."""
+    failed: dict[str, str]
+    """Files that could not be made, and why."""
+
+
+def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0) -> list[Job]:
+    """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
+    if not 1 <= count <= COUNT:
+        raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
+    if seed < 0:
+        raise SettingError(f"seed is {seed}; allowed is 0 or more")
+    jobs: list[Job] = []
+    for index in range(count):
+        for name, shape in shapes.items():
+            places = kinds(shape)
+            kind = places[index % len(places)]
+            _, *place = kind.split("-", 1)
+            number = seed * COUNT + index
+            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number))
+    return jobs
+
+
+def simulate_folder(
+    folder: Path,
+    jobs: Sequence[Job],
+    seconds: float = 15.0,
+    images: bool = True,
+    workers: int = 1,
+    resume: bool = False,
+    dask: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Outcome:
+    """Simulate recordings and write them to a folder, each whole or not at all.
+
+    Recordings that are there are kept if `resume`, and otherwise an error. `workers` and `dask` are those of
+    `parallel.spread`; `progress` is called with the number of recordings that are there. Raises SettingError on
+    values that are not allowed and on recordings made with others, FileError where the folder cannot be written.
+    """
+    load_mujoco()
+    if not SECONDS[0] <= seconds <= SECONDS[1]:
+        raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
+    if workers < 1:
+        raise SettingError(f"workers is {workers}; allowed is 1 or more")
+    there = _opened(folder, resume)
+    kept = {job.name for job in jobs if job.name in there and _is_whole(folder, job, seconds, images)}
+    todo = [job for job in jobs if job.name not in kept]
+    made: list[str] = []
+    failed: dict[str, str] = {}
+    simulate = partial(_simulate, seconds=seconds, images=images)
+    with closing(spread(simulate, todo, workers, dask)) as results:
+        for job, result in results:
+            if isinstance(result, str):
+                failed[job.name] = result
+            else:
+                write_recording(result, folder / job.name, overwrite=True)
+                made.append(job.name)
+            if progress:
+                progress(len(kept) + len(made) + len(failed))
+    return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
+
+
+def _simulate(job: Job, seconds: float, images: bool) -> tuple[Job, Recording | str]:
+    """Return a recording, or why there is none; the files are written by the process that asked for it."""
+    try:
+        return job, simulate_recording(job.shape, job.kind, job.seed, seconds, images)
+    except PalpateError as error:
+        return job, str(error)
+
+
+def _opened(folder: Path, resume: bool) -> set[str]:
+    """Make a folder if it is not there and return the names of the recordings in it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = {path.name for path in folder.glob("*.h5")}
+    except OSError as error:
+        raise FileError(f"{folder}: cannot be a folder of recordings ({error.strerror})") from error
+    if there and not resume:
+        raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
+    for part in folder.glob(".*.h5.*.part"):  # of a process that was killed in the middle of writing
+        part.unlink(missing_ok=True)
+    return there
+
+
+def _is_whole(folder: Path, job: Job, seconds: float, images: bool) -> bool:
+    """Say whether a file is this job's recording; raises SettingError if it is another one."""
+    import h5py
+
+    path = folder / job.name
+    wanted = simulated_source(job.shape, job.kind, job.seed, seconds, images)
+    try:
+        with h5py.File(path, "r") as file:
+            found = file.attrs.get("source", "")
+    except OSError:  # cut off by a broken copy or a failed disk
+        return False
+    if found != wanted:
+        raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
+    return True

@@ -1,0 +1,94 @@
+"""Simulated recordings: a drawn sensor pushes an object about in a drawn world, and all of it is kept."""
+
+import json
+import zlib
+from dataclasses import replace
+
+import numpy as np
+
+from palpate import se2
+from palpate.images import encode_image
+from palpate.recording import Recording, episode_numbers
+from palpate.sensor import DIGIT
+from palpate.shapes import Shape, shape_to_dict
+from palpate.simulation.gel import render
+from palpate.simulation.pushes import Sequence, draw_sequence, measured
+from palpate.simulation.scene import HEIGHT
+from palpate.simulation.unit import SensorUnit, draw_unit
+
+_OFF_CENTRE = 0.005  # [m] that the middle of an object may be above or below that of the pad
+
+_FRAMES = {
+    "sensor_pose": "simulated motion capture with drawn noise; exact in extra/sensor_pose_clean",
+    "object_pose": "simulated motion capture with drawn noise; exact in extra/object_pose_clean",
+    "contact": "contacts of the simulation",
+    "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation [m], "
+    "pad_angle [rad], as in palpate.simulation.world.Motion",
+}
+
+
+def simulate_recording(shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True) -> Recording:
+    """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT.
+
+    World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
+    images or not. The recording's sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel.
+    Raises SettingError on a kind or duration that is not allowed.
+    """
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    unit_seed, *seeds = _seeds(shape, kind, seed)
+    pushes, noise, camera = (np.random.default_rng(each) for each in seeds)
+    unit = draw_unit(DIGIT, int(unit_seed.generate_state(1)[0]))
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1):
+            sequence = draw_sequence(shape, kind, replace(DIGIT, radius=unit.radius), pushes, seconds)
+            pictures = _pictures(unit, shape, sequence, camera) if images else None
+    finally:
+        cv2.setNumThreads(threads)
+    motion = sequence.motion
+    return Recording(
+        time=sequence.time,
+        sensor_pose=measured(sequence.sensor_pose, noise),
+        shape=shape,
+        sensor=DIGIT,
+        object_pose=measured(motion.object_pose, noise),
+        contact=motion.contact,
+        episode=episode_numbers(motion.contact),
+        image=pictures,
+        source=simulated_source(shape, kind, seed, seconds, images),
+        frames=_FRAMES,
+        extra={
+            "normal_force": motion.normal_force,
+            "tangential_force": motion.tangential_force,
+            "slip": motion.slip,
+            "indentation": motion.indentation,
+            "pad_angle": motion.pad_angle,
+            "sensor_pose_clean": sequence.sensor_pose,
+            "object_pose_clean": motion.object_pose,
+        },
+    )
+
+
+def simulated_source(shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True) -> str:
+    """Return the words that say where a simulated recording comes from, and from what it can be made again."""
+    unit = int(_seeds(shape, kind, seed)[0].generate_state(1)[0])
+    touch = f"drawn touch images of unit {unit}" if images else f"no touch images, gel of unit {unit}"
+    return f"simulated by palpate: MuJoCo, {kind}, {float(seconds)!r} s, seed {seed}, {touch}"
+
+
+def _seeds(shape: Shape, kind: str, seed: int) -> list[np.random.SeedSequence]:
+    """Seeds of the unit, the pushes, the noise and the camera: other ones for each object and kind."""
+    what = json.dumps([shape_to_dict(shape), kind]).encode()
+    return np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(4)
+
+
+def _pictures(unit: SensorUnit, shape: Shape, sequence: Sequence, rng: np.random.Generator) -> tuple[bytes, ...]:
+    motion = sequence.motion
+    middle = rng.uniform(-_OFF_CENTRE, _OFF_CENTRE)
+    span = (middle - 0.5 * HEIGHT, middle + 0.5 * HEIGHT)
+    poses = se2.between(motion.object_pose, sequence.sensor_pose)
+    each = zip(poses, motion.indentation, motion.tangential_force, strict=True)
+    return tuple(encode_image(render(unit, shape, *values, rng=rng, span=span)) for values in each)
