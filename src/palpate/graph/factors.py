@@ -148,7 +148,9 @@ def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> 
     jacobian[..., 2, 9:12] = by_sensor1
 
     balance = _cross(arm, motion) - model.friction_radius**2 * omega
-    return np.stack([slid.real, slid.imag, balance], axis=-1), jacobian
+    residual = np.empty((*g1.shape[:-1], 3))
+    residual[..., 0], residual[..., 1], residual[..., 2] = slid.real, slid.imag, balance
+    return residual, jacobian
 
 
 def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex]:
@@ -183,7 +185,11 @@ def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex,
 
 def _moved(turn: Complex, point: Complex) -> Complex:
     """How a point of a body moves with the body: derivative by a right perturbation of its pose, complex (..., 3)."""
-    return np.stack([turn, 1j * turn, 1j * turn * point], axis=-1)
+    moved = np.empty((*turn.shape, 3), dtype=np.complex128)
+    moved[..., 0] = turn
+    moved[..., 1] = 1j * turn
+    moved[..., 2] = moved[..., 1] * point
+    return moved
 
 
 def _in_sensor(vector: Array, g: Array) -> Array:
@@ -199,12 +205,16 @@ def _complex(vector: Array) -> Complex:
 
 
 def _real(vector: Complex) -> Array:
-    return np.stack([vector.real, vector.imag], axis=-1)
+    parts = np.empty((*vector.shape, 2))  # np.stack takes three times as long, and this is done for every step
+    parts[..., 0], parts[..., 1] = vector.real, vector.imag
+    return parts
 
 
 def _rows(columns: Complex) -> Array:
     """A complex Jacobian (..., columns) as a real one (..., 2, columns)."""
-    return np.stack([columns.real, columns.imag], axis=-2)
+    rows = np.empty((*columns.shape[:-1], 2, columns.shape[-1]))
+    rows[..., 0, :], rows[..., 1, :] = columns.real, columns.imag
+    return rows
 
 
 def _cross(a: Complex, b: Complex) -> Array:
