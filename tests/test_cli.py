@@ -285,3 +285,9 @@ def test_public_names_are_there():
     assert package.__version__
     for name in getattr(package, "__all__", ()):
         assert getattr(package, name) is not None
+
+
+def test_a_reader_that_has_seen_enough_gets_no_traceback():
+    command = f"{sys.executable} -m palpate.cli.main info {demo.RECORDING} --json | true"
+    found = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True, timeout=60)
+    assert found.stderr == ""

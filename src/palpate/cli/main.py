@@ -1,6 +1,7 @@
 """`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
 
 import logging
+import os
 import sys
 from collections.abc import Sequence
 
@@ -30,13 +31,15 @@ def main(args: Sequence[str] | None = None) -> int:
     words = [word for word in words if word != "--debug"]
     logging.basicConfig(format="palpate: %(message)s", level=logging.WARNING)
     try:
-        return tyro.extras.subcommand_cli_from_dict(
+        code = tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="palpate",
             description=DESCRIPTION,
             args=words,
             config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
         )
+        sys.stdout.flush()
+        return code
     except PalpateError as error:
         if debug:
             raise
@@ -46,6 +49,9 @@ def main(args: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough; Rich ends tables with 1 too
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
 
 
 if __name__ == "__main__":
