@@ -97,10 +97,9 @@ def contact(g: Array, model: ContactModel) -> tuple[Array, Array]:
     Returns the residual (..., 1) [m], positive where they are apart and negative where they overlap, and its Jacobian
     (..., 1, 3) with respect to g.
     """
-    turned, placed = _center(g, model)
+    _, placed, placed_by_g = _center(g, model)
     distance, gradient, _ = model.field.value_gradient_hessian(_real(placed))
-    jacobian = np.concatenate([_in_sensor(gradient, g), np.empty((*g.shape[:-1], 1))], axis=-1)
-    jacobian[..., 2] = _cross(turned, _complex(gradient))
+    jacobian = (np.conj(_complex(gradient))[..., None] * placed_by_g).real
     return (distance - model.radius)[..., None], jacobian[..., None, :]
 
 
@@ -153,10 +152,11 @@ def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> 
     return residual, jacobian
 
 
-def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex]:
-    """The tip's centre in the object frame, complex: seen from the sensor's origin, and from the object's."""
-    turned = np.exp(1j * g[..., 2]) * complex(*model.center)
-    return turned, _position(g) + turned
+def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex]:
+    """The sensor's turn, the tip's centre in the object frame (...,), and the centre's derivative by g (..., 3)."""
+    turn = np.exp(1j * g[..., 2])
+    center = complex(*model.center)
+    return turn, _position(g) + turn * center, _moved(turn, center)
 
 
 def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex]:
@@ -164,9 +164,7 @@ def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex,
 
     Returns both as complex (...,), each followed by its derivative with respect to g, complex (..., 3).
     """
-    _, placed = _center(g, model)
-    turn = np.exp(1j * g[..., 2])
-    placed_by_g = _moved(turn, np.full_like(turn, complex(*model.center)))
+    turn, placed, placed_by_g = _center(g, model)
     _, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
     normal = _complex(gradient)
     bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
@@ -183,17 +181,13 @@ def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex,
     )
 
 
-def _moved(turn: Complex, point: Complex) -> Complex:
+def _moved(turn: Complex, point: Complex | complex) -> Complex:
     """How a point of a body moves with the body: derivative by a right perturbation of its pose, complex (..., 3)."""
     moved = np.empty((*turn.shape, 3), dtype=np.complex128)
     moved[..., 0] = turn
     moved[..., 1] = 1j * turn
     moved[..., 2] = moved[..., 1] * point
     return moved
-
-
-def _in_sensor(vector: Array, g: Array) -> Array:
-    return _real(np.exp(-1j * g[..., 2]) * _complex(vector))
 
 
 def _position(pose: Array) -> Complex:
