@@ -1,7 +1,10 @@
 # Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make bench`.
 PYTHON ?= python3
 BIN := .venv/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+# Stamps: palpate with its simulation, which the demo needs, and the tools of development on top.
 READY := .venv/.ready
+READY_DEV := .venv/.ready-dev
 
 .PHONY: demo test lint bench clean
 
@@ -11,12 +14,12 @@ demo: $(READY)
 test: lint
 	$(BIN)/pytest -n 2
 
-lint: $(READY)
+lint: $(READY_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
-bench: $(READY)
+bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
 clean:
@@ -25,5 +28,9 @@ clean:
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(INSTALL) '.[sim]'
 	touch $(READY)
+
+$(READY_DEV): $(READY)
+	$(INSTALL) '.[dev]'
+	touch $(READY_DEV)

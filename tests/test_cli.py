@@ -237,13 +237,25 @@ def test_convert_overwrites_only_with_force(capsys):
     assert "trajectory" in failure(capsys, "convert", "there.tum", "c.h5")
 
 
-def test_demo_runs_twice(capsys, monkeypatch):
-    monkeypatch.setattr(demo, "RECORDING", Path("push.h5").resolve())
+def test_demo_runs_twice_and_says_how_to_make_its_recording(capsys, monkeypatch):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    monkeypatch.setattr(demo, "SECONDS", 3.0)
     assert palpate("demo") == 0
     out = capsys.readouterr().out
     assert "final translation error" in out and str(Path("demo-run/figure.png")) in out
     assert palpate("demo", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["tactile"] == "oracle"
+    found, settings = json.loads(capsys.readouterr().out), json.loads(Path("demo-run/settings.json").read_text())
+    assert (found["frames"], found["tactile"]) == (90, demo.TACTILE)
+    (command,) = (line.split() for line in out.splitlines() if "palpate simulate" in line)
+    assert palpate("simulate", "same", *command[3:], "--seconds", "3") == 0
+    (recording,) = Path("same").iterdir()
+    assert formats.load_recording(recording).source == settings["source"]
+
+
+def test_demo_without_mujoco_is_one_line(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert "MuJoCo, which is not installed: pip install palpate[sim]" in failure(capsys, "demo")
+    assert not Path("demo-run").exists()
 
 
 def test_demo_spares_folders_that_are_no_run(capsys):
@@ -288,6 +300,6 @@ def test_public_names_are_there():
 
 
 def test_a_reader_that_has_seen_enough_gets_no_traceback():
-    command = f"{sys.executable} -m palpate.cli.main info {demo.RECORDING} --json | true"
+    command = f"{sys.executable} -m palpate.cli.main info push.h5 --json | true"
     found = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True, timeout=60)
     assert found.stderr == ""

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from recording_samples import pushed
 
-from palpate.evaluation.figures import run_figure
+from palpate.evaluation.figures import run_figure, shown_instants
 from palpate.evaluation.run import Run, track
+from palpate.images import encode_image
+from palpate.sensor import DIGIT
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +66,54 @@ def test_unknown_truth_and_missing_frames_are_left_blank(tracked):
 def test_figure_of_a_single_frame(tracked, tmp_path):
     run_figure(track(pushed(1))).savefig(tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 1000
+
+
+def test_three_frames_are_shown_one_of_each_long_contact(tracked):
+    # Contact in frames 5 to 19 and 32 to 39: the first is cut into 5 to 12 and 13 to 19.
+    assert shown_instants(tracked) == [8, 16, 35]
+    assert shown_instants(at_contacts(tracked, (2, 9), (12, 19), (22, 22), (24, 31))) == [5, 15, 27]
+    assert shown_instants(at_contacts(tracked, (7, 8))) == [7, 8]
+    assert shown_instants(at_contacts(tracked)) == []
+
+
+def at_contacts(tracked: Run, *contacts: tuple[int, int]) -> Run:
+    contact = np.zeros(40, np.bool_)
+    for first, last in contacts:
+        contact[first : last + 1] = True
+    return dataclasses.replace(tracked, recording=dataclasses.replace(tracked.recording, contact=contact))
+
+
+def test_touch_images_are_upright_and_in_millimetres(tracked):
+    images = np.zeros((40, 320, 240, 3), np.uint8)
+    images[:, :80, :120] = 250  # the upper left
+    images[35, :, 200:] = 120
+    encoded = tuple(encode_image(image, "png") for image in images)
+    run = dataclasses.replace(
+        tracked, recording=dataclasses.replace(tracked.recording, sensor=DIGIT, image=encoded, codec="png")
+    )
+    figure = run_figure(run)
+    strip = figure.axes[3:]
+    assert [axes.get_title() for axes in strip] == ["touch at 0.3 s", "touch at 0.5 s", "touch at 1.2 s"]
+    for axes, index in zip(strip, (8, 16, 35), strict=True):
+        shown: Any = axes.get_images()[0]
+        assert np.array_equal(shown.get_array(), images[index])
+        # 240 columns across the pad of 18.4 mm, so that 320 rows are 24.53 mm; row 0 is at the top.
+        assert shown.get_extent() == pytest.approx([-9.2, 9.2, -12.267, 12.267], abs=1e-3)
+        assert shown.origin == "upper"
+        assert axes.get_aspect() == 1.0
+    assert len(run_figure(at_contacts(run)).axes) == 3  # nothing was touched, so nothing to show
+
+
+def test_the_pad_is_drawn_where_the_sensor_is(tracked):
+    recording = dataclasses.replace(tracked.recording, sensor=DIGIT)
+    figure = run_figure(dataclasses.replace(tracked, recording=recording))
+    pad: Any = figure.axes[0].patches[-1].get_path().vertices  # at the last frame
+    x, y, yaw = recording.sensor_pose[-1]
+    forward = np.array([np.cos(yaw), np.sin(yaw)])
+    along = (pad * 1e-3 - (x, y)) @ forward
+    across = (pad * 1e-3 - (x, y)) @ np.array([-forward[1], forward[0]])
+    assert along.max() == pytest.approx(0.0, abs=1e-4)
+    assert np.abs(across).max() == pytest.approx(0.0092)
+    # At its edge a gel of radius R falls back by R - sqrt(R^2 - w^2): 21 - sqrt(441 - 84.64) = 2.12 mm.
+    edge = along[np.isclose(np.abs(across), 0.0092)]
+    assert edge.max() == pytest.approx(-2.12e-3, abs=1e-5)

@@ -55,8 +55,10 @@ def contents(folder):
 
 
 def test_a_recording_with_images():
-    made = simulate_recording(DISC, "disc", 3, 3.0)
+    done = []
+    made = simulate_recording(DISC, "disc", 3, 3.0, progress=done.append)
     assert (len(made), made.sensor, made.shape) == (90, DIGIT, DISC)
+    assert done == list(range(1, 91))
     assert made.contact is not None and made.image is not None and made.object_pose is not None
     assert "simulated" in made.source and "seed 3" in made.source
     force, depth = made.extra["normal_force"], made.extra["indentation"]
@@ -254,7 +256,8 @@ def test_an_interrupt_leaves_whole_files_only():
 def test_a_dask_cluster_of_two_workers_makes_what_one_process_makes():
     distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install palpate[sim]")
     simulate_folder(Path("here"), JOBS, 3.0, images=False)
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
-    with distributed.LocalCluster(**options, protocol="tcp") as cluster:
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
         simulate_folder(Path("there"), JOBS, 3.0, images=False, dask=cluster.scheduler_address)
+        assert os.getpid() not in set(spread(lambda _: os.getpid(), range(4), dask=cluster.scheduler_address))
     assert contents("here") == contents("there")

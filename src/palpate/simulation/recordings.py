@@ -2,6 +2,7 @@
 
 import json
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -27,12 +28,20 @@ _FRAMES = {
 }
 
 
-def simulate_recording(shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True) -> Recording:
+def simulate_recording(
+    shape: Shape,
+    kind: str,
+    seed: int,
+    seconds: float = 15.0,
+    images: bool = True,
+    progress: Callable[[int], None] | None = None,
+) -> Recording:
     """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT.
 
     World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
     images or not. The recording's sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel.
-    Raises SettingError on a kind or duration that is not allowed.
+    `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
+    duration that is not allowed.
     """
     import cv2
     from threadpoolctl import threadpool_limits
@@ -45,7 +54,7 @@ def simulate_recording(shape: Shape, kind: str, seed: int, seconds: float = 15.0
     try:
         with threadpool_limits(1):
             sequence = draw_sequence(shape, kind, replace(DIGIT, radius=unit.radius), pushes, seconds)
-            pictures = _pictures(unit, shape, sequence, camera) if images else None
+            pictures = _pictures(unit, shape, sequence, camera, progress) if images else None
     finally:
         cv2.setNumThreads(threads)
     motion = sequence.motion
@@ -85,10 +94,21 @@ def _seeds(shape: Shape, kind: str, seed: int) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(4)
 
 
-def _pictures(unit: SensorUnit, shape: Shape, sequence: Sequence, rng: np.random.Generator) -> tuple[bytes, ...]:
+def _pictures(
+    unit: SensorUnit,
+    shape: Shape,
+    sequence: Sequence,
+    rng: np.random.Generator,
+    progress: Callable[[int], None] | None,
+) -> tuple[bytes, ...]:
     motion = sequence.motion
     middle = rng.uniform(-_OFF_CENTRE, _OFF_CENTRE)
     span = (middle - 0.5 * HEIGHT, middle + 0.5 * HEIGHT)
     poses = se2.between(motion.object_pose, sequence.sensor_pose)
     each = zip(poses, motion.indentation, motion.tangential_force, strict=True)
-    return tuple(encode_image(render(unit, shape, *values, rng=rng, span=span)) for values in each)
+    pictures: list[bytes] = []
+    for values in each:
+        pictures.append(encode_image(render(unit, shape, *values, rng=rng, span=span)))
+        if progress:
+            progress(len(pictures))
+    return tuple(pictures)
