@@ -109,7 +109,7 @@ class PlainGraph:
             keys = [_o(now - 1), _e(now - 1), _o(now), _e(now)]
             sigmas = self._noise.pushing_sigmas(moved, self._tip)
             graph.push_back(_custom_pushing(keys, sigmas, self._tip))
-        relative = self._touch.feel(frame)
+        relative = self._touch.feel(frame).relative
         if relative is not None:
             for back, pose in zip(relative.back, relative.pose, strict=True):
                 keys = [_o(now - back), _e(now - back), _o(now), _e(now)]

@@ -14,15 +14,17 @@ from push_samples import noisy, tips_of, touching
 
 from palpate import se2
 from palpate.evaluation.metrics import nees
+from palpate.graph import factors
 from palpate.graph.fixed_lag import FixedLagSmoother
 from palpate.graph.isam2 import Isam2Smoother
 from palpate.graph.noise import GraphNoise
-from palpate.measurement import RelativePoses
+from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
 from palpate.simulation.limit_surface import Steering, draw_residuals, push
 from palpate.touch.relative import compared_frames
 
 Array = np.ndarray
-TOLD = replace(GraphNoise(), pushing_kernel=None, contact_kernel=None)
+TOLD = replace(GraphNoise(), pushing_kernel=None, contact_kernel=None, feeling_kernel=None)
+FELT = 0.01  # [rad], what directions and turns are told to be known to
 STEPS, LAG = 16, 13  # the last steps marginalise, and drop pairs, which costs information but not consistency
 
 
@@ -33,10 +35,12 @@ class Draw:
     first: Array  # (count, 3), measured
     sensor: Array  # (N, count, 3), measured
     relative: list[Array]  # for each step the measured poses (P, count, 3)
+    direction: Array  # (N, count), measured
+    turn: Array  # (N, count), measured, with an offset for each of count
 
 
 @cache
-def draw(noise: GraphNoise, count: int, seed: int) -> Draw:
+def draw(noise: GraphNoise, count: int, seed: int, direction: float = FELT, turn: float = FELT) -> Draw:
     """Count pushes on the rectangle's left side and all that is measured in them, with this noise."""
     rng = np.random.default_rng(seed)
     tip, steering = tips_of("rectangle")[0], Steering()
@@ -47,21 +51,32 @@ def draw(noise: GraphNoise, count: int, seed: int) -> Draw:
     o, e = push(tip, anywhere, g, STEPS, steering, rng.uniform(0, 2 * np.pi, count), slip, torque)
     g = se2.between(o, e)
     relative = [noisy(se2.between(g[t - compared_frames(t)], g[t]), noise.tactile, rng) for t in range(STEPS + 1)]
-    return Draw(o, e, noisy(o[0], noise.first_pose, rng), noisy(e, noise.sensor, rng), relative)
+    first, measured = noisy(o[0], noise.first_pose, rng), noisy(e, noise.sensor, rng)
+    directions = factors.direction(g, 0.0, tip)[0][..., 0] + rng.normal(0.0, direction, g.shape[:-1])
+    turns = g[..., 2] - rng.uniform(-np.pi, np.pi, count) + rng.normal(0.0, turn, g.shape[:-1])
+    return Draw(o, e, first, measured, relative, directions, se2.wrap(turns))
 
 
-def last_nees(name: str, drawn: Draw) -> Array:
-    """NEES (count,) of the object pose at the last step, of sequences drawn with any noise and estimated with TOLD."""
+def last_nees(name: str, drawn: Draw, felt: bool = False) -> Array:
+    """NEES (count,) of the object pose at the last step, of sequences drawn with any noise and estimated with TOLD.
+
+    Touch says relative poses, or directions and turns.
+    """
     tactile = np.diag(np.square(TOLD.tactile))
     poses, covariances = [], []
     for k in range(len(drawn.first)):
         tips = tips_of("rectangle")
         smoother = Isam2Smoother(tips, TOLD) if name == "isam2" else FixedLagSmoother(tips, TOLD, LAG)
-        smoother.begin(drawn.sensor[0, k], drawn.first[k], np.diag(np.square(TOLD.first_pose)))
+        feelings = [
+            Feeling(None, ContactDirection(direction, FELT**2), Turn(turn, FELT**2)) if felt else Feeling()
+            for direction, turn in zip(drawn.direction[:, k], drawn.turn[:, k], strict=True)
+        ]
+        smoother.begin(drawn.sensor[0, k], drawn.first[k], np.diag(np.square(TOLD.first_pose)), feelings[0])
         for t in range(1, STEPS + 1):
             back = compared_frames(t)
             covariance = np.broadcast_to(tactile, (len(back), 3, 3))
-            smoother.add(drawn.sensor[t, k], RelativePoses(back, drawn.relative[t][:, k], covariance))
+            relative = RelativePoses(back, drawn.relative[t][:, k], covariance)
+            smoother.add(drawn.sensor[t, k], feelings[t] if felt else Feeling(relative))
         belief = smoother.belief()
         by_both = np.hstack([-se2.adjoint(belief.g), se2.adjoint(belief.g)])  # o = e g^-1
         poses.append(se2.compose(belief.e, se2.inverse(belief.g)))
@@ -98,4 +113,18 @@ LARGER = {
 @pytest.mark.parametrize("what", LARGER)
 def test_noise_larger_than_told_shows(what):
     found = last_nees("fixed-lag", draw(LARGER[what], 40, 1))
+    assert found.mean() > interval(40)[1]
+
+
+@pytest.mark.parametrize("name", ["fixed-lag", "isam2"])
+def test_mean_nees_with_direction_and_turn_lies_in_its_interval(name):
+    found = last_nees(name, draw(TOLD, 80, 2), felt=True)
+    low, high = interval(80)  # 2.49 to 3.56
+    assert low < found.mean() < high
+    assert 0.87 < np.mean(found < 7.815) <= 1.0  # 95 %, less 3.1 binomial deviations of 2.4 %
+
+
+@pytest.mark.parametrize(("direction", "turn"), [(0.05, FELT), (FELT, 0.05)])
+def test_angles_noisier_than_told_show(direction, turn):
+    found = last_nees("fixed-lag", draw(TOLD, 40, 3, direction, turn), felt=True)
     assert found.mean() > interval(40)[1]

@@ -138,6 +138,54 @@ def test_contact_and_pushing_jacobians(name, radius, where):
     check(lambda a, b, c, d: factors.pushing(a, b, c, d, tip), g0, e0, g1, e1, tolerance=1e-6)
 
 
+def near_corner(tip: ContactModel, theta: Array, rng: np.random.Generator) -> Array:
+    """Sensor poses in the object frame (STATES, 3) with the tip within 2 mm of the rectangle's upper right corner."""
+    bearing = rng.uniform(0.1, 0.5 * math.pi - 0.1, STATES)
+    away = tip.radius + rng.uniform(-2e-3, 2e-3, STATES)
+    centers = np.array([0.2363, 0.1579]) / 2 + away[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    offset = se2.transform(np.column_stack([np.zeros((STATES, 2)), theta]), np.array(tip.center))
+    return np.column_stack([centers - offset, theta])
+
+
+@pytest.mark.parametrize("error", [0.0, 0.3, math.pi - 1e-4, 1e-4 - math.pi])
+@pytest.mark.parametrize("where", ["anywhere", "near pi"])
+@pytest.mark.parametrize("name", [*SHAPES, "corner"])
+def test_direction_jacobian(name, where, error):
+    rng = np.random.default_rng(5)
+    for radius in (RADIUS,) if name == "corner" else (0.0, RADIUS):
+        tip = tip_with("rectangle" if name == "corner" else name, radius)
+        theta = angles(rng, where)
+        g = near_corner(tip, theta, rng) if name == "corner" else near_outline(name, tip, theta, rng)
+        measured = se2.wrap(factors.direction(g, 0.0, tip)[0][:, 0] - error)
+
+        def direction(pose: Array, tip: ContactModel = tip, g: Array = g, measured: Array = measured):
+            return factors.direction(pose, measured if pose.ndim > 1 else at(measured, g, pose), tip)
+
+        # The Hessian's slope jumps between cells, by most where the L's inner corner bends the field: the rows of
+        # pushing have it times the radius.
+        check(direction, g, tolerance=5e-5)
+        np.testing.assert_allclose(factors.direction(g, measured, tip)[0], error, atol=1e-12)
+
+
+@pytest.mark.parametrize("error", [0.0, 0.3, math.pi - 1e-4, 1e-4 - math.pi])
+@pytest.mark.parametrize("where", ["anywhere", "near pi"])
+def test_turn_jacobian(where, error):
+    rng = np.random.default_rng(6)
+    g, offset = random_poses(rng, where), rng.uniform(-10.0, 10.0, STATES)
+    angle = se2.wrap(g[:, 2] - offset - error)
+
+    def turn_by_pose(pose: Array) -> tuple[Array, Array]:
+        k = slice(None) if pose.ndim > 1 else np.argmax((g == pose).all(axis=-1))
+        residual, jacobian = factors.turn(pose, offset[k], angle[k])
+        return residual, jacobian[..., :3]
+
+    check(turn_by_pose, g)
+    residual, jacobian = factors.turn(g, offset, angle)
+    np.testing.assert_allclose(residual[:, 0], error, atol=1e-12)
+    by_offset = (factors.turn(g, offset + STEP, angle)[0] - factors.turn(g, offset - STEP, angle)[0]) / (2 * STEP)
+    np.testing.assert_allclose(jacobian[..., 3], by_offset, atol=1e-8)
+
+
 @pytest.mark.parametrize("where", ["anywhere", "near pi"])
 def test_between_and_prior_agree_with_gtsam(where):
     rng = np.random.default_rng(6)

@@ -65,6 +65,49 @@ def test_contact_by_hand():
     np.testing.assert_allclose(residual, [-0.002], atol=1e-9)
 
 
+def test_direction_by_hand():
+    tip = square_tip(RADIUS)
+    # The left side lies straight ahead: the tip is touched at its apex, and 0.1 to the left of that says an error of
+    # -0.1. Turned by +0.3 the sensor is touched at -0.3. Moving along or across the side changes nothing.
+    residual, jacobian = factors.direction(np.array([-0.1, 0.02, 0.0]), 0.0, tip)
+    np.testing.assert_allclose(residual, [0.0], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1]], atol=1e-6)
+    assert factors.direction(np.array([-0.1, 0.02, 0.0]), 0.1, tip)[0] == pytest.approx(-0.1, abs=1e-6)
+    assert factors.direction(np.array([-0.1, 0.02, 0.3]), 0.0, tip)[0] == pytest.approx(-0.3, abs=1e-6)
+    # Turned by 3.1 it is touched at -3.1; 3.1 is measured, 6.2 more, which is 2 pi - 6.2 = 0.0831853 the other way.
+    residual, _ = factors.direction(np.array([-0.1, 0.02, 3.1]), 3.1, tip)
+    np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
+    # The centre 15 mm left of and 20 mm above the corner (-0.1, 0.1): the corner lies 15 ahead and 20 to the right,
+    # atan2(-20, 15) = -0.9273. Seen from 25 mm, 1 mm across, (0.8, 0.6), turns it by 1/25 rad per mm to the left.
+    residual, jacobian = factors.direction(np.array([-0.115 + RADIUS, 0.12, 0.0]), 0.0, tip)
+    np.testing.assert_allclose(residual, [-0.927295218], atol=1e-4)
+    # Turning by d about the apex carries the centre, 0.021 behind it, by -0.021 d in y: -0.021 * 0.6 / 0.025 - 1.
+    np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496]], rtol=1e-2)
+
+
+def test_direction_on_a_disc_by_hand():
+    # Centre of the tip at bearing b from the disc's centre: touched at b + pi, less the sensor's yaw. 0.1 m away a move
+    # by 1 mm round the disc turns it by 0.01.
+    tip = ContactModel(DistanceField.of(Disc(0.08)), (0.0, 0.0), 0.02, 0.05)
+    for bearing in (2.9, -2.9, 0.4):
+        g = np.array([0.1 * math.cos(bearing), 0.1 * math.sin(bearing), -0.7])
+        residual, jacobian = factors.direction(g, 0.0, tip)
+        assert se2.wrap(float(residual[0]) - (bearing + math.pi + 0.7)) == pytest.approx(0.0, abs=1e-6)
+        round_it = np.array([-math.sin(bearing + 0.7), math.cos(bearing + 0.7), 0.0])  # in the sensor's frame
+        assert (jacobian @ round_it)[0] == pytest.approx(10.0, rel=1e-4)
+    # A point on the outline is touched along the normal as well.
+    point = ContactModel(tip.field, (0.0, 0.0), 0.0, 0.05)
+    residual, _ = factors.direction(np.array([-0.08, 0.0, 0.2]), 0.0, point)
+    np.testing.assert_allclose(residual, [-0.2], atol=1e-6)
+
+
+def test_turn_by_hand():
+    # 3.1 less an offset of -3.0 is 6.1, which is -0.1831853; measured -0.2.
+    residual, jacobian = factors.turn(np.array([0.4, 0.5, 3.1]), -3.0, -0.2)
+    np.testing.assert_allclose(residual, [6.1 - 2 * math.pi + 0.2], atol=1e-12)
+    assert jacobian.tolist() == [[0.0, 0.0, 1.0, -1.0]]
+
+
 def test_paper_point_pushes_a_disc_through_its_centre():
     disc = Disc(0.088)
     tip = ContactModel(DistanceField.of(disc), (0.0, 0.0), 0.0, disc.friction_radius())

@@ -56,6 +56,13 @@ def test_contact_weight(kernel):
     np.testing.assert_allclose(weight, [[1e6], [1e6 if kernel is None else 1e5]])
 
 
+@pytest.mark.parametrize("kernel", [3.0, None])
+def test_feeling_weight(kernel):
+    # 0.09 rad at a standard deviation of 0.01 are 9: 1 / (1 + 81 / 9) = 0.1. Where nothing is said nothing weighs.
+    weight = GraphNoise(feeling_kernel=kernel).feeling_weight(np.array([0.0, 0.09, 2.0]), np.array([1e4, 1e4, 0.0]))
+    np.testing.assert_allclose(weight, [1e4, 1e4 if kernel is None else 1e3, 0.0])
+
+
 def test_the_published_settings():
     presets = PRESETS
     assert presets == {"palpate": GraphNoise(), "published": PUBLISHED}
@@ -66,3 +73,4 @@ def test_the_published_settings():
     assert PUBLISHED.rest == (1e-9,) * 3
     assert PUBLISHED.pushing_kernel is None
     assert PUBLISHED.contact_kernel is None
+    assert PUBLISHED.feeling_kernel is None

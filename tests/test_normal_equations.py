@@ -1,10 +1,18 @@
 import numpy as np
 import pytest
 
-from palpate.graph.normal_equations import Block, DenseBlock, NeighbourBlock, NormalEquations, PairBlock, StepBlock
+from palpate.graph.normal_equations import (
+    Block,
+    DenseBlock,
+    NeighbourBlock,
+    NormalEquations,
+    OffsetBlock,
+    PairBlock,
+    StepBlock,
+)
 
 STEPS = 5
-SIZE = 6 * STEPS
+SIZE = 6 * STEPS + 1  # the offset is last
 
 
 def rows(residual, jacobian, information, columns):
@@ -37,6 +45,9 @@ def cases(rng: np.random.Generator) -> list[tuple[Block, list, list[int]]]:
     columns = [[*range(6 * a, 6 * a + 3), *range(6 * b, 6 * b + 3)] for a, b in zip(first, second, strict=True)]
     parts = [(r[k], j[k], information[k], columns[k]) for k in range(6)]
     found.append((PairBlock(first, second, r, j, information), parts, first.tolist()))
+    r, j, weight = rng.normal(size=(STEPS, 1)), rng.normal(size=(STEPS, 1, 4)), rng.uniform(1, 2, (STEPS, 1))
+    parts = [(r[k], j[k], np.diag(weight[k]), [6 * k, 6 * k + 1, 6 * k + 2, SIZE - 1]) for k in range(STEPS)]
+    found.append((OffsetBlock(r, j, weight), parts, list(range(STEPS))))
     return found
 
 
@@ -50,39 +61,47 @@ def test_each_block_and_all_together_equal_a_dense_sum():
     for block, parts, _ in known:
         normal = NormalEquations(STEPS, [block])
         information, gradient = dense(parts)
-        np.testing.assert_allclose(normal.matrix(), information, atol=1e-12)
-        np.testing.assert_allclose(normal.vector(), gradient, atol=1e-12)
+        np.testing.assert_allclose(normal.matrix, information, atol=1e-12)
+        np.testing.assert_allclose(normal.vector, gradient, atol=1e-12)
     everything = NormalEquations(STEPS, [block for block, _, _ in known])
     information, gradient = dense([part for _, parts, _ in known for part in parts])
-    np.testing.assert_allclose(everything.matrix(), information, atol=1e-12)
-    np.testing.assert_allclose(everything.matrix(), everything.matrix().T, atol=1e-12)
-    np.testing.assert_allclose(everything.vector(), gradient, atol=1e-12)
+    np.testing.assert_allclose(everything.matrix, information, atol=1e-12)
+    np.testing.assert_allclose(everything.matrix, everything.matrix.T, atol=1e-12)
+    np.testing.assert_allclose(everything.vector, gradient, atol=1e-12)
 
 
-@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("which", range(5))
 def test_the_factors_of_the_oldest_step(which):
     block, parts, first = cases(np.random.default_rng(2))[which]
     normal = NormalEquations(STEPS, [block.of_oldest()])
     information, gradient = dense([part for part, step in zip(parts, first, strict=True) if step == 0])
-    np.testing.assert_allclose(normal.matrix(), information, atol=1e-12)
-    np.testing.assert_allclose(normal.vector(), gradient, atol=1e-12)
+    np.testing.assert_allclose(normal.matrix, information, atol=1e-12)
+    np.testing.assert_allclose(normal.vector, gradient, atol=1e-12)
 
 
-def test_a_dense_block_is_on_the_oldest_steps():
+def test_a_dense_block_is_on_the_oldest_steps_and_the_offset():
     rng = np.random.default_rng(3)
-    root, gradient = rng.normal(size=(12, 12)), rng.normal(size=12)
+    root, gradient = rng.normal(size=(13, 13)), rng.normal(size=13)
     block = DenseBlock(root @ root.T, gradient)
+    on, off = [*range(12), SIZE - 1], range(12, SIZE - 1)
     for same in (block, block.of_oldest()):
         normal = NormalEquations(STEPS, [same, same])
-        np.testing.assert_allclose(normal.matrix()[:12, :12], 2 * root @ root.T)
-        np.testing.assert_allclose(normal.vector()[:12], 2 * gradient)
-        assert not normal.matrix()[12:].any()
-        assert not normal.matrix()[:, 12:].any()
-        assert not normal.vector()[12:].any()
+        np.testing.assert_allclose(normal.matrix[np.ix_(on, on)], 2 * root @ root.T)
+        np.testing.assert_allclose(normal.vector[on], 2 * gradient)
+        assert not normal.matrix[off].any()
+        assert not normal.matrix[:, off].any()
+        assert not normal.vector[off].any()
+
+
+def test_a_dense_block_on_no_step_is_on_the_offset_alone():
+    normal = NormalEquations(STEPS, [DenseBlock(np.array([[2.0]]), np.array([3.0]))])
+    assert normal.matrix[-1, -1] == 2.0
+    assert normal.vector[-1] == 3.0
+    assert np.count_nonzero(normal.matrix) == np.count_nonzero(normal.vector) == 1
 
 
 def test_no_pairs_add_nothing():
     none = PairBlock(np.empty(0, int), np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 6)), np.empty((0, 3, 3)))
     normal = NormalEquations(STEPS, [none, none.of_oldest()])
-    assert not normal.matrix().any()
-    assert not normal.vector().any()
+    assert not normal.matrix.any()
+    assert not normal.vector.any()

@@ -1,132 +1,49 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import noisy, pushed, sensor, tips_of
-from scipy.optimize import least_squares
+from push_samples import tips_of
+from smoother_samples import (
+    PLAIN,
+    ROBUST,
+    TWO_TIPS,
+    apart,
+    batch,
+    contact,
+    fed,
+    felt,
+    make,
+    scaled_difference,
+    without_relative,
+)
 
 from palpate import se2
 from palpate.errors import SettingError
 from palpate.graph import factors, make_smoother
-from palpate.graph.factors import ContactModel
 from palpate.graph.fixed_lag import LAG, FixedLagSmoother
 from palpate.graph.isam2 import Isam2Smoother
-from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import Belief, Smoother, continued
-from palpate.measurement import RelativePoses
-from palpate.touch.relative import compared_frames
+from palpate.graph.smoother import continued
+from palpate.measurement import Feeling, RelativePoses
 
 Array = np.ndarray
-PLAIN = replace(GraphNoise(), pushing_kernel=None, contact_kernel=None)
-ROBUST = GraphNoise()
-TWO_TIPS = ((0.0, 0.025), (0.0, -0.025))
 
 
-@dataclass(frozen=True)
-class Contact:
-    """What a smoother is given of one contact."""
-
-    tips: list[ContactModel]
-    sensor: Array  # (N, 3)
-    object_pose: Array
-    covariance: Array
-    relative: list[RelativePoses | None]
-
-
-def contact(steps: int, noise: GraphNoise, seed: int = 0, tips: Any = ((0.0, 0.0),), touch: bool = True) -> Contact:
-    rng = np.random.default_rng(seed)
-    o, e = pushed("rectangle", steps)
-    if len(tips) > 1:  # two points on one side hold the object as they are
-        o = se2.compose(e, se2.inverse(np.array([-0.2363 / 2, 0.01, 0.0])))
-    g = se2.between(o, e)
-    covariance = np.diag(np.square(noise.tactile))
-    covariance[0, 2] = covariance[2, 0] = 0.3 * noise.tactile[0] * noise.tactile[2]  # not every one is diagonal
-    relative: list[RelativePoses | None] = [None]
-    for t in range(1, steps + 1):
-        back = np.append(compared_frames(t), 2 if t > 2 else [])[:].astype(int)
-        pose = noisy(se2.between(g[t - back], g[t]), (0.5, 0.5, noise.tactile[2]), rng)
-        said = RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3)))
-        relative.append(said if touch and len(back) and t % 7 else None)
-    return Contact(
-        tips_of("rectangle", sensor(tips=tuple(tips))),
-        noisy(e, noise.sensor, rng),
-        noisy(o[0], noise.first_pose, rng),
-        np.diag(np.square(noise.first_pose)) + 1e-7 * np.ones((3, 3)),
-        relative,
-    )
+BATCHES = {
+    "relative": lambda: contact(12, PLAIN),
+    "relative, two tips": lambda: contact(12, PLAIN, tips=TWO_TIPS),
+    "direction": lambda: felt(contact(12, PLAIN), turn=False),
+    "turn": lambda: felt(contact(12, PLAIN), direction=False),
+    "all": lambda: felt(contact(12, PLAIN)),
+    "all, late": lambda: felt(contact(12, PLAIN), first=5),
+    "direction and turn, disc": lambda: without_relative(felt(contact(12, PLAIN, name="disc"))),
+}
 
 
-def fed(smoother: Smoother, given: Contact, check: bool = False) -> Smoother:
-    smoother.begin(given.sensor[0], given.object_pose, given.covariance)
-    for t in range(1, len(given.sensor)):
-        smoother.add(given.sensor[t], given.relative[t])
-        if check:
-            covariance = smoother.belief().covariance
-            np.testing.assert_allclose(covariance, covariance.T, rtol=1e-6, atol=1e-18)
-            assert np.linalg.eigvalsh(covariance).min() > 0.0
-            g, e = smoother.path()
-            assert g.shape == e.shape == (t + 1, 3)
-            np.testing.assert_allclose(g[-1], smoother.belief().g, atol=1e-12)
-            np.testing.assert_allclose(e[-1], smoother.belief().e, atol=1e-12)
-    return smoother
-
-
-def make(name: str, given: Contact, noise: GraphNoise) -> Smoother:
-    chosen: Any = name
-    return make_smoother(chosen, given.tips, noise)
-
-
-def batch(given: Contact, noise: GraphNoise) -> tuple[Array, Array]:
-    """The whole contact at once, by SciPy, from the factors: poses (N, 2, 3) and covariance (6, 6) of the last step."""
-    root = np.linalg.inv(np.linalg.cholesky(given.covariance))
-    moved = np.hypot(*np.diff(given.sensor[:, :2], axis=0).T)
-    resting = np.broadcast_to(se2.between(given.object_pose, given.sensor[0]), given.sensor.shape)
-    start = np.stack([resting, given.sensor], axis=1)
-    said = [(t, relative) for t, relative in enumerate(given.relative) if relative is not None]
-    i = np.concatenate([t - relative.back for t, relative in said])
-    j = np.concatenate([np.full(len(relative.back), t) for t, relative in said])
-    measured = np.concatenate([relative.pose for _, relative in said])
-    whiten = np.linalg.inv(np.linalg.cholesky(np.concatenate([relative.covariance for _, relative in said])))
-
-    def residuals(poses: Array) -> Array:
-        g, e = poses[:, 0], poses[:, 1]
-        rows = [root @ factors.first_pose(g[0], e[0], given.object_pose)[0]]
-        rows.append(factors.prior(e, given.sensor)[0] / noise.sensor)
-        for tip in given.tips:
-            rows.append(factors.contact(g, tip)[0] / noise.contact)
-            rows.append(factors.pushing(g[:-1], e[:-1], g[1:], e[1:], tip)[0] / noise.pushing_sigmas(moved, tip))
-        rows.append(np.einsum("nij,nj->ni", whiten, factors.between(g[i], g[j], measured)[0]))
-        return np.concatenate([row.ravel() for row in rows])
-
-    def at(change: Array) -> Array:
-        return se2.compose(start, se2.exp(change.reshape(start.shape)))
-
-    solved = least_squares(lambda change: residuals(at(change)), np.zeros(start.size), method="lm", xtol=1e-11)
-    poses = at(solved.x)
-    step = 1e-6 * np.eye(start.size).reshape(-1, *start.shape)
-    ends = [[residuals(se2.compose(poses, se2.exp(s * one))) for one in step] for s in (1, -1)]
-    jacobian = (np.array(ends[0]) - np.array(ends[1])).T / 2e-6
-    return poses, np.linalg.inv(jacobian.T @ jacobian)[-6:, -6:]
-
-
-def apart(poses: tuple[Array, Array], wanted: Array) -> Array:
-    """Largest difference per coordinate (3,) between paths."""
-    return np.abs(se2.log(se2.between(np.stack(poses, axis=1), wanted))).max(axis=(0, 1))
-
-
-def scaled_difference(belief: Belief, poses: Array, covariance: Array) -> tuple[float, float]:
-    """Largest difference of mean and of covariance from those wanted, in standard deviations and variances."""
-    deviation = np.sqrt(np.diag(covariance))
-    mean = np.concatenate([se2.log(se2.between(belief.g, poses[0])), se2.log(se2.between(belief.e, poses[1]))])
-    difference = (belief.covariance - covariance) / np.outer(deviation, deviation)
-    return float(np.abs(mean / deviation).max()), float(np.abs(difference).max())
-
-
-@pytest.mark.parametrize("tips", [((0.0, 0.0),), TWO_TIPS], ids=["one tip", "two tips"])
-def test_both_smoothers_equal_a_batch_solution(tips):
-    given = contact(12, PLAIN, tips=tips)
-    poses, covariance = batch(given, PLAIN)
+@pytest.mark.parametrize("what", BATCHES)
+def test_both_smoothers_equal_a_batch_solution(what):
+    given = BATCHES[what]()
+    poses, covariance, _ = batch(given, PLAIN)
     # Fixed lag: a Gauss-Newton step below 1e-3 leaves about its square, 1e-6, and each frame takes another: far below a
     # thousandth of the smallest deviation, 1e-4 m. iSAM2: poses stay up to 2e-3 off their linearisation, whose
     # second-order error, 4e-6 times lengths of 0.1, is 0.4 % of it; back-substitution stops at changes below 1e-3
@@ -142,7 +59,7 @@ def test_both_smoothers_equal_a_batch_solution(tips):
 @pytest.mark.parametrize("noise", [PLAIN, ROBUST], ids=["plain", "robust"])
 def test_both_smoothers_agree(noise):
     # As long as the window, in which both know all there is.
-    given = contact(LAG - 1, noise, seed=1)
+    given = felt(contact(LAG - 1, noise, seed=1), seed=1)
     lagged, incremental = (fed(make(name, given, noise), given, check=True) for name in ("fixed-lag", "isam2"))
     other = incremental.belief()
     mean, spread = scaled_difference(lagged.belief(), np.stack([other.g, other.e]), other.covariance)
@@ -159,7 +76,7 @@ def test_a_short_window_forgets_little():
     for lag, share in ((41, 0.01), (15, 3.0)):
         smoother = fed(FixedLagSmoother(given.tips, ROBUST, lag=lag), given, check=True)
         assert isinstance(smoother, FixedLagSmoother)
-        assert len(smoother._poses) == len(smoother._measured) == lag
+        assert len(smoother._poses) == len(smoother._measured) == len(smoother._turns) == lag
         assert smoother._pairs.i.min() >= 0
         assert smoother._pairs.j.max() == lag - 1
         # What left the window stays as a Gaussian. A window of 15 lacks most pairs, which reach back 15 to 39,
@@ -169,8 +86,8 @@ def test_a_short_window_forgets_little():
 
 
 def test_a_window_loses_nothing_that_reaches_no_further_back():
-    # Sticking, contact and pairs within the window alone: marginalising a linear problem is exact.
-    given = contact(40, PLAIN, seed=3)
+    # Sticking, contact, direction, turn and pairs within the window alone: marginalising a linear problem is exact.
+    given = felt(contact(40, PLAIN, seed=3), seed=3)
     near = [said and cut(said, said.back < 10) for said in given.relative]
     given = replace(given, relative=near)
     whole = fed(FixedLagSmoother(given.tips, PLAIN, lag=100), given).belief()
@@ -196,9 +113,9 @@ def test_pairs_that_reach_back_beyond_the_window_are_dropped():
 
 @pytest.mark.parametrize("name", ["fixed-lag", "isam2"])
 def test_a_new_contact_forgets_the_old_one(name):
-    given = contact(50 if name == "fixed-lag" else 15, ROBUST, seed=5)
+    given = felt(contact(50 if name == "fixed-lag" else 15, ROBUST, seed=5), seed=5)
     used, fresh = make(name, given, ROBUST), make(name, given, ROBUST)
-    fed(used, contact(45, ROBUST, seed=6))
+    fed(used, felt(contact(45, ROBUST, seed=6), seed=6))
     a, b = fed(used, given).belief(), fed(fresh, given).belief()
     np.testing.assert_allclose(a.g, b.g, atol=1e-12)
     np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-9)
@@ -212,7 +129,7 @@ def test_the_first_step_is_the_first_pose_seen_in_contact(name):
     smoother = make(name, contact(1, PLAIN), PLAIN)
     deviation = np.array([3.7e-3, 1e-3, 1e-3])
     object_pose, sensor_pose = np.zeros(3), np.array([-0.2363 / 2 - 3e-3, 0.0, 0.0])
-    smoother.begin(sensor_pose, object_pose, np.diag(deviation**2))
+    smoother.begin(sensor_pose, object_pose, np.diag(deviation**2), Feeling())
     belief = smoother.belief()
     by_both = np.hstack([-se2.adjoint(belief.g), se2.adjoint(belief.g)])
     variance = (by_both @ belief.covariance @ by_both.T)[0, 0]

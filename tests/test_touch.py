@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from palpate import se2
-from palpate.errors import SettingError
+from palpate.errors import EstimationError, SettingError
+from palpate.measurement import ContactDirection, Feeling, Turn
 from palpate.recording import Frame
 from palpate.touch.relative import BACK, compared_frames, make_touch
 
@@ -40,24 +41,25 @@ def test_compared_frames(age, back):
 
 def test_no_touch_says_nothing():
     touch = make_touch("none", SIGMAS, CONSTANT)
-    assert all(touch.feel(frame(k, (0, 0, 0))) is None for k in range(50))
+    assert all(touch.feel(frame(k, (0, 0, 0))) == Feeling() for k in range(50))
     touch.lift()
 
 
 def test_constant_touch_says_that_nothing_turned():
     touch = make_touch("constant", SIGMAS, CONSTANT)
-    said = [touch.feel(frame(k)) for k in range(50)]
-    assert said[0] is None
+    felt = [touch.feel(frame(k)) for k in range(50)]
+    assert felt[0] == Feeling()
+    assert all(feeling.direction is feeling.turn is None for feeling in felt)
     for age in (1, 9, 10, 39, 49):
-        found: Any = said[age]
+        found: Any = felt[age].relative
         assert found.back.tolist() == compared_frames(age).tolist()
         assert not found.pose.any()
         assert found.pose.shape == (len(found.back), 3)
         assert (found.covariance == np.diag([1.0, 1.0, 0.25])).all()
         assert found.covariance.shape == (len(found.back), 3, 3)
     touch.lift()
-    assert touch.feel(frame(50)) is None
-    again: Any = touch.feel(frame(51))
+    assert touch.feel(frame(50)) == Feeling()
+    again: Any = touch.feel(frame(51)).relative
     assert again.back.tolist() == [1]
 
 
@@ -66,8 +68,8 @@ def test_oracle_by_hand():
     # object. It moves to (1.02, -0.1), turned by 0.1: at (-0.1, -0.02) for the object, and turned as much.
     touch = make_touch("oracle", SIGMAS, CONSTANT)
     object_pose = (1, 0, np.pi / 2)
-    assert touch.feel(frame(0, object_pose, (1, -0.1, np.pi / 2))) is None
-    found: Any = touch.feel(frame(1, object_pose, (1.02, -0.1, np.pi / 2 + 0.1)))
+    assert touch.feel(frame(0, object_pose, (1, -0.1, np.pi / 2))) == Feeling()
+    found: Any = touch.feel(frame(1, object_pose, (1.02, -0.1, np.pi / 2 + 0.1))).relative
     assert found.back.tolist() == [1]
     np.testing.assert_allclose(found.pose, [[0, -0.02, 0.1]], atol=1e-15)
     np.testing.assert_allclose(found.covariance, [np.diag([1.0, 4.0, 4e-4])])
@@ -79,7 +81,7 @@ def test_oracle_compares_with_the_frames_it_names():
     touch = make_touch("oracle", SIGMAS, CONSTANT)
     felt = se2.between(objects, sensors)
     for k in range(60):
-        found: Any = touch.feel(frame(k, objects[k], sensors[k]))
+        found: Any = touch.feel(frame(k, objects[k], sensors[k])).relative
         if k:
             assert found.back.tolist() == compared_frames(k).tolist()
             np.testing.assert_allclose(found.pose, se2.between(felt[k - found.back], felt[k]), atol=1e-12)
@@ -90,7 +92,7 @@ def test_a_frame_of_unknown_truth_says_nothing_then_and_later():
     unknown = {12, 15}
     for k in range(60):
         truth = None if k == 12 else (np.nan, 0, 0) if k == 15 else (0, 0, 0.001 * k)
-        found = touch.feel(frame(k, truth))
+        found = touch.feel(frame(k, truth)).relative
         if k == 0 or k in unknown:
             assert found is None
             continue
@@ -109,8 +111,8 @@ def test_a_lift_makes_the_oracle_forget():
     for k in range(20):
         touch.feel(frame(k, (0, 0, 0)))
     touch.lift()
-    assert touch.feel(frame(20, (0, 0, 0))) is None
-    found: Any = touch.feel(frame(21, (0, 0, 0.1)))
+    assert touch.feel(frame(20, (0, 0, 0))) == Feeling()
+    found: Any = touch.feel(frame(21, (0, 0, 0.1))).relative
     assert found.back.tolist() == [1]
     np.testing.assert_allclose(found.pose, [[0, 0, -0.1]])
 
@@ -119,3 +121,10 @@ def test_an_unknown_mode_names_the_allowed_ones():
     mode: Any = "learned"
     with pytest.raises(SettingError, match="'learned'; allowed are none, constant, oracle"):
         make_touch(mode, SIGMAS, CONSTANT)
+
+
+@pytest.mark.parametrize("kind", [ContactDirection, Turn])
+@pytest.mark.parametrize(("angle", "variance"), [(np.nan, 1.0), (0.1, 0.0), (0.1, -1.0), (0.1, np.nan), (0.1, np.inf)])
+def test_an_angle_that_cannot_be_used_is_refused_where_it_is_made(kind, angle, variance):
+    with pytest.raises(EstimationError, match=r"has angle .* and variance .*; they must be finite"):
+        kind(angle, variance)

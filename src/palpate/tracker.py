@@ -13,6 +13,7 @@ from palpate.errors import EstimationError, SettingError
 from palpate.graph import factors, make_smoother
 from palpate.graph.noise import GraphNoise
 from palpate.graph.smoother import SmootherName
+from palpate.measurement import Feeling
 from palpate.recording import Frame
 from palpate.sensor import SensorProfile
 from palpate.shapes import Shape
@@ -141,25 +142,25 @@ class Tracker:
 
     def _feel(self, frame: Frame) -> None:
         """Add a frame of contact to the graph."""
-        relative = self._touch.feel(frame)
+        feeling = self._touch.feel(frame)
         try:
             if self._touching:
-                self._smoother.add(frame.sensor_pose, relative)
+                self._smoother.add(frame.sensor_pose, feeling)
             else:
-                self._begin(frame)
+                self._begin(frame, feeling)
         except EstimationError as error:
             self._begin_anew(frame, error)
         else:
             self._status = "displaced" if self._displacement else "tracking"
         self._take_belief()
 
-    def _begin(self, frame: Frame) -> None:
+    def _begin(self, frame: Frame, feeling: Feeling) -> None:
         """Start the graph of a contact from the last marginal."""
         gap, sigma = self._gap(frame)
         if abs(gap) > _SURPRISE * sigma:
             self._displacement = max(self._displacement, abs(gap))
         self._covariance = self._covariance + np.diag(np.square(self._noise.rest)) + self._doubt()
-        self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
+        self._smoother.begin(frame.sensor_pose, self._pose, self._covariance, feeling)
 
     def _doubt(self) -> Array:
         """Covariance (3, 3) of what may have moved the untouched object: twice what the gap shows along one line."""
@@ -179,12 +180,12 @@ class Tracker:
         self._smoothed.extend(pose[None] for pose in self._filtered)
         self._filtered.clear()
         self._touch.lift()
-        self._touch.feel(frame)
+        feeling = self._touch.feel(frame)
         pushed = 0.0 if self._last is None else float(np.hypot(*(frame.sensor_pose - self._last.sensor_pose)[:2]))
         self._covariance = self._covariance + self._moved_by(pushed)
         self._errors.clear()
         try:
-            self._smoother.begin(frame.sensor_pose, self._pose, self._covariance)
+            self._smoother.begin(frame.sensor_pose, self._pose, self._covariance, feeling)
         except EstimationError:
             self._touching = False
             raise EstimationError(reason) from error

@@ -26,6 +26,7 @@ from palpate.shapes import Shape
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+_NO_GRADIENT = 1e-12  # squared length of a gradient that points nowhere
 _FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
 
 
@@ -103,6 +104,32 @@ def contact(g: Array, model: ContactModel) -> tuple[Array, Array]:
     return (distance - model.radius)[..., None], jacobian[..., None, :]
 
 
+def direction(g: Array, angle: Array | float, model: ContactModel) -> tuple[Array, Array]:
+    """Error of a measured contact direction: from the tip's centre to the nearest point of the outline.
+
+    The centre lies outside the object, so that this is down the gradient of the signed distance there. angle (...)
+    [rad] is measured in the sensor frame, 0 along +x. Returns the residual (..., 1) [rad] in (-pi, pi] and its
+    Jacobian (..., 1, 3) with respect to g.
+    """
+    turn, _, _, normal, normal_by_g = _normal(g, model)
+    residual = np.angle(-normal * np.conj(turn) * np.exp(-1j * np.asarray(angle)))
+    # The spline's gradient has length 1 but near the outline's medial axis; where it vanishes there is no direction.
+    square = np.maximum((np.conj(normal) * normal).real, _NO_GRADIENT)
+    jacobian = _cross(normal[..., None], normal_by_g) / square[..., None]
+    jacobian[..., 2] -= 1.0  # the direction stays while the sensor turns
+    return residual[..., None], jacobian[..., None, :]
+
+
+def turn(g: Array, offset: Array | float, angle: Array | float) -> tuple[Array, Array]:
+    """Error of a measured turn: yaw of the sensor in the object frame less the offset (...) and the angle (...) [rad].
+
+    Returns the residual (..., 1) [rad] in (-pi, pi] and its Jacobian (..., 1, 4) with respect to g and the offset.
+    """
+    residual = se2.wrap(np.asarray(g[..., 2] - offset - angle))
+    jacobian = np.broadcast_to([0.0, 0.0, 1.0, -1.0], (*residual.shape, 1, 4))
+    return residual[..., None], jacobian
+
+
 def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> tuple[Array, Array]:
     """Error of quasi-static pushing with a sticking contact over one step from 0 to 1 (Eqs. 7 to 10).
 
@@ -159,17 +186,21 @@ def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex]:
     return turn, _position(g) + turn * center, _moved(turn, center)
 
 
+def _normal(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex, Complex]:
+    """What `_center` says, then the outline's outward normal at the nearest point and its derivative by g (..., 3)."""
+    turn, placed, placed_by_g = _center(g, model)
+    _, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
+    bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
+    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
+    return turn, placed, placed_by_g, _complex(gradient), normal_by_g
+
+
 def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex]:
     """The point of the tip's surface nearest to the outline, in the object frame and in the sensor frame.
 
     Returns both as complex (...,), each followed by its derivative with respect to g, complex (..., 3).
     """
-    turn, placed, placed_by_g = _center(g, model)
-    _, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
-    normal = _complex(gradient)
-    bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
-    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
-
+    turn, placed, placed_by_g, normal, normal_by_g = _normal(g, model)
     normal_in_sensor = np.conj(turn) * normal
     material_by_g = -model.radius * np.conj(turn)[..., None] * normal_by_g
     material_by_g[..., 2] += 1j * model.radius * normal_in_sensor

@@ -2,7 +2,8 @@
 
 Every step relinearises the whole window, vectorised over its factors, so that a step costs the same at frame 10 000 as
 at frame 500. A step that leaves the window leaves behind a Gaussian on the steps it was tied to (Schur complement),
-linearised where they stood before the last Gauss-Newton step.
+linearised where they stood before the last Gauss-Newton step. That Gaussian is on the offset of the turns as well,
+which belongs to no step and stays as long as the contact.
 """
 
 from collections.abc import Sequence
@@ -23,11 +24,12 @@ from palpate.graph.normal_equations import (
     DenseBlock,
     NeighbourBlock,
     NormalEquations,
+    OffsetBlock,
     PairBlock,
     StepBlock,
 )
-from palpate.graph.smoother import Belief, continued, last_pushing_error
-from palpate.measurement import RelativePoses
+from palpate.graph.smoother import OFFSET_SIGMA, Belief, check_tips, continued, last_pushing_error
+from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
@@ -37,7 +39,7 @@ LAG = 40
 
 _ITERATIONS = 4
 _CONVERGED = 1e-3  # [m], [rad]; the next frame takes another Gauss-Newton step, which leaves about its square
-_G, _E = slice(0, 3), slice(3, 6)  # the unknowns of a step
+_G, _E, _BOTH = slice(0, 3), slice(3, 6), slice(0, 6)  # the unknowns of a step
 
 
 class FixedLagSmoother:
@@ -49,28 +51,32 @@ class FixedLagSmoother:
         # process holds a core.
         self._threads = ThreadpoolController()
 
-    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array) -> None:
+    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array, feeling: Feeling) -> None:
         """See Smoother."""
+        check_tips(feeling, self._tips)
         self._measured = sensor_pose[None]
         self._poses = np.stack([se2.between(object_pose, sensor_pose), sensor_pose])[None]  # g and e, (steps, 2, 3)
-        self._first: tuple[Array, Array] | None = (object_pose, _inverse(covariance))
-        self._marginal: _Marginal | None = None
+        self._offset = 0.0  # [rad]
+        self._first: tuple[Array, Array] | None = (object_pose, _inverse(np.linalg.cholesky(covariance)))
+        self._marginal = _Marginal(np.empty((0, 2, 3)), 0.0, np.array([[OFFSET_SIGMA**-2.0]]), np.zeros(1))
         self._pairs = _NO_PAIRS
+        self._directions = self._turns = _NO_ANGLES  # (steps, 2) each
+        self._turned = False  # whether there was a turn in this contact
+        self._take(feeling)
         self._left: list[Array] = []
         with self._threads.limit(limits=1, user_api="blas"):
             self._solve()
 
-    def add(self, sensor_pose: Array, relative: RelativePoses | None) -> None:
+    def add(self, sensor_pose: Array, feeling: Feeling) -> None:
         """See Smoother."""
+        check_tips(feeling, self._tips)
         with self._threads.limit(limits=1, user_api="blas"):
             if len(self._poses) == self._lag:
                 self._marginalise()
-            now = len(self._poses)
             guess = np.stack([continued(self._poses[-2:, 0]), sensor_pose])
             self._measured = np.concatenate([self._measured, sensor_pose[None]])
             self._poses = np.concatenate([self._poses, guess[None]])
-            if relative is not None:
-                self._pairs = self._pairs.joined(relative, now)
+            self._take(feeling)
             self._solve()
 
     def belief(self) -> Belief:
@@ -87,6 +93,17 @@ class FixedLagSmoother:
         poses = np.concatenate([np.array(self._left).reshape(-1, 2, 3), self._poses])
         return poses[:, 0], poses[:, 1]
 
+    def _take(self, feeling: Feeling) -> None:
+        """Join what touch says at the last step to what it said before."""
+        if feeling.relative is not None:
+            self._pairs = self._pairs.joined(feeling.relative, len(self._poses) - 1)
+        self._directions = _joined(self._directions, feeling.direction)
+        self._turns = _joined(self._turns, feeling.turn)
+        if feeling.turn is not None and not self._turned:
+            # Under its kernel a turn far off the offset would hardly pull.
+            self._offset = float(se2.wrap(self._poses[-1, 0, 2] - feeling.turn.angle))
+            self._turned = True
+
     def _solve(self) -> None:
         for _ in range(_ITERATIONS):
             if self._improve() < _CONVERGED:
@@ -94,35 +111,37 @@ class FixedLagSmoother:
 
     def _improve(self) -> float:
         """Take a Gauss-Newton step and return its largest change [m], [rad]."""
-        self._at, self._blocks = self._poses, self._linearised()
+        self._at, self._offset_at, self._blocks = self._poses, self._offset, self._linearised()
         normal = NormalEquations(len(self._at), self._blocks)
         try:
-            root, _ = factor = cho_factor(normal.matrix(), lower=True, overwrite_a=True, check_finite=False)
+            # Transposed, the symmetric matrix is in LAPACK's order and need not be copied.
+            root, _ = factor = cho_factor(normal.matrix.T, lower=True, overwrite_a=True, check_finite=False)
         except LinAlgError:
             raise EstimationError("the linear system of the window is indeterminate") from None
-        change = cho_solve(factor, normal.vector(), check_finite=False).reshape(self._at.shape)
+        change = cho_solve(factor, normal.vector, check_finite=False)
         if not np.isfinite(change).all():
             raise EstimationError("the solution of the window is not finite")
-        self._poses = se2.compose(self._at, se2.exp(change))
-        # The last step comes last in the elimination, so its block of the root is that of its marginal.
-        last = np.linalg.inv(np.tril(root[-6:, -6:]))
-        self._covariance = last.T @ last
+        self._poses = se2.compose(self._at, se2.exp(change[:-1].reshape(self._at.shape)))
+        self._offset = self._offset_at + float(change[-1])
+        # The last step and the offset come last in the elimination: their block of the root is that of their marginal.
+        last = np.linalg.inv(np.tril(root[-7:, -7:]))
+        self._covariance = (last.T @ last)[:6, :6]
         return float(np.abs(change).max())
 
     def _marginalise(self) -> None:
-        """Replace the oldest step by a Gaussian on the others, as its factors were last linearised."""
+        """Replace the oldest step by a Gaussian on the others and the offset, as its factors were last linearised."""
         normal = NormalEquations(len(self._at), (block.of_oldest() for block in self._blocks))
-        information, gradient = normal.matrix(), normal.vector()
+        information, gradient = normal.matrix, normal.vector
         try:
             gain = np.linalg.solve(information[:6, :6], np.column_stack([information[:6, 6:], gradient[:6]]))
         except LinAlgError:
             raise EstimationError("the step that leaves the window is indeterminate") from None
         left = information[6:, 6:] - information[6:, :6] @ gain[:, :-1]
-        self._marginal = _Marginal(
-            self._at[1:], 0.5 * (left + left.T), gradient[6:] - information[6:, :6] @ gain[:, -1]
-        )
+        gradient = gradient[6:] - information[6:, :6] @ gain[:, -1]
+        self._marginal = _Marginal(self._at[1:], self._offset_at, 0.5 * (left + left.T), gradient)
         self._first = None
         self._pairs = self._pairs.without_oldest()
+        self._directions, self._turns = self._directions[1:], self._turns[1:]
         self._left.append(self._poses[0].copy())  # not a view that keeps the whole window
         self._poses, self._measured = self._poses[1:], self._measured[1:]
 
@@ -140,34 +159,50 @@ class FixedLagSmoother:
         if len(self._pairs.i):
             i, j = self._pairs.i, self._pairs.j
             blocks.append(PairBlock(i, j, *factors.between(g[i], g[j], self._pairs.pose), self._pairs.information))
+        if self._directions[:, 1].any():
+            angle, information = self._directions.T
+            residual, jacobian = factors.direction(g, angle, self._tips[0])
+            weight = noise.feeling_weight(residual, information[:, None])
+            blocks.append(StepBlock(_G, residual, jacobian, weight))
+        if self._turns[:, 1].any():
+            angle, information = self._turns.T
+            residual, jacobian = factors.turn(g, self._offset, angle)
+            blocks.append(OffsetBlock(residual, jacobian, noise.feeling_weight(residual, information[:, None])))
         if self._first is not None:
-            object_pose, information = self._first
+            object_pose, root = self._first
             residual, jacobian = factors.first_pose(g[0], e[0], object_pose)
-            pulled = jacobian.T @ information
-            blocks.append(DenseBlock(pulled @ jacobian, -pulled @ residual))
-        if self._marginal is not None:
-            blocks.append(self._marginal.at(self._poses))
+            blocks.append(StepBlock(_BOTH, (root @ residual)[None], (root @ jacobian)[None], np.ones((1, 3))))
+        blocks.append(self._marginal.at(self._poses, self._offset))
         return blocks
 
 
-def _inverse(covariance: Array) -> Array:
-    return np.linalg.inv(covariance).astype(np.float64, copy=False)
+def _inverse(matrix: NDArray[np.floating]) -> Array:
+    return np.linalg.inv(matrix).astype(np.float64, copy=False)
+
+
+def _joined(angles: Array, said: ContactDirection | Turn | None) -> Array:
+    """Add a step to angles (N, 2), each with its inverse variance [rad, 1/rad^2]; 0 where nothing is said."""
+    last = [0.0, 0.0] if said is None else [said.angle, 1.0 / said.variance]
+    return np.concatenate([angles, [last]])
 
 
 @dataclass(frozen=True)
 class _Marginal:
-    """What the steps that left the window say about those that were oldest in it then."""
+    """What was known of the offset, and what the steps that left the window say about it and the oldest ones then."""
 
     poses: Array
     """Where it was linearised, (N, 2, 3) [m, m, rad]."""
+    offset: float
+    """The same of the offset [rad]."""
     information: Array
-    """(6 N, 6 N)"""
+    """(6 N + 1, 6 N + 1)"""
     gradient: Array
-    """Negative gradient there, (6 N,)."""
+    """Negative gradient there, (6 N + 1,)."""
 
-    def at(self, poses: Array) -> DenseBlock:
-        """Linearise at other poses (at least N, 2, 3)."""
+    def at(self, poses: Array, offset: float) -> DenseBlock:
+        """Linearise at other poses (at least N, 2, 3) and another offset."""
         change = se2.log(se2.between(self.poses, poses[: len(self.poses)])).ravel()
+        change = np.append(change, offset - self.offset)
         return DenseBlock(self.information, self.gradient - self.information @ change)
 
 
@@ -202,3 +237,4 @@ class _Pairs:
 
 
 _NO_PAIRS = _Pairs(np.empty(0, int), np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 3)))
+_NO_ANGLES = np.empty((0, 2))

@@ -36,6 +36,10 @@ class GraphNoise:
     """Distance between sensor and outline in contact [m]: how well outline, gel and motion capture agree."""
     contact_kernel: float | None = 3.0
     """Scale of the Cauchy kernel on the contact row [standard deviations]; None is a plain square."""
+    feeling_kernel: float | None = 3.0
+    """Scale of the Cauchy kernels on contact direction and turn, each by itself [standard deviations]; None is a plain
+    square. What an image says is now and then wrong by far more than its variance, and one bad image must not bend the
+    path."""
     sensor: tuple[float, float, float] = (1e-4, 1e-4, 1e-3)
     """Measured sensor pose [m, m, rad], body frame: a good robot's kinematics or motion capture."""
     first_pose: tuple[float, float, float] = (5e-4, 5e-4, 5e-3)
@@ -72,6 +76,13 @@ class GraphNoise:
         """Inverse variance (...) of the contact row, kernel included, at the residual (...) [m]."""
         return cauchy_weight((residual / self.contact) ** 2, self.contact_kernel) / self.contact**2
 
+    def feeling_weight(self, residual: Array, information: Array | float) -> Array:
+        """Inverse variance (...) of a contact direction or turn, kernel included, at the residual (...) [rad].
+
+        information (...) is the inverse variance that touch says [1/rad^2]; 0 where it says nothing.
+        """
+        return information * cauchy_weight(information * residual**2, self.feeling_kernel)
+
 
 def cauchy_weight(squared_error: Array, scale: float | None) -> Array:
     """Weight (...) that the Cauchy kernel leaves to whitened rows of squared length squared_error (...)."""
@@ -90,6 +101,7 @@ PUBLISHED = GraphNoise(
     pushing_kernel=None,
     contact=1e-2,
     contact_kernel=None,
+    feeling_kernel=None,
     sensor=(1e-5, 1e-5, 1e-5),
     first_pose=(1e-5, 1e-5, 1e-5),
     rest=(1e-9, 1e-9, 1e-9),

@@ -1,4 +1,8 @@
-"""The normal equations of a window of steps, summed from blocks of factors of one kind each."""
+"""The normal equations of a window of steps, summed from blocks of factors of one kind each.
+
+The unknowns are those of every step in order from the oldest, and last the offset of the turns, which all steps share:
+a border of one row and one column.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,22 +19,28 @@ UNKNOWNS = 6
 
 
 class NormalEquations:
-    """Information matrix and negative gradient of a sum of squares over a number of steps."""
+    """Information matrix and negative gradient of a sum of squares over a number of steps and the offset."""
+
+    matrix: Array
+    """(6 steps + 1, 6 steps + 1)"""
+    vector: Array
+    """Negative gradient, (6 steps + 1,)."""
+    information: Array
+    """The matrix between steps, a view (steps, 6, steps, 6)."""
+    border: Array
+    """The matrix between the offset and the steps, a view (steps, 6)."""
+    gradient: Array
+    """The vector of the steps, a view (steps, 6)."""
 
     def __init__(self, steps: int, blocks: Iterable["Block"]) -> None:
-        self.information = np.zeros((steps, UNKNOWNS, steps, UNKNOWNS))
-        self.gradient = np.zeros((steps, UNKNOWNS))
+        size = UNKNOWNS * steps
+        self.matrix, self.vector = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
+        self.information = self.matrix[:-1, :-1].reshape(steps, UNKNOWNS, steps, UNKNOWNS)  # splits axes: no copy
+        self.border = self.matrix[-1, :-1].reshape(steps, UNKNOWNS)
+        self.gradient = self.vector[:-1].reshape(steps, UNKNOWNS)
         for block in blocks:
             block.add_to(self)
-
-    def matrix(self) -> Array:
-        """Return the information matrix (6 steps, 6 steps)."""
-        size = self.gradient.size
-        return self.information.reshape(size, size)
-
-    def vector(self) -> Array:
-        """Return the negative gradient (6 steps,)."""
-        return self.gradient.ravel()
+        self.matrix[:-1, -1] = self.matrix[-1, :-1]
 
 
 class Block(Protocol):
@@ -120,13 +130,11 @@ class PairBlock:
         pulled = np.swapaxes(self.jacobian, -1, -2) @ self.information
         squares = pulled @ self.jacobian
         gradient = -(pulled @ self.residual[..., None])[..., 0]
-        blocks = _summed(squares, self.i * steps + self.j, steps * steps).reshape(steps, steps, 6, 6)
-        both = blocks[:, :, :3, 3:]
-        diagonal = np.arange(steps)
-        normal.information[diagonal, :3, diagonal, :3] += blocks[:, :, :3, :3].sum(axis=1) + blocks[:, :, 3:, 3:].sum(
-            axis=0
-        )
+        both = _summed(squares[:, :3, 3:], self.i * steps + self.j, steps * steps).reshape(steps, steps, 3, 3)
         normal.information[:, :3, :, :3] += both.transpose(0, 2, 1, 3) + both.transpose(1, 3, 0, 2)
+        own = _summed(squares[:, :3, :3], self.i, steps) + _summed(squares[:, 3:, 3:], self.j, steps)
+        at = np.arange(steps)
+        normal.information[at, :3, at, :3] += own
         normal.gradient[:, :3] += _summed(gradient[:, :3], self.i, steps) + _summed(gradient[:, 3:], self.j, steps)
 
     def of_oldest(self) -> "PairBlock":
@@ -136,19 +144,48 @@ class PairBlock:
 
 
 @dataclass(frozen=True)
-class DenseBlock:
-    """A Gaussian on all unknowns of the oldest steps."""
+class OffsetBlock:
+    """One factor on g of every step and the offset, in order from the oldest."""
 
-    information: Array
-    """(6 N, 6 N)"""
-    gradient: Array
-    """Negative gradient, (6 N,)."""
+    residual: Array
+    """(N, R)"""
+    jacobian: Array
+    """(N, R, 4): three of g, then the offset."""
+    weight: Array
+    """Inverse variances, (N, R)."""
 
     def add_to(self, normal: NormalEquations) -> None:
         """See Block."""
-        steps = len(self.gradient) // UNKNOWNS
-        normal.information[:steps, :, :steps, :] += self.information.reshape(steps, UNKNOWNS, steps, UNKNOWNS)
-        normal.gradient[:steps] += self.gradient.reshape(steps, UNKNOWNS)
+        at = np.arange(len(self.residual))
+        information, gradient = _weighted(self.residual, self.jacobian, self.weight)
+        normal.information[at, :3, at, :3] += information[:, :3, :3]
+        normal.border[at, :3] += information[:, 3, :3]
+        normal.matrix[-1, -1] += information[:, 3, 3].sum()
+        normal.gradient[at, :3] += gradient[:, :3]
+        normal.vector[-1] += gradient[:, 3].sum()
+
+    def of_oldest(self) -> "OffsetBlock":
+        """See Block."""
+        return OffsetBlock(self.residual[:1], self.jacobian[:1], self.weight[:1])
+
+
+@dataclass(frozen=True)
+class DenseBlock:
+    """A Gaussian on all unknowns of the oldest steps and the offset."""
+
+    information: Array
+    """(6 N + 1, 6 N + 1)"""
+    gradient: Array
+    """Negative gradient, (6 N + 1,)."""
+
+    def add_to(self, normal: NormalEquations) -> None:
+        """See Block."""
+        size = len(self.gradient) - 1
+        normal.matrix[:size, :size] += self.information[:-1, :-1]
+        normal.matrix[-1, :size] += self.information[-1, :-1]
+        normal.matrix[-1, -1] += self.information[-1, -1]
+        normal.vector[:size] += self.gradient[:-1]
+        normal.vector[-1] += self.gradient[-1]
 
     def of_oldest(self) -> "DenseBlock":
         """See Block."""

@@ -8,13 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate import se2
+from palpate.errors import SettingError
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
-from palpate.measurement import RelativePoses
+from palpate.measurement import Feeling
 
 Array = NDArray[np.float64]
 SmootherName = Literal["fixed-lag", "isam2"]
+OFFSET_SIGMA = 10.0
+"""Standard deviation of the offset of all turns of a contact before the first one [rad]: three times pi says nothing of
+an angle, and the system is determined without a turn."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +34,22 @@ class Belief:
 
 
 class Smoother(Protocol):
-    """The graph of one contact after the other. A step that cannot be solved raises EstimationError."""
+    """The graph of one contact after the other.
 
-    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array) -> None:
-        """Start the graph of a new contact: measured sensor pose (3,), object pose (3,) and its covariance (3, 3)."""
+    A step that cannot be solved raises EstimationError; a direction or turn for a sensor with several tips raises
+    SettingError.
+    """
+
+    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array, feeling: Feeling) -> None:
+        """Start the graph of a new contact.
+
+        It takes the measured sensor pose (3,), the object pose (3,), its covariance (3, 3) and what touch says, which
+        at a first step cannot be relative.
+        """
         ...
 
-    def add(self, sensor_pose: Array, relative: RelativePoses | None) -> None:
-        """Add a step: the measured sensor pose (3,) and what touch says of earlier steps of this contact."""
+    def add(self, sensor_pose: Array, feeling: Feeling) -> None:
+        """Add a step: the measured sensor pose (3,) and what touch says."""
         ...
 
     def belief(self) -> Belief:
@@ -67,3 +79,9 @@ def last_pushing_error(g: Array, e: Array, moved: float, tips: Sequence[ContactM
 def continued(g: Array) -> Array:
     """Guess the next pose (3,) after the last one or two (N, 3): the sensor goes on turning on the object as it did."""
     return se2.compose(g[-1], se2.between(g[0], g[-1]))
+
+
+def check_tips(feeling: Feeling, tips: Sequence[ContactModel]) -> None:
+    """Raise SettingError where touch says of one tip what nothing assigns to one of several."""
+    if len(tips) > 1 and (feeling.direction is not None or feeling.turn is not None):
+        raise SettingError(f"the sensor has {len(tips)} tips; touch can say direction and turn for one tip only")

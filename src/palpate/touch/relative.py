@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import SettingError
-from palpate.measurement import RelativePoses
+from palpate.measurement import Feeling, RelativePoses
 from palpate.recording import Frame
 
 Array = NDArray[np.float64]
@@ -22,8 +22,8 @@ BACK = np.arange(10, 40)
 class Touch(Protocol):
     """What feels the frames of a contact, one after the other."""
 
-    def feel(self, frame: Frame) -> RelativePoses | None:
-        """Return what the frame says relative to earlier ones of this contact; None where it says nothing."""
+    def feel(self, frame: Frame) -> Feeling:
+        """Return what the frame says, by itself and relative to earlier ones of this contact."""
         ...
 
     def lift(self) -> None:
@@ -34,9 +34,9 @@ class Touch(Protocol):
 class NoTouch:
     """Feels nothing: pushing and geometry alone."""
 
-    def feel(self, frame: Frame) -> RelativePoses | None:
+    def feel(self, frame: Frame) -> Feeling:
         """See Touch."""
-        return None
+        return Feeling()
 
     def lift(self) -> None:
         """See Touch."""
@@ -52,11 +52,11 @@ class ConstantTouch:
         self._covariance = np.diag(np.square(sigmas))
         self._age = -1
 
-    def feel(self, frame: Frame) -> RelativePoses | None:
+    def feel(self, frame: Frame) -> Feeling:
         """See Touch."""
         self._age += 1
         back = compared_frames(self._age)
-        return _relative(back, np.zeros((len(back), 3)), self._covariance)
+        return _feeling(back, np.zeros((len(back), 3)), self._covariance)
 
     def lift(self) -> None:
         """See Touch."""
@@ -70,7 +70,7 @@ class OracleTouch:
         self._covariance = np.diag(np.square(sigmas))
         self._felt: deque[Array] = deque(maxlen=int(BACK[-1]) + 1)
 
-    def feel(self, frame: Frame) -> RelativePoses | None:
+    def feel(self, frame: Frame) -> Feeling:
         """See Touch. A frame without ground truth says nothing, then and later."""
         object_pose = np.full(3, np.nan) if frame.object_pose is None else frame.object_pose
         self._felt.append(se2.between(object_pose, frame.sensor_pose))
@@ -78,7 +78,7 @@ class OracleTouch:
         back = compared_frames(len(felt) - 1)
         pose = se2.between(felt[-1 - back], felt[-1])
         known = np.isfinite(pose).all(axis=-1)
-        return _relative(back[known], pose[known], self._covariance)
+        return _feeling(back[known], pose[known], self._covariance)
 
     def lift(self) -> None:
         """See Touch."""
@@ -108,7 +108,7 @@ def make_touch(
     raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
 
 
-def _relative(back: Indices, pose: Array, covariance: Array) -> RelativePoses | None:
+def _feeling(back: Indices, pose: Array, covariance: Array) -> Feeling:
     if not len(back):
-        return None
-    return RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3)))
+        return Feeling()
+    return Feeling(RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3))))
