@@ -7,14 +7,24 @@ from collections.abc import Sequence
 
 import tyro
 
+from palpate.cli.calibrate import calibrate
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.info import info
 from palpate.cli.simulate import simulate
 from palpate.cli.track import track
+from palpate.cli.train import train
 from palpate.errors import PalpateError
 
-COMMANDS = {"demo": demo, "info": info, "track": track, "convert": convert, "simulate": simulate}
+COMMANDS = {
+    "demo": demo,
+    "info": info,
+    "track": track,
+    "convert": convert,
+    "simulate": simulate,
+    "calibrate": calibrate,
+    "train": train,
+}
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "
     "failed. With --debug, any command shows the traceback of an error in its input."

@@ -1,0 +1,118 @@
+"""Whether the gel is touched: how much of an image is off the untouched one (paper Sec. V-A)."""
+
+import numpy as np
+
+from palpate.touch.background import Background, Image, Levels, background_of, check_channel_order, check_image
+
+FIRST_FRAMES = 15
+"""Frames, half a second at 30 Hz, that are taken as untouched where no background is given."""
+
+START = 0.01
+"""Share of significant values above which the gel is touched: the paper's for its smallest contacts.
+
+Noise alone makes 6e-5 of them (normal law beyond 4 standard deviations), and 1.3e-3 while the deviation is known from
+15 frames only (Student's law). One percent is the area of 12 of 1200 cells, 4 mm^2 of a DIGIT's pad.
+"""
+
+END = 0.005
+"""Share at which a touch ends: half, so that one that hardly shows does not flicker. Still well above noise."""
+
+_SIGNIFICANT = 4.0  # standard deviations, as in the paper
+_CELLS = 30  # over the shorter side: the gel spreads every touch over more than such a cell of 0.6 mm
+_ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
+_LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
+_MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
+_EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
+
+
+class ContactDetector:
+    """Says of one image after the other whether the gel is touched.
+
+    An image is averaged over cells, 30 across, and these are compared with those of the untouched gel: averages have
+    less noise, so that a touch of 0.1 mm shows. The 4 standard deviations are those of a cell. The background is first
+    scaled to the image's brightness, each channel by the median ratio, which a touch of less than half of the pad does
+    not sway: a light that fades during a touch leaves none behind. While nothing touches, the background follows what
+    is seen; during a touch it stays as it is.
+
+    Without a background, the first FIRST_FRAMES images are taken as untouched and their statistics are used; until then
+    the answer is False. A sensor that touches something from the start needs a background from a file.
+    """
+
+    def __init__(self, background: Background | None = None) -> None:
+        self._first: list[Image] = []
+        self._background = background
+        self._checked = False
+        self._touched = False
+        self._share = 0.0
+        self._untouched = 0
+        if background is not None:
+            self._compare_with(background)
+
+    @property
+    def background(self) -> Background | None:
+        """The untouched gel as known now; None while the first frames are being gathered."""
+        return self._background
+
+    @property
+    def share(self) -> float:
+        """Share of the last image's values that are significantly off the untouched gel, 0 to 1."""
+        return self._share
+
+    def update(self, image: Image) -> bool:
+        """Return whether the gel is touched in this image (height, width, 3) RGB.
+
+        Raises SettingError on an image of another size or type than the background's or the first one, and where the
+        first one has red and blue swapped against a given background.
+        """
+        background = self._background
+        if background is None:
+            self._gather(image)
+            return False
+        check_image(image, *background.mean.shape[:2])
+        if not self._checked:
+            check_channel_order(image, background)
+            self._checked = True
+        self._share = self._significant(image)
+        self._touched = self._share > (END if self._touched else START)
+        if self._share <= END:
+            self._untouched += 1
+            if self._untouched % _EVERY == 0:
+                self._compare_with(_followed(background, image, _EVERY / _MEMORY))
+        return self._touched
+
+    def _gather(self, image: Image) -> None:
+        height, width = (self._first[0] if self._first else np.atleast_2d(image)).shape[:2]
+        check_image(image, height, width)
+        self._first.append(image.copy())
+        if len(self._first) == FIRST_FRAMES:
+            self._compare_with(background_of(self._first))
+            self._first, self._checked = [], True
+
+    def _compare_with(self, background: Background) -> None:
+        self._background = background
+        height, width = background.mean.shape[:2]
+        pixels = max(min(height, width) / _CELLS, 1.0)  # across a cell
+        self._size = (round(width / pixels), round(height / pixels))
+        self._mean = self._cells(background.mean)
+        noise = self._cells(background.deviation) * np.float32(min(_ALIKE / pixels, 1.0))
+        self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(noise, np.float32(_LEAST_DEVIATION))
+
+    def _cells(self, levels: Image | Levels) -> Levels:
+        import cv2
+
+        # Not as bytes: rounding would cost what averaging gains.
+        return np.asarray(cv2.resize(levels.astype(np.float32), self._size, interpolation=cv2.INTER_AREA), np.float32)
+
+    def _significant(self, image: Image) -> float:
+        cells = self._cells(image)
+        brightness = np.median(cells / np.maximum(self._mean, 1.0), axis=(0, 1))
+        return float((np.abs(cells - brightness * self._mean) > self._tolerance).mean())
+
+
+def _followed(background: Background, image: Image, part: float) -> Background:
+    """Return the statistics where this image makes up a part of what is known, and the past the rest."""
+    change = image.astype(np.float32) - background.mean
+    mean = np.asarray(background.mean + part * change, np.float32)
+    # Of a mixture of two: the variance within the past, and that between the past and the image.
+    variance = (1.0 - part) * (np.square(background.deviation) + part * np.square(change))
+    return Background(mean, np.sqrt(variance, dtype=np.float32))
