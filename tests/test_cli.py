@@ -277,7 +277,8 @@ def test_the_real_process():
     assert (failed.returncode, failed.stdout, failed.stderr) == (2, "", "palpate: missing.h5: no such file\n")
 
 
-HEAVY = ["scipy", "shapely", "cv2", "h5py", "gtsam", "matplotlib", "torch", "mujoco", "rerun", "joblib", "distributed"]
+HEAVY = ["scipy", "shapely", "cv2", "h5py", "gtsam", "matplotlib", "mujoco", "rerun", "joblib", "distributed"]
+HEAVY += ["torch", "onnx", "onnxruntime", "onnxscript"]
 
 
 @pytest.mark.parametrize("words", ["import palpate", "help"])

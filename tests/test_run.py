@@ -74,7 +74,7 @@ def test_what_the_settings_need_and_the_recording_lacks():
         track(recording)
     with pytest.raises(SettingError, match="no ground truth, which tactile oracle"):
         track(recording, TrackerSettings(tactile="oracle"), first_pose=(0, 0, 0))
-    with pytest.raises(SettingError, match="no contact flags"):
+    with pytest.raises(SettingError, match="neither images nor contact flags"):
         track(dataclasses.replace(pushed(), contact=None))
 
 

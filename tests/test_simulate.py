@@ -91,6 +91,17 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     assert turned.source.rsplit(" ", 1)[1] != blind.source.rsplit(" ", 1)[1]  # another unit
 
 
+def test_a_unit_stays_the_same_in_other_recordings():
+    disc, ellipse = SHAPES["disc"], SHAPES["ellipse"]
+    one = simulate_recording(disc, "disc", 3, 3.0, unit=5)
+    other = simulate_recording(ellipse, "ellipse", 4, 3.0, unit=5)
+    assert one.source.endswith("of unit 5") and other.source.endswith("of unit 5")
+    first, second = (np.asarray(made[0].image, float) for made in (one, other))
+    assert np.abs(first - second).mean() < 3.0  # but for noise, the same untouched gel
+    alone = np.asarray(simulate_recording(disc, "disc", 3, 3.0)[0].image, float)
+    assert np.abs(first - alone).mean() > 6.0
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_every_object_is_simulated_in_every_way(name):
     shape = SHAPES[name]

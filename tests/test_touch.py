@@ -7,10 +7,20 @@ from palpate import se2
 from palpate.errors import EstimationError, SettingError
 from palpate.measurement import ContactDirection, Feeling, Turn
 from palpate.recording import Frame
-from palpate.touch.relative import BACK, compared_frames, make_touch
+from palpate.sensor import POINT
+from palpate.touch import modes
+from palpate.touch.relative import BACK, Touch, compared_frames
 
 SIGMAS = (1.0, 2.0, 0.02)
 CONSTANT = (1.0, 1.0, 0.5)
+
+
+def no_background() -> Any:
+    raise AssertionError("this touch needs no images")
+
+
+def make_touch(mode: Any) -> Touch:
+    return modes.make_touch(mode, POINT, SIGMAS, CONSTANT, None, no_background)
 
 
 def frame(k: int, object_pose: Any = None, sensor_pose: Any = (0.0, 0.0, 0.0)) -> Frame:
@@ -40,13 +50,13 @@ def test_compared_frames(age, back):
 
 
 def test_no_touch_says_nothing():
-    touch = make_touch("none", SIGMAS, CONSTANT)
+    touch = make_touch("none")
     assert all(touch.feel(frame(k, (0, 0, 0))) == Feeling() for k in range(50))
     touch.lift()
 
 
 def test_constant_touch_says_that_nothing_turned():
-    touch = make_touch("constant", SIGMAS, CONSTANT)
+    touch = make_touch("constant")
     felt = [touch.feel(frame(k)) for k in range(50)]
     assert felt[0] == Feeling()
     assert all(feeling.direction is feeling.turn is None for feeling in felt)
@@ -66,7 +76,7 @@ def test_constant_touch_says_that_nothing_turned():
 def test_oracle_by_hand():
     # The object rests at (1, 0) turned by 90 degrees. Sensor at (1, -0.1): 0.1 behind in world y is x = -0.1 for the
     # object. It moves to (1.02, -0.1), turned by 0.1: at (-0.1, -0.02) for the object, and turned as much.
-    touch = make_touch("oracle", SIGMAS, CONSTANT)
+    touch = make_touch("oracle")
     object_pose = (1, 0, np.pi / 2)
     assert touch.feel(frame(0, object_pose, (1, -0.1, np.pi / 2))) == Feeling()
     found: Any = touch.feel(frame(1, object_pose, (1.02, -0.1, np.pi / 2 + 0.1))).relative
@@ -78,7 +88,7 @@ def test_oracle_by_hand():
 def test_oracle_compares_with_the_frames_it_names():
     rng = np.random.default_rng(1)
     objects, sensors = rng.normal(size=(2, 60, 3))
-    touch = make_touch("oracle", SIGMAS, CONSTANT)
+    touch = make_touch("oracle")
     felt = se2.between(objects, sensors)
     for k in range(60):
         found: Any = touch.feel(frame(k, objects[k], sensors[k])).relative
@@ -88,7 +98,7 @@ def test_oracle_compares_with_the_frames_it_names():
 
 
 def test_a_frame_of_unknown_truth_says_nothing_then_and_later():
-    touch = make_touch("oracle", SIGMAS, CONSTANT)
+    touch = make_touch("oracle")
     unknown = {12, 15}
     for k in range(60):
         truth = None if k == 12 else (np.nan, 0, 0) if k == 15 else (0, 0, 0.001 * k)
@@ -107,7 +117,7 @@ def test_a_frame_of_unknown_truth_says_nothing_then_and_later():
 
 
 def test_a_lift_makes_the_oracle_forget():
-    touch = make_touch("oracle", SIGMAS, CONSTANT)
+    touch = make_touch("oracle")
     for k in range(20):
         touch.feel(frame(k, (0, 0, 0)))
     touch.lift()
@@ -120,7 +130,7 @@ def test_a_lift_makes_the_oracle_forget():
 def test_an_unknown_mode_names_the_allowed_ones():
     mode: Any = "learned"
     with pytest.raises(SettingError, match="'learned'; allowed are none, constant, oracle"):
-        make_touch(mode, SIGMAS, CONSTANT)
+        make_touch(mode)
 
 
 @pytest.mark.parametrize("kind", [ContactDirection, Turn])

@@ -11,8 +11,8 @@ from palpate.recording import Frame
 from palpate.tracker import Tracker
 
 
-def test_a_frame_without_contact_flag():
-    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has no contact flag"):
+def test_a_frame_with_neither_image_nor_contact_flag():
+    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has neither an image nor a contact flag"):
         disc_tracker().update(small_frame(contact=None))
 
 
@@ -42,8 +42,8 @@ def test_a_first_pose_that_is_none(first):
 
 
 def test_unknown_names_list_the_allowed_ones():
-    with pytest.raises(SettingError, match="tactile is 'learnt'; allowed are none, constant, oracle"):
-        disc_tracker(settings(tactile="learnt"))
+    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are none, constant, oracle, learnt"):
+        disc_tracker(settings(tactile="felt"))
     with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, isam2"):
         disc_tracker(settings(smoother="isam"))
 

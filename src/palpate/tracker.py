@@ -17,7 +17,10 @@ from palpate.measurement import Feeling
 from palpate.recording import Frame
 from palpate.sensor import SensorProfile
 from palpate.shapes import Shape
-from palpate.touch.relative import Tactile, make_touch
+from palpate.touch.background import Background
+from palpate.touch.contact import ContactDetector
+from palpate.touch.model import TouchModel
+from palpate.touch.modes import Tactile, make_touch
 from palpate.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -39,7 +42,7 @@ class TrackerSettings:
     """How to track."""
 
     tactile: Tactile = "none"
-    """What touch says: nothing, the constant model, or the truth (oracle)."""
+    """What touch says; see `touch.modes.Tactile`."""
     smoother: SmootherName = "fixed-lag"
     """Sliding window with a bounded time a step, or iSAM2 over each whole contact."""
     noise: GraphNoise = GraphNoise()
@@ -78,8 +81,19 @@ class Tracker:
     """Tracks one object from the frames of one sensor. No input, output or drawing."""
 
     def __init__(
-        self, shape: Shape, sensor: SensorProfile, first_pose: Array, settings: TrackerSettings | None = None
+        self,
+        shape: Shape,
+        sensor: SensorProfile,
+        first_pose: Array,
+        settings: TrackerSettings | None = None,
+        model: TouchModel | None = None,
+        background: Background | None = None,
     ) -> None:
+        """Take the object, the sensor, world_T_object (3,) [m, m, rad] at the first frame, and how to track.
+
+        Learnt touch uses `model`, by default the one that comes with palpate. `background` is the untouched gel of this
+        unit, from `palpate calibrate`; without it the first half second of images is taken as untouched.
+        """
         settings = settings or TrackerSettings()
         pose = _pose(first_pose)
         if pose is None:
@@ -88,7 +102,10 @@ class Tracker:
             )
         self._noise, self._sensor = settings.noise, sensor
         self._tips = factors.contact_models(shape, sensor, settings.pressure)
-        self._touch = make_touch(settings.tactile, settings.noise.tactile, settings.noise.constant)
+        self._detector = ContactDetector(background)
+        self._touch = make_touch(
+            settings.tactile, sensor, settings.noise.tactile, settings.noise.constant, model, self._background
+        )
         self._smoother = make_smoother(settings.smoother, self._tips, settings.noise)
         self._pose = pose
         self._covariance = np.diag(np.square(settings.noise.first_pose))
@@ -108,7 +125,8 @@ class Tracker:
         """Take the next frame and return the estimate at its time.
 
         Raises EstimationError where the frame cannot be used (no contact flag, time not after the last frame's, a
-        sensor pose that is not finite) or the graph cannot be solved even anew.
+        sensor pose that is not finite) or the graph cannot be solved even anew. A frame with an image is in contact
+        if the image says so, whatever its flag says.
         """
         frame = self._checked(frame)
         if self._touching and (not frame.contact or self._paused(frame)):
@@ -234,24 +252,31 @@ class Tracker:
         variance = (by_object @ self._covariance @ by_object.T).item() + self._noise.contact**2
         return float(nearest[0][0]), float(np.sqrt(variance))
 
+    def _background(self) -> Background:
+        """The untouched gel; it is known before the first contact that the detector finds."""
+        background = self._detector.background
+        assert background is not None
+        return background
+
     def _paused(self, frame: Frame) -> bool:
         return self._last is not None and frame.time - self._last.time > _PAUSE * self._interval
 
     def _checked(self, frame: Frame) -> Frame:
-        """The frame with a sensor pose of its own, so that a live sensor may reuse its buffers."""
+        """The frame with contact as its image tells, and a pose of its own, so that a sensor may reuse its buffers."""
         last = -np.inf if self._last is None else self._last.time
         if not last < frame.time < np.inf:
             raise EstimationError(f"frame at {frame.time:.3f} s follows one at {last:.3f} s; times must increase")
-        if frame.contact is None:
+        if frame.contact is None and frame.image is None:
             raise EstimationError(
-                f"frame at {frame.time:.3f} s has no contact flag; the tracker needs one for every frame"
+                f"frame at {frame.time:.3f} s has neither an image nor a contact flag; the tracker needs one of them"
             )
         pose = _pose(frame.sensor_pose)
         if pose is None:
             raise EstimationError(
                 f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be three finite numbers"
             )
-        return replace(frame, sensor_pose=pose)
+        contact = frame.contact if frame.image is None else self._detector.update(frame.image)
+        return replace(frame, sensor_pose=pose, contact=contact)
 
 
 def _pose(given: object) -> Array | None:

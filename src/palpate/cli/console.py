@@ -46,13 +46,13 @@ def complain(error: Exception | str) -> None:
 
 
 @contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error, where that is a terminal; call what it yields with the number done."""
+def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
+    """A bar on standard error, where that is a terminal; call what it yields with the number done, and maybe a note."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(title, total=total)
-        yield lambda done: progress.update(task, completed=done)
+        yield lambda done, note="": progress.update(task, completed=done, description=f"{title} {note}".strip())
 
 
 def busy(title: str) -> Status:

@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 import tyro
 
-TACTILE: Final = "oracle"
+TACTILE: Final = "learnt"
 SHAPE: Final = "rectangle"
 SEED: Final = 2
 """The first one with three contacts. It ends about as far off as the median push at the edges of this object."""

@@ -22,6 +22,14 @@ def simulate(
     count: Annotated[int, tyro.conf.arg(metavar="N", help="Recordings of each object.")] = 10,
     seed: Annotated[int, tyro.conf.arg(metavar="N", help="The same seed gives the same files.")] = 0,
     seconds: Annotated[float, tyro.conf.arg(metavar="S", help="Length of a recording [s].")] = 15.0,
+    unit: Annotated[
+        int | None,
+        tyro.conf.arg(
+            metavar="N",
+            help="Seed of one sensor unit for all recordings.",
+            help_behavior_hint="(default: another unit for each)",
+        ),
+    ] = None,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")] = 1,
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
@@ -43,7 +51,7 @@ def simulate(
     from palpate.simulation.objects import PAPER
 
     begin = time.perf_counter()
-    jobs = plan(_shapes(shape or PAPER), count, seed)
+    jobs = plan(_shapes(shape or PAPER), count, seed, unit)
     with progress_bar("simulating", len(jobs)) as progress:
         outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
     wall_s = time.perf_counter() - begin

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 if TYPE_CHECKING:
+    from palpate.touch.background import Background
+    from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
 # Said again here so that --help need not import the estimator; a test compares them.
-Tactile = Literal["none", "constant", "oracle"]
+Tactile = Literal[
+    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
+]
 SmootherName = Literal["fixed-lag", "isam2"]
 NoiseName = Literal["palpate", "published"]
 
@@ -32,7 +36,27 @@ def track(
     ],
     /,
     *,
-    tactile: Annotated[Tactile, tyro.conf.arg(help="What touch says: nothing, no turning, or the truth.")] = "none",
+    tactile: Annotated[
+        Tactile,
+        tyro.conf.arg(
+            help="What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, "
+            "by pairs of images (linear is the paper's), the turn or the contact's direction alone."
+        ),
+    ] = "none",
+    model: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
+        ),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="UNIT.npz",
+            help="How this sensor unit looks untouched, from palpate calibrate.",
+            help_behavior_hint="(default: as in the first half second)",
+        ),
+    ] = None,
     smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
     noise: Annotated[NoiseName, tyro.conf.arg(help="Preset of standard deviations.")] = "palpate",
     pressure: Annotated[
@@ -62,23 +86,32 @@ def track(
     json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
 ) -> int:
     """Track the object of each recording; leaves poses, covariances, scores and a figure in a folder."""
+    from functools import partial
+
     from palpate.cli.console import complain, print_json
     from palpate.errors import PalpateError, SettingError
     from palpate.graph.noise import PRESETS
+    from palpate.touch.background import load_background
+    from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
     settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=PRESETS[noise], pressure=_pressure(pressure))
+    if model is not None and not tactile.startswith("learnt"):
+        raise SettingError(f"--model {model} is of no use with --tactile {tactile}; a learnt one takes it")
+    learnt = None if model is None else TouchModel(model)
+    background = None if calibration is None else load_background(calibration)
+    track_file = partial(run_file, settings=settings, first_pose=first_pose, model=learnt, background=background)
     folders = _folders(files, out)
     if len(files) == 1:
-        report_run(run_file(files[0], folders[0], settings, first_pose, force), folders[0], json)
+        report_run(track_file(files[0], folders[0], force=force), folders[0], json)
         return 0
     runs: list[dict[str, Any]] = []
     failed: list[dict[str, str]] = []
     for file, folder in zip(files, folders, strict=True):
         try:
-            summary = run_file(file, folder, settings, first_pose, force)
+            summary = track_file(file, folder, force=force)
         except PalpateError as error:
             complain(error)
             failed.append({"file": str(file), "error": str(error)})
@@ -97,6 +130,8 @@ def run_file(
     settings: "TrackerSettings",
     first_pose: tuple[float, float, float] | None = None,
     force: bool = False,
+    model: "TouchModel | None" = None,
+    background: "Background | None" = None,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary."""
     from palpate import formats
@@ -107,7 +142,7 @@ def run_file(
     check_folder(folder, force)  # before the work, not after it
     recording = formats.load_recording(file)
     with progress_bar(file.name, len(recording)) as progress:
-        run = track(recording, settings, first_pose, progress)
+        run = track(recording, settings, first_pose, progress, model, background)
     write_run(run, folder, force)
     return run.summary
 

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
-from palpate.evaluation.findings import contact_runs, trusted_truth
+from palpate.evaluation.findings import trusted_truth
 from palpate.evaluation.metrics import summarise
 from palpate.recording import Recording
+from palpate.touch.background import Background
+from palpate.touch.model import SHIPPED, TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 from palpate.trajectory import Trajectory
 
@@ -28,6 +30,8 @@ class Run:
     """What was tracked."""
     settings: TrackerSettings
     """How."""
+    model: TouchModel | None
+    """What felt, where touch was learnt."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
     online: Trajectory
@@ -49,10 +53,13 @@ def track(
     settings: TrackerSettings | None = None,
     first_pose: ArrayLike | None = None,
     progress: Callable[[int], None] | None = None,
+    model: TouchModel | None = None,
+    background: Background | None = None,
 ) -> Run:
     """Track the object of a recording; `progress` is called after each frame with the number done.
 
-    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth.
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`
+    and `background` are the Tracker's.
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
     cannot go on.
     """
@@ -60,7 +67,9 @@ def track(
     settings = settings or TrackerSettings()
     first = _first_pose(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
     _check(recording, settings)
-    tracker = Tracker(recording.shape, recording.sensor, first, settings)
+    if model is None and settings.tactile.startswith("learnt"):
+        model = TouchModel(SHIPPED)
+    tracker = Tracker(recording.shape, recording.sensor, first, settings, model, background)
     estimates: list[Estimate] = []
     step_ms = np.empty(len(recording))
     for index, frame in enumerate(recording):
@@ -69,11 +78,12 @@ def track(
         step_ms[index] = (time.perf_counter() - start) * 1e3
         if progress:
             progress(index + 1)
+    contact = np.array([estimate.contact for estimate in estimates])
     online = Trajectory(
         time=np.array([estimate.time for estimate in estimates]),
         pose=np.array([estimate.pose for estimate in estimates]),
         covariance=np.array([estimate.covariance for estimate in estimates]),
-        contact=np.array([estimate.contact for estimate in estimates]),
+        contact=contact,
         status=tuple(estimate.status for estimate in estimates),
     )
     smoothed = tracker.smoothed()
@@ -88,15 +98,17 @@ def track(
         tactile=settings.tactile,
         smoother=settings.smoother,
         wall_s=wall_s,
-        episodes=len(contact_runs(recording)),
+        episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
     )
-    return Run(recording, settings, first, online, smoothed, step_ms, wall_s, truth, summary)
+    return Run(recording, settings, model, first, online, smoothed, step_ms, wall_s, truth, summary)
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:
     name = recording.file or "the recording"
-    if recording.contact is None:
-        raise SettingError(f"{name}: has no contact flags, and tracking needs them")
+    if recording.contact is None and recording.image is None:
+        raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
+    if settings.tactile.startswith("learnt") and recording.image is None:
+        raise SettingError(f"{name}: has no images, which tactile {settings.tactile} needs")
     known = recording.object_pose is not None and not np.isnan(recording.object_pose).all()
     if settings.tactile == "oracle" and not known:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")

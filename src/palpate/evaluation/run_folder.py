@@ -64,6 +64,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "recording": None if run.recording.file is None else str(run.recording.file),
         "source": run.recording.source,
         "tactile": run.settings.tactile,
+        "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
         "smoother": run.settings.smoother,
         "pressure": run.settings.pressure,
         "first_pose": run.first_pose.tolist(),

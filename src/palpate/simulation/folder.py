@@ -31,6 +31,8 @@ class Job:
     """Kind of contact."""
     seed: int
     """Seed of this recording alone."""
+    unit: int | None = None
+    """Seed of its sensor unit; None draws one for this recording alone."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,14 @@ class Outcome:
     """Files that could not be made, and why."""
 
 
-def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0) -> list[Job]:
+def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None) -> list[Job]:
     """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
     if not 1 <= count <= COUNT:
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
     if seed < 0:
         raise SettingError(f"seed is {seed}; allowed is 0 or more")
+    if unit is not None and unit < 0:
+        raise SettingError(f"unit is {unit}; allowed is 0 or more")
     jobs: list[Job] = []
     for index in range(count):
         for name, shape in shapes.items():
@@ -58,7 +62,7 @@ def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0) -> list[Job]:
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number))
+            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit))
     return jobs
 
 
@@ -104,7 +108,7 @@ def simulate_folder(
 def _simulate(job: Job, seconds: float, images: bool) -> tuple[Job, Recording | str]:
     """Return a recording, or why there is none; the files are written by the process that asked for it."""
     try:
-        return job, simulate_recording(job.shape, job.kind, job.seed, seconds, images)
+        return job, simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit)
     except PalpateError as error:
         return job, str(error)
 
@@ -128,7 +132,7 @@ def _is_whole(folder: Path, job: Job, seconds: float, images: bool) -> bool:
     import h5py
 
     path = folder / job.name
-    wanted = simulated_source(job.shape, job.kind, job.seed, seconds, images)
+    wanted = simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit)
     try:
         with h5py.File(path, "r") as file:
             found = file.attrs.get("source", "")

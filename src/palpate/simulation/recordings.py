@@ -35,26 +35,28 @@ def simulate_recording(
     seconds: float = 15.0,
     images: bool = True,
     progress: Callable[[int], None] | None = None,
+    unit: int | None = None,
 ) -> Recording:
     """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT.
 
     World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
-    images or not. The recording's sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel.
+    images or not; with a seed of its own, `unit`, the sensor unit is the same in many recordings. The recording's
+    sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel.
     `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
     duration that is not allowed.
     """
     import cv2
     from threadpoolctl import threadpool_limits
 
-    unit_seed, *seeds = _seeds(shape, kind, seed)
+    unit_seed, *seeds = _seeds(shape, kind, seed, unit)
     pushes, noise, camera = (np.random.default_rng(each) for each in seeds)
-    unit = draw_unit(DIGIT, int(unit_seed.generate_state(1)[0]))
+    sensor_unit = draw_unit(DIGIT, unit_seed)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         with threadpool_limits(1):
-            sequence = draw_sequence(shape, kind, replace(DIGIT, radius=unit.radius), pushes, seconds)
-            pictures = _pictures(unit, shape, sequence, camera, progress) if images else None
+            sequence = draw_sequence(shape, kind, replace(DIGIT, radius=sensor_unit.radius), pushes, seconds)
+            pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
     finally:
         cv2.setNumThreads(threads)
     motion = sequence.motion
@@ -67,7 +69,7 @@ def simulate_recording(
         contact=motion.contact,
         episode=episode_numbers(motion.contact),
         image=pictures,
-        source=simulated_source(shape, kind, seed, seconds, images),
+        source=simulated_source(shape, kind, seed, seconds, images, unit),
         frames=_FRAMES,
         extra={
             "normal_force": motion.normal_force,
@@ -81,17 +83,22 @@ def simulate_recording(
     )
 
 
-def simulated_source(shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True) -> str:
+def simulated_source(
+    shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True, unit: int | None = None
+) -> str:
     """Return the words that say where a simulated recording comes from, and from what it can be made again."""
-    unit = int(_seeds(shape, kind, seed)[0].generate_state(1)[0])
-    touch = f"drawn touch images of unit {unit}" if images else f"no touch images, gel of unit {unit}"
+    drawn, *_ = _seeds(shape, kind, seed, unit)
+    touch = f"drawn touch images of unit {drawn}" if images else f"no touch images, gel of unit {drawn}"
     return f"simulated by palpate: MuJoCo, {kind}, {float(seconds)!r} s, seed {seed}, {touch}"
 
 
-def _seeds(shape: Shape, kind: str, seed: int) -> list[np.random.SeedSequence]:
+def _seeds(
+    shape: Shape, kind: str, seed: int, unit: int | None
+) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence, np.random.SeedSequence]:
     """Seeds of the unit, the pushes, the noise and the camera: other ones for each object and kind."""
     what = json.dumps([shape_to_dict(shape), kind]).encode()
-    return np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(4)
+    drawn, pushes, noise, camera = np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(4)
+    return int(drawn.generate_state(1)[0]) if unit is None else unit, pushes, noise, camera
 
 
 def _pictures(

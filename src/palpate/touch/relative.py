@@ -1,19 +1,17 @@
 """Relative sensor poses from touch, between the current frame and earlier ones of a contact (paper Sec. IV-A)."""
 
 from collections import deque
-from typing import Literal, Protocol, get_args
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate import se2
-from palpate.errors import SettingError
 from palpate.measurement import Feeling, RelativePoses
 from palpate.recording import Frame
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
-Tactile = Literal["none", "constant", "oracle"]
 
 BACK = np.arange(10, 40)
 """How many frames ago the compared frames were, as in the published system."""
@@ -93,19 +91,6 @@ def compared_frames(age: int) -> Indices:
     """
     back = BACK[age >= BACK]
     return np.append(back, age) if 0 < age <= BACK[-1] and age not in back[-1:] else back
-
-
-def make_touch(
-    tactile: Tactile, sigmas: tuple[float, float, float], constant_sigmas: tuple[float, float, float]
-) -> Touch:
-    """Return what feels in this mode, with the standard deviations [m, m, rad] of a relative pose."""
-    if tactile == "none":
-        return NoTouch()
-    if tactile == "constant":
-        return ConstantTouch(constant_sigmas)
-    if tactile == "oracle":
-        return OracleTouch(sigmas)
-    raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
 
 
 def _feeling(back: Indices, pose: Array, covariance: Array) -> Feeling:

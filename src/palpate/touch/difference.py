@@ -1,0 +1,25 @@
+"""What the networks see: how an image differs from the untouched gel."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Difference = NDArray[np.float32]
+
+ROWS, COLUMNS = 32, 128
+"""Size of what the networks see. An upright object makes patches that stand along the rows, and what they tell of its
+yaw lies across the columns, down to the shading beside a corner's line of a millimetre: so the columns are finer.
+"""
+
+_LEVELS = 32.0  # grey levels that make 1, about as much as a firm contact adds
+
+
+def reduced(image: NDArray[np.uint8] | Difference) -> NDArray[np.float32]:
+    """Return an image or a background's mean (height, width, 3) as (ROWS, COLUMNS, 3) [grey levels]."""
+    import cv2
+
+    return np.asarray(cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def difference(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
+    """Return how an image (height, width, 3) differs from the reduced mean of the background: (ROWS, COLUMNS, 3)."""
+    return (reduced(image) - reduced_mean) / np.float32(_LEVELS)

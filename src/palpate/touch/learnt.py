@@ -1,0 +1,128 @@
+"""What a trained model says of the frames of a contact, by each image or by pairs of images."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import EstimationError
+from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
+from palpate.recording import Frame
+from palpate.touch.background import Background
+from palpate.touch.difference import Difference, difference, reduced
+from palpate.touch.model import TouchModel
+from palpate.touch.relative import BACK, Touch, compared_frames
+
+Array = NDArray[np.float64]
+Features = NDArray[Any]
+
+_UNTOLD = 1.0  # [m] standard deviation of x and y of a relative pose, of which images say nothing
+
+
+class ImageTouch:
+    """Says what each image tells by itself: where the tip is touched, how the sensor has turned, or both.
+
+    That is one measurement an image and not one a pair, for pairs of the same images are not independent.
+    """
+
+    def __init__(self, model: TouchModel, view: "View", direction: bool = True, turn: bool = True) -> None:
+        self._model, self._view = model, view
+        self._direction, self._turn = direction, turn
+
+    def feel(self, frame: Frame) -> Feeling:
+        """See Touch."""
+        look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
+        direction, turn = look.direction, look.turn
+        return Feeling(
+            direction=ContactDirection(direction[0], direction[1] * spread["direction"].factor)
+            if self._direction
+            else None,
+            turn=Turn(turn[0], turn[1] * spread["turn"].factor) if self._turn else None,
+        )
+
+    def lift(self) -> None:
+        """See Touch."""
+        self._view.forget()
+
+
+class PairTouch:
+    """Says how the sensor has turned since earlier frames, from features of each image (paper Eq. 6)."""
+
+    def __init__(
+        self,
+        view: "View",
+        see: Callable[[Difference], Features],
+        compare: Callable[[Features, Features], tuple[Array, Array]],
+    ) -> None:
+        """Take what makes features (F,) of an image, and turns and variances (P,) of features (P, F) and later (F,)."""
+        self._view, self._see, self._compare = view, see, compare
+        self._seen: deque[Features] = deque(maxlen=int(BACK[-1]) + 1)
+
+    def feel(self, frame: Frame) -> Feeling:
+        """See Touch."""
+        self._seen.append(self._see(self._view.of(frame)))
+        back = compared_frames(len(self._seen) - 1)
+        if not len(back):
+            return Feeling()
+        seen = np.array(self._seen)
+        turn, variance = self._compare(seen[-1 - back], seen[-1])
+        pose = np.zeros((len(back), 3))
+        covariance = np.zeros((len(back), 3, 3))
+        pose[:, 2], covariance[:, 2, 2] = turn, variance
+        covariance[:, 0, 0] = covariance[:, 1, 1] = _UNTOLD**2
+        return Feeling(relative=RelativePoses(back, pose, covariance))
+
+    def lift(self) -> None:
+        """See Touch."""
+        self._seen.clear()
+        self._view.forget()
+
+
+class View:
+    """Frames as the networks see them: their difference from the untouched gel, as it was when the contact began."""
+
+    def __init__(self, background: Callable[[], Background]) -> None:
+        """Take what tells the background at the moment."""
+        self._background = background
+        self._mean: NDArray[np.float32] | None = None
+
+    def of(self, frame: Frame) -> Difference:
+        """Return the difference (32, 128, 3); EstimationError for a frame without an image."""
+        if frame.image is None:
+            raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
+        if self._mean is None:
+            self._mean = reduced(self._background().mean)
+        return difference(frame.image, self._mean)
+
+    def forget(self) -> None:
+        """End the contact: the next one is compared with the background as it is then."""
+        self._mean = None
+
+
+def linear_touch(model: TouchModel, view: View) -> Touch:
+    """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact."""
+    points = slice(0, 2)
+    variance = model.settings.spread["linear"].factor
+
+    def see(difference: Difference) -> Features:
+        return np.concatenate(model.keypoint(difference))
+
+    def compare(earlier: Features, later: Features) -> tuple[Array, Array]:
+        kinds = 0.5 * (earlier[:, points.stop :] + later[points.stop :])
+        turn = model.linear(earlier[:, points], later[points], kinds)
+        return turn, np.full(len(turn), variance)
+
+    return PairTouch(view, see, compare)
+
+
+def pair_touch(model: TouchModel, view: View) -> Touch:
+    """Return touch with a predicted distribution for each pair."""
+    factor = model.settings.spread["pair"].factor
+
+    def compare(earlier: Features, later: Features) -> tuple[Array, Array]:
+        turn, variance = model.compare(earlier.astype(np.float32), later.astype(np.float32))
+        return turn, variance * factor
+
+    return PairTouch(view, lambda difference: model.look(difference).descriptor, compare)

@@ -1,0 +1,176 @@
+"""A trained touch model on disk: ONNX networks and a JSON of settings in a folder; opening one runs no code of its own.
+
+| file | from | to |
+|---|---|---|
+| touch.onnx | difference (1, 3, 32, 128) | direction (1, 2), turn (1, 2), descriptor (1, D) |
+| pair.onnx | earlier (P, D), later (P, D) | turned (P, 2) |
+| keypoint.onnx | difference (1, 3, 32, 128) | keypoint (1, 2), kinds (1, C), which are logits |
+
+Direction, turn and turned are means [rad] and log variances. Training writes the folder, `TouchModel` reads it.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.files import existing_file, read_json
+from palpate.touch.difference import Difference
+
+Array = NDArray[np.float64]
+FORMAT, VERSION = "palpate-touch-model", 1
+NETWORKS = ("touch", "pair", "keypoint")
+KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
+"""Kinds of contact that a model tells apart."""
+SHIPPED = Path(__file__).resolve().parents[1] / "data" / "digit"
+"""The model of the DIGIT that comes with palpate."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far a prediction is to be believed, measured on recordings of units that were not trained on."""
+
+    scale: float
+    """By how much predicted variances are to be multiplied to be right for one image or pair."""
+    together: float
+    """How many frames in a row err together: so many measurements are worth one."""
+
+    @property
+    def factor(self) -> float:
+        """What a predicted variance is multiplied by where every frame gives a measurement of its own."""
+        return self.scale * self.together
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """What a model was made for and from."""
+
+    sensor: str
+    """Name of the sensor profile."""
+    image_height: int
+    """Rows of its images [px]."""
+    image_width: int
+    """Columns of its images [px]."""
+    spread: Mapping[str, Spread]
+    """Of "direction", "turn", "pair" and "linear". The last predicts no variance: its scale is the variance [rad^2]."""
+    linear: tuple[tuple[float, float], ...]
+    """Change of sin(yaw) per change of the key point's column and row, for each of KINDS: the paper's linear model."""
+    training: Mapping[str, Any]
+    """Data, seed and settings that it comes from, for people."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What one image says by itself."""
+
+    direction: tuple[float, float]
+    """Angle of the contact on the tip, mean [rad] and variance [rad^2]."""
+    turn: tuple[float, float]
+    """Yaw up to an offset of the contact, mean [rad] and variance [rad^2]."""
+    descriptor: NDArray[np.float32]
+    """(D,) what `TouchModel.compare` takes."""
+
+
+class TouchModel:
+    """A model folder; raises FileError where it is incomplete, of a newer version or altered."""
+
+    def __init__(self, folder: Path | str) -> None:
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise FileError(f"{folder}: no such folder; a touch model is a folder with model.json in it")
+        written = read_json(folder / "model.json")
+        if written.get("format") != FORMAT:
+            raise FileError(f"{folder / 'model.json'}: format is {written.get('format')!r}, expected {FORMAT!r}")
+        version = written.get("version")
+        if not isinstance(version, int) or version > VERSION:
+            raise FileError(f"{folder / 'model.json'}: version is {version!r}, this palpate reads up to {VERSION}")
+        self.networks = {name: existing_file(folder / f"{name}.onnx").read_bytes() for name in NETWORKS}
+        found = fingerprint(written.get("settings"), self.networks)
+        if found != written.get("hash"):
+            raise FileError(f"{folder}: hash is {found[:12]}, model.json says {str(written.get('hash'))[:12]}: altered")
+        self.folder, self.hash = folder, found
+        self.settings = _settings(folder, written["settings"])
+
+    def look(self, difference: Difference) -> Look:
+        """Return what a difference from the untouched gel (32, 128, 3) says; see `touch.difference`."""
+        direction, turn, descriptor = self._touch.run(None, {"difference": _batch(difference)})
+        return Look(_gaussian(direction[0]), _gaussian(turn[0]), descriptor[0])
+
+    def compare(self, earlier: NDArray[np.float32], later: NDArray[np.float32]) -> tuple[Array, Array]:
+        """Return the sensor's turn (P,) [rad] from descriptors (P, D) to one (D,), and its variance (P,)."""
+        pairs = {"earlier": earlier, "later": np.broadcast_to(later, earlier.shape)}
+        (turned,) = self._pair.run(None, pairs)
+        return turned[:, 0].astype(np.float64), np.exp(turned[:, 1].astype(np.float64))
+
+    def keypoint(self, difference: Difference) -> tuple[Array, Array]:
+        """Return the key point (2,), column and row in -1 to 1, and how likely each of KINDS is (C,)."""
+        point, logits = self._keypoint.run(None, {"difference": _batch(difference)})
+        likely = np.exp(logits[0].astype(np.float64) - logits[0].max())
+        return point[0].astype(np.float64), likely / likely.sum()
+
+    def linear(self, earlier: Array, later: Array, kinds: Array) -> Array:
+        """Return the turn (P,) [rad] from key points (P, 2) to one (2,) in contacts of these kinds (P, C)."""
+        sine = np.sum((later - earlier) * (kinds @ np.asarray(self.settings.linear)), axis=1)
+        return np.arcsin(np.clip(sine, -1.0, 1.0))
+
+    @cached_property
+    def _touch(self) -> Any:
+        return session(self.networks["touch"])
+
+    @cached_property
+    def _pair(self) -> Any:
+        return session(self.networks["pair"])
+
+    @cached_property
+    def _keypoint(self) -> Any:
+        return session(self.networks["keypoint"])
+
+
+def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, bytes]) -> None:
+    """Write the files of a model into an existing folder; `networks` are the ONNX files by name."""
+    plain = json.loads(json.dumps(asdict(settings)))
+    for name in NETWORKS:
+        (folder / f"{name}.onnx").write_bytes(networks[name])
+    written = {"format": FORMAT, "version": VERSION, "hash": fingerprint(plain, networks), "settings": plain}
+    (folder / "model.json").write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
+
+
+def fingerprint(settings: Any, networks: Mapping[str, bytes]) -> str:
+    """Return the hash of a model's settings and networks."""
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+    for name in NETWORKS:
+        digest.update(hashlib.sha256(networks[name]).digest())
+    return digest.hexdigest()
+
+
+def session(network: bytes) -> Any:
+    """Return what runs an ONNX file."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors; folding of constants that it cannot do is none
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # one image gains nothing from more
+    return onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
+
+
+def _settings(folder: Path, plain: Mapping[str, Any]) -> ModelSettings:
+    try:
+        spread = {name: Spread(**value) for name, value in plain["spread"].items()}
+        return ModelSettings(**{**plain, "spread": spread})
+    except (KeyError, TypeError, AttributeError) as error:
+        raise FileError(f"{folder / 'model.json'}: settings do not fit this version ({error})") from error
+
+
+def _batch(difference: Difference) -> Difference:
+    return np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
+
+
+def _gaussian(said: NDArray[np.float32]) -> tuple[float, float]:
+    return float(said[0]), float(np.exp(said[1]))

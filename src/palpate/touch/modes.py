@@ -1,0 +1,64 @@
+"""The ways to feel that a tracker can be told to use."""
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+from palpate.errors import SettingError
+from palpate.sensor import SensorProfile
+from palpate.touch.background import Background
+from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
+
+Tactile = Literal[
+    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
+]
+"""What touch says.
+
+- none: nothing; pushing and geometry alone.
+- constant: that the sensor does not turn on the object, for pairs of frames (the paper's constant model).
+- oracle: the true relative yaw of pairs of frames, from ground truth.
+- learnt: where the tip is touched and how the sensor has turned, one of each an image; both of the next but one.
+- learnt-linear: relative yaw of pairs, linear in their key points (the paper's best model).
+- learnt-pairs: relative yaw of pairs with a predicted variance for each.
+- learnt-turn: yaw by each image, up to an offset of the contact.
+- learnt-direction: where the tip is touched, by each image.
+"""
+
+Sigmas = tuple[float, float, float]
+
+
+def make_touch(
+    tactile: Tactile,
+    sensor: SensorProfile,
+    oracle: Sigmas,
+    constant: Sigmas,
+    model: TouchModel | None,
+    background: Callable[[], Background],
+) -> Touch:
+    """Return what feels in a mode.
+
+    oracle and constant are standard deviations [m, m, rad] of a relative pose in these two modes. Learnt ones use the
+    model, by default the one that comes with palpate, and compare images with what background tells at the moment.
+    Raises SettingError on another mode, and on a model of other images than the sensor's.
+    """
+    if tactile == "none":
+        return NoTouch()
+    if tactile == "constant":
+        return ConstantTouch(constant)
+    if tactile == "oracle":
+        return OracleTouch(oracle)
+    if tactile not in get_args(Tactile):
+        raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
+    model, view = model or TouchModel(SHIPPED), View(background)
+    made_for = model.settings
+    if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
+        raise SettingError(
+            f"sensor {sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px; the touch model "
+            f"is of {made_for.sensor!r}, with {made_for.image_height} x {made_for.image_width} px"
+        )
+    if tactile == "learnt-linear":
+        return linear_touch(model, view)
+    if tactile == "learnt-pairs":
+        return pair_touch(model, view)
+    return ImageTouch(model, view, direction=tactile != "learnt-turn", turn=tactile != "learnt-direction")

@@ -1,0 +1,90 @@
+"""Trained networks as ONNX files and back."""
+
+import logging
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from palpate.errors import EstimationError
+from palpate.touch.difference import COLUMNS, ROWS
+from palpate.touch.model import session
+from palpate.training.learn import Keypoints, Touch
+from palpate.training.networks import DESCRIPTOR
+
+_CLOSE = 1e-4  # by which outputs in ONNX Runtime may differ
+_PAIRS = 3
+
+
+def exported(keypoints: Keypoints, touch: Touch) -> dict[str, bytes]:
+    """Return the networks of a touch model as ONNX files, checked to say what they say in torch."""
+    image = torch.randn(1, 3, ROWS, COLUMNS)
+    earlier, later = torch.randn(2, _PAIRS, DESCRIPTOR)
+    return {
+        "touch": _onnx(touch.image, {"difference": image}, ["direction", "turn", "descriptor"]),
+        "pair": _onnx(touch.pair, {"earlier": earlier, "later": later}, ["turned"], any_number=True),
+        "keypoint": _onnx(keypoints.encoder, {"difference": image}, ["keypoint", "kinds"]),
+    }
+
+
+def restore(network: nn.Module, file: bytes) -> None:
+    """Set a network's weights to those of its ONNX file; EstimationError if they do not fit it."""
+    import onnx
+    from onnx import numpy_helper
+
+    written = {each.name: each for each in onnx.load_from_string(file).graph.initializer}
+    state = network.state_dict()
+    for name, value in state.items():
+        if name.endswith("num_batches_tracked"):
+            continue
+        if name not in written or list(written[name].dims) != list(value.shape):
+            raise EstimationError(f"the model's network has no weights {name} {tuple(value.shape)}")
+        value.copy_(torch.from_numpy(numpy_helper.to_array(written[name]).copy()))
+
+
+def _onnx(
+    network: nn.Module, inputs: Mapping[str, torch.Tensor], outputs: list[str], any_number: bool = False
+) -> bytes:
+    """Export a network; weights keep their names, so that `restore` finds them."""
+    network.eval()
+    shapes = {name: {0: torch.export.Dim("pairs", min=1)} for name in inputs} if any_number else None
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            network,
+            tuple(inputs.values()),
+            input_names=list(inputs),
+            output_names=outputs,
+            dynamic_shapes=tuple(shapes.values()) if shapes else None,
+            dynamo=True,
+            optimize=False,
+            external_data=False,
+            verbose=False,
+        )
+    assert program is not None
+    file = _bare(program.model_proto)
+    _check(network, inputs, file)
+    return file
+
+
+def _bare(model: Any) -> bytes:
+    """A model's file without what the exporter notes of every node, such as lines of source and where they lie."""
+    graph = model.graph
+    for part in (model, graph, *graph.node, *graph.initializer, *graph.input, *graph.output):
+        del part.metadata_props[:]
+    del graph.value_info[:]
+    return model.SerializeToString()
+
+
+def _check(network: nn.Module, inputs: Mapping[str, torch.Tensor], file: bytes) -> None:
+    found = session(file).run(None, {name: value.numpy() for name, value in inputs.items()})
+    with torch.no_grad():
+        wanted = network(*inputs.values())
+    wanted = wanted if isinstance(wanted, tuple) else (wanted,)
+    worst = max(float(np.abs(a - b.numpy()).max()) for a, b in zip(found, wanted, strict=True))
+    if not worst < _CLOSE:
+        raise EstimationError(f"ONNX Runtime differs from torch by {worst:.2g}; {_CLOSE} is allowed")

@@ -1,0 +1,174 @@
+"""What is learned from: the touched frames of recordings, with what their ground truth says they should tell."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate import se2
+from palpate.errors import FileError
+from palpate.formats import load_recording
+from palpate.graph import factors
+from palpate.parallel import spread
+from palpate.recording import Recording
+from palpate.sensor import SensorProfile
+from palpate.shapes import Disc, Ellipse, Shape
+from palpate.touch.background import background_of
+from palpate.touch.difference import difference, reduced
+from palpate.touch.ellipse import ellipse_features
+from palpate.touch.model import KINDS
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
+
+CUT, SHORTEST = 2, 5
+"""Frames left out at both ends of a contact, where it is half made, and the fewest left that are worth it."""
+UNTOUCHED = 30
+"""Most untouched frames that a background is taken from."""
+_AT_CORNER, _NEAR_CORNER = 0.001, 0.008  # [m] from a corner; a patch is about 5 mm to either side of its middle
+_SHARP = np.radians(30.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Touched frames, N of them, in the order of recordings and time."""
+
+    difference: NDArray[np.float16]
+    """What the networks see, (N, ROWS, COLUMNS, 3)."""
+    recording: Indices
+    """Number of the recording, (N,)."""
+    episode: Indices
+    """Number of the contact, counted through all recordings, (N,)."""
+    frame: Indices
+    """Number of the frame in its recording, (N,)."""
+    yaw: Array
+    """Yaw of the sensor in the object frame, (N,) [rad]."""
+    direction: Array
+    """Angle of the contact on the tip, (N,) [rad]; see `measurement.ContactDirection`."""
+    kind: Indices
+    """Kind of contact, (N,), place in KINDS."""
+    ellipse: Array
+    """Engineered features, (N, 6), see `touch.ellipse`; NaN where there is no patch."""
+
+    def __len__(self) -> int:
+        return len(self.yaw)
+
+    def of(self, chosen: NDArray[np.bool_] | Indices) -> "Samples":
+        """Return some of the samples."""
+        return Samples(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def read_samples(
+    files: Sequence[Path], workers: int = 1, progress: Callable[[int], None] | None = None
+) -> tuple[Samples, SensorProfile, dict[Path, str]]:
+    """Return the samples of recordings, their sensor, and of those that have none to give the reason.
+
+    Raises FileError where none is left, or where the sensors of two differ.
+    """
+    parts: dict[int, tuple[Samples, SensorProfile]] = {}
+    failed: dict[Path, str] = {}
+    for done, (index, part) in enumerate(spread(_read, list(enumerate(files)), workers)):
+        if isinstance(part, str):
+            failed[files[index]] = part
+        else:
+            parts[index] = part
+        if progress:
+            progress(done + 1)
+    if not parts:
+        raise FileError(f"no recording can be learned from; the first: {next(iter(failed.values()), 'there is none')}")
+    first, *others = sorted(parts)
+    sensor = parts[first][1]
+    for index in others:
+        if parts[index][1] != sensor:
+            found = f"{files[index]}: sensor {parts[index][1].name!r} is not the {sensor.name!r} of {files[first]}"
+            raise FileError(f"{found}; a model is of one sensor profile")
+    return _joined([parts[index][0] for index in sorted(parts)]), sensor, failed
+
+
+def samples_of(recording: Recording, number: int = 0) -> Samples:
+    """Return the samples of one recording; raises FileError where it lacks what is needed."""
+    name = recording.file or "the recording"
+    if recording.image is None or recording.object_pose is None or recording.contact is None:
+        lacks = [field for field in ("image", "object_pose", "contact") if getattr(recording, field) is None]
+        raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
+    untouched = np.flatnonzero(~recording.contact)
+    if len(untouched) < 2:
+        raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
+    chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
+    background = background_of([_image(recording, int(index)) for index in chosen])
+    mean = reduced(background.mean)
+    g = se2.between(recording.object_pose, recording.sensor_pose)
+    episode, frame = _contacts(recording.contact & np.isfinite(g).all(axis=1))
+    images = [_image(recording, int(index)) for index in frame]
+    direction, kind = _geometry(recording, g[frame])
+    return Samples(
+        np.array([difference(image, mean) for image in images], dtype=np.float16).reshape(-1, *mean.shape),
+        np.full(len(frame), number),
+        episode,
+        frame,
+        g[frame, 2],
+        direction,
+        kind,
+        np.array([ellipse_features(image, background) for image in images]).reshape(-1, 6),
+    )
+
+
+def _read(numbered: tuple[int, Path]) -> tuple[int, tuple[Samples, SensorProfile] | str]:
+    number, file = numbered
+    try:
+        recording = load_recording(file)
+        return number, (samples_of(recording, number), recording.sensor)
+    except FileError as error:
+        return number, str(error)
+
+
+def _image(recording: Recording, index: int) -> NDArray[np.uint8]:
+    image = recording[index].image
+    assert image is not None
+    return image
+
+
+def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
+    """Number of the contact and of the frame of each frame that is well within a contact."""
+    edges = np.flatnonzero(np.diff(touched, prepend=False, append=False))
+    spans = [np.arange(first + CUT, last - CUT) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    spans = [span for span in spans if len(span) >= SHORTEST]
+    if not spans:
+        return np.empty(0, int), np.empty(0, int)
+    return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)
+
+
+def _geometry(recording: Recording, g: Array) -> tuple[Array, Indices]:
+    """Angle of the contact on the tip (N,) and its kind (N,), from the outline."""
+    tip = factors.contact_models(recording.shape, recording.sensor)[0]
+    center = se2.transform(g, tip.center)
+    distance, normal, _ = tip.field.value_gradient_hessian(center)
+    toward = np.arctan2(-normal[:, 1], -normal[:, 0])
+    touched = center - distance[:, None] * normal
+    return se2.wrap(toward - g[:, 2]), _kinds(recording.shape, touched)
+
+
+def _kinds(shape: Shape, touched: Array) -> Indices:
+    if isinstance(shape, Disc | Ellipse):
+        return np.full(len(touched), KINDS.index("disc" if isinstance(shape, Disc) else "ellipse"))
+    corners = shape.corners
+    along = np.roll(corners, -1, axis=0) - corners
+    heading = np.arctan2(along[:, 1], along[:, 0])
+    sharp = np.abs(se2.wrap(heading - np.roll(heading, 1))) > _SHARP
+    if not sharp.any():
+        return np.full(len(touched), KINDS.index("edge"))
+    away = np.linalg.norm(touched[:, None] - corners[sharp], axis=2).min(axis=1)
+    names = [KINDS.index(name) for name in ("corner", "near-corner", "edge")]
+    return np.select([away < _AT_CORNER, away < _NEAR_CORNER], names[:2], names[2])
+
+
+def _joined(parts: Sequence[Samples]) -> Samples:
+    """All samples, with episodes numbered through."""
+    counts = [int(part.episode[-1]) + 1 if len(part) else 0 for part in parts]
+    first = np.cumsum([0, *counts[:-1]])
+    episodes = [part.episode + start for part, start in zip(parts, first, strict=True)]
+    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(Samples)}
+    columns["episode"] = episodes
+    return Samples(**{name: np.concatenate(column) for name, column in columns.items()})
