@@ -20,7 +20,7 @@ from palpate.shapes import Shape
 from palpate.touch.background import Background
 from palpate.touch.contact import ContactDetector
 from palpate.touch.model import TouchModel
-from palpate.touch.modes import Tactile, make_touch
+from palpate.touch.modes import TELL_DIRECTION, Tactile, make_touch
 from palpate.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -100,13 +100,14 @@ class Tracker:
             raise SettingError(
                 f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]"
             )
-        self._noise, self._sensor = settings.noise, sensor
+        self._noise = settings.noise.felt() if settings.tactile in TELL_DIRECTION else settings.noise
+        self._sensor = sensor
         self._tips = factors.contact_models(shape, sensor, settings.pressure)
         self._detector = ContactDetector(background)
         self._touch = make_touch(
             settings.tactile, sensor, settings.noise.tactile, settings.noise.constant, model, self._background
         )
-        self._smoother = make_smoother(settings.smoother, self._tips, settings.noise)
+        self._smoother = make_smoother(settings.smoother, self._tips, self._noise)
         self._pose = pose
         self._covariance = np.diag(np.square(settings.noise.first_pose))
         self._status: Status = "resting"

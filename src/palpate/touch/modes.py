@@ -25,6 +25,9 @@ Tactile = Literal[
 - learnt-direction: where the tip is touched, by each image.
 """
 
+TELL_DIRECTION = ("learnt", "learnt-direction")
+"""Those that tell where the tip is touched."""
+
 Sigmas = tuple[float, float, float]
 
 
