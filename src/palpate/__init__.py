@@ -6,6 +6,8 @@ from palpate.graph.noise import PUBLISHED, GraphNoise
 from palpate.recording import Frame, Recording, read_recording, write_recording
 from palpate.sensor import DIGIT, POINT, SensorProfile
 from palpate.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
+from palpate.touch.background import Background, load_background
+from palpate.touch.model import TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 from palpate.trajectory import Trajectory
 
@@ -15,6 +17,7 @@ __all__ = [
     "DIGIT",
     "POINT",
     "PUBLISHED",
+    "Background",
     "Disc",
     "Ellipse",
     "Estimate",
@@ -30,9 +33,11 @@ __all__ = [
     "SettingError",
     "Shape",
     "ShapeError",
+    "TouchModel",
     "Tracker",
     "TrackerSettings",
     "Trajectory",
+    "load_background",
     "load_recording",
     "read_recording",
     "write_recording",
