@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError, ShapeError
+from palpate.polygon import sharp_corners
 from palpate.shapes import Disc, Ellipse, Polygon, Rectangle, Shape, shape_from_dict, shape_to_dict
 
 # An L of two bars: 0.12 x 0.06 lying at the bottom and 0.05 x 0.14 standing on its left end.
@@ -273,3 +274,10 @@ def test_dict_by_hand():
 def test_bad_dicts(data, message):
     with pytest.raises(ShapeError, match=message):
         shape_from_dict(data)
+
+
+def test_sharp_corners_stick_out():
+    notched = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, 1.0), (0.0, 2.0)])  # the fourth points inwards
+    assert sharp_corners(notched).tolist() == [0, 1, 2, 4]
+    assert not len(sharp_corners(Disc(1.0).outline(13)))  # 27.7 degrees each
+    assert len(sharp_corners(Disc(1.0).outline(11))) == 11  # 32.7

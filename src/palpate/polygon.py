@@ -9,6 +9,8 @@ from palpate.errors import SettingError, ShapeError
 
 Array = NDArray[np.float64]
 
+_SHARP = np.radians(30.0)  # turn of the outline from which on a vertex counts as a corner
+
 
 def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
     """Return vertices (N, 2) [m] counter-clockwise, without repeats; raise ShapeError if that cannot be."""
@@ -90,3 +92,11 @@ def mean_distances(corners: Array) -> dict[str, float]:
         "rim": float(over_edges.sum() / lengths.sum()),
         "corner": float(np.hypot(a[:, 0], a[:, 1]).mean()),
     }
+
+
+def sharp_corners(corners: Array) -> NDArray[np.intp]:
+    """Return the indices of the corners that stick out and at which the outline turns by more than 30 degrees."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    angles = np.arctan2(edges[:, 1], edges[:, 0])
+    turn = (angles - np.roll(angles, 1) + np.pi) % (2.0 * np.pi) - np.pi
+    return np.flatnonzero(turn > _SHARP)

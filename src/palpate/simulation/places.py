@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
+from palpate.polygon import sharp_corners
 from palpate.sensor import SensorProfile
 from palpate.shapes import Disc, Ellipse, Shape
 
 Array = NDArray[np.float64]
 
 _NEAR, _CLEAR = 0.008, 0.015  # [m] from a corner: up to where a patch has it in sight, and from where not
-_SHARP = np.radians(30.0)  # turn of the outline from which on a vertex counts as a corner
 _PAD_ANGLE, _OFF_NORMAL = np.radians(12.0), np.radians(45.0)
 _REACH = 0.06  # [m] before the contact in which the gel must come in freely
 _TRIES = 1000
@@ -33,7 +33,7 @@ def kinds(shape: Shape) -> tuple[str, ...]:
     name = type(shape).__name__.lower()
     if isinstance(shape, Disc | Ellipse):
         return (name,)
-    corners = ("near-corners", "corners") if len(_sharp(shape.corners)) else ()
+    corners = ("near-corners", "corners") if len(sharp_corners(shape.corners)) else ()
     return tuple(f"{name}-{place}" for place in ("edges", *corners))
 
 
@@ -67,7 +67,7 @@ def _draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Arra
         margin = min(_CLEAR, 0.4 * lengths[i])
         at = rng.uniform(margin, lengths[i] - margin)
         return corners[i] + at / lengths[i] * edges[i], float(normals[i])
-    i = int(rng.choice(_sharp(corners)))
+    i = int(rng.choice(sharp_corners(corners)))
     before = i - 1
     if kind.endswith("-near-corners"):
         away = rng.uniform(0.25, 1.0) * _NEAR
@@ -78,14 +78,6 @@ def _draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Arra
         return corners[i] - at / lengths[before] * edges[before], float(normals[before])
     turn = float((normals[i] - normals[before]) % (2.0 * np.pi))
     return corners[i], float(normals[before] + rng.uniform(0.2, 0.8) * turn)
-
-
-def _sharp(corners: Array) -> NDArray[np.intp]:
-    """Return the indices of the corners that stick out and are sharp."""
-    edges = np.roll(corners, -1, axis=0) - corners
-    angles = np.arctan2(edges[:, 1], edges[:, 0])
-    turn = (angles - np.roll(angles, 1) + np.pi) % (2.0 * np.pi) - np.pi
-    return np.flatnonzero(turn > _SHARP)
 
 
 def _unit(angle: float) -> Array:

@@ -12,6 +12,7 @@ from palpate.errors import FileError
 from palpate.formats import load_recording
 from palpate.graph import factors
 from palpate.parallel import spread
+from palpate.polygon import sharp_corners
 from palpate.recording import Recording
 from palpate.sensor import SensorProfile
 from palpate.shapes import Disc, Ellipse, Shape
@@ -28,7 +29,6 @@ CUT, SHORTEST = 2, 5
 UNTOUCHED = 30
 """Most untouched frames that a background is taken from."""
 _AT_CORNER, _NEAR_CORNER = 0.001, 0.008  # [m] from a corner; a patch is about 5 mm to either side of its middle
-_SHARP = np.radians(30.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +154,8 @@ def _kinds(shape: Shape, touched: Array) -> Indices:
     if isinstance(shape, Disc | Ellipse):
         return np.full(len(touched), KINDS.index("disc" if isinstance(shape, Disc) else "ellipse"))
     corners = shape.corners
-    along = np.roll(corners, -1, axis=0) - corners
-    heading = np.arctan2(along[:, 1], along[:, 0])
-    sharp = np.abs(se2.wrap(heading - np.roll(heading, 1))) > _SHARP
-    if not sharp.any():
+    sharp = sharp_corners(corners)
+    if not len(sharp):
         return np.full(len(touched), KINDS.index("edge"))
     away = np.linalg.norm(touched[:, None] - corners[sharp], axis=2).min(axis=1)
     names = [KINDS.index(name) for name in ("corner", "near-corner", "edge")]
