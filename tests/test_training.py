@@ -140,6 +140,11 @@ class CutOffError(Exception):
     pass
 
 
+def points(rng: np.random.Generator) -> tuple[Any, torch.Tensor]:
+    chosen = rng.integers(100, size=16)
+    return chosen, torch.from_numpy(rng.normal(size=(16, 2)).astype(np.float32))
+
+
 def line(seed: int = 0) -> nn.Module:
     torch.manual_seed(seed)
     return nn.Sequential(nn.Linear(2, 4), nn.BatchNorm1d(4), nn.Linear(4, 1))
@@ -150,10 +155,10 @@ def descend(network: nn.Module, folder: Any, stop: int | None = None, seed: int 
     shown: list[int] = []
     steps = iter(range(10**6))
 
-    def losses(rng: np.random.Generator) -> dict[str, torch.Tensor]:
+    def losses(batch: tuple[Any, torch.Tensor]) -> dict[str, torch.Tensor]:
         if next(steps) == stop:
             raise CutOffError
-        x = torch.from_numpy(rng.normal(size=(16, 2)).astype(np.float32))
+        _, x = batch
         error = network(x)[:, 0] - 3.0 * x[:, 0] + x[:, 1]
         return {"square": (error**2).mean(), "size": 0.01 * error.abs().mean()}
 
@@ -161,8 +166,9 @@ def descend(network: nn.Module, folder: Any, stop: int | None = None, seed: int 
     fit(
         "line",
         network,
+        points,
         losses,
-        lambda: losses(np.random.default_rng(9)),
+        lambda: losses(points(np.random.default_rng(9))),
         settings,
         seed,
         folder,
@@ -219,17 +225,17 @@ def test_an_early_stop_keeps_the_best(tmp_path):
         kept.append(state(network))
         return {"scripted": torch.tensor(next(script))}
 
-    def losses(rng: np.random.Generator) -> dict[str, torch.Tensor]:
+    def losses(batch: Any) -> dict[str, torch.Tensor]:
         return {"square": ((network(torch.ones(1, 1)) - 5.0) ** 2).mean()}
 
     settings = FitSettings(steps=100, check=2, patience=3)
-    fit("early", network, losses, held_out, settings, 0, tmp_path)
+    fit("early", network, points, losses, held_out, settings, 0, tmp_path)
     # 3 looks without less than 1 after the second: steps 6, 8 and 10.
     assert len(kept) == 5 and rows(tmp_path / "early.csv")[-1][0] == "10"
     assert_same(state(network), kept[1])
     assert not torch.equal(kept[1]["weight"], kept[-1]["weight"])
     # Going on does not go on: it had stopped.
-    fit("early", network, losses, held_out, settings, 0, tmp_path)
+    fit("early", network, points, losses, held_out, settings, 0, tmp_path)
     assert len(kept) == 5
     assert_same(state(network), kept[1])
 
@@ -238,15 +244,17 @@ def test_an_early_stop_keeps_the_best(tmp_path):
 def test_a_loss_that_is_not_finite_stops(tmp_path, wrong):
     network, before = nn.Linear(1, 1), []
 
-    def losses(rng: np.random.Generator) -> dict[str, torch.Tensor]:
+    def losses(batch: Any) -> dict[str, torch.Tensor]:
         before.append(state(network))
         square = ((network(torch.ones(1, 1)) - 5.0) ** 2).mean()
         return {"good": square, "bad": square * (wrong if len(before) == 8 else 1.0)}
 
     with pytest.raises(EstimationError, match=rf"training of odd at step 7: good [\d.]+, bad {wrong}; .*odd-failed.pt"):
-        fit("odd", network, losses, lambda: {}, FitSettings(steps=20), 5, tmp_path)
+        fit("odd", network, points, losses, lambda: {}, FitSettings(steps=20), 5, tmp_path)
     saved = torch.load(tmp_path / "odd-failed.pt", weights_only=True)
-    assert (saved["seed"], saved["step"]) == (5, 7)
+    chosen, seen = points(np.random.default_rng([5, 7]))
+    assert saved["step"] == 7 and saved["chosen"].tolist() == chosen.tolist()
+    assert torch.equal(saved["batch"], seen)
     assert_same(saved["network"], before[-1])
     assert_same(state(network), before[-1])
 

@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from palpate.errors import EstimationError, FileError
 from palpate.files import whole_file
 
 Losses = Mapping[str, Tensor]
+Batch = tuple[NDArray[np.int_], Tensor]
+"""Which samples, and what the networks see of them."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class FitSettings:
 def fit(
     name: str,
     network: nn.Module,
-    losses: Callable[[np.random.Generator], Losses],
+    draw: Callable[[np.random.Generator], Batch],
+    losses: Callable[[Batch], Losses],
     held_out: Callable[[], Losses],
     settings: FitSettings,
     seed: int,
@@ -44,10 +48,10 @@ def fit(
 ) -> None:
     """Make the sum of losses small; the network is left as it was when those of the held-out recordings were least.
 
-    `losses` draws a batch and returns the losses on it, `held_out` those on recordings not trained on. `folder` takes
-    the log `<name>.csv` and the checkpoint `<name>.pt`, from which a run that was cut off goes on. Raises
-    EstimationError where a loss is not finite: the state before that step is in `<name>-failed.pt`. Raises FileError on
-    a checkpoint of something else.
+    `draw` draws a batch, `losses` returns the losses on it, `held_out` those on recordings not trained on. `folder`
+    takes the log `<name>.csv` and the checkpoint `<name>.pt`, from which a run that was cut off goes on. Raises
+    EstimationError where a loss is not finite, with the batch and the network before that step in `<name>-failed.pt`,
+    and FileError on a checkpoint of something else.
     """
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=settings.steps)
@@ -63,10 +67,11 @@ def fit(
                 break
             network.train()
             # Each step has a generator of its own, so that a run that goes on draws what it would have drawn.
-            found = losses(np.random.default_rng([seed, step]))
+            batch = draw(np.random.default_rng([seed, step]))
+            found = losses(batch)
             total = torch.stack(list(found.values())).sum()
             if not torch.isfinite(total):
-                _fail(name, step, found, network, folder / f"{name}-failed.pt", seed)
+                _fail(name, step, found, network, batch, folder / f"{name}-failed.pt")
             optimiser.zero_grad()
             total.backward()
             nn.utils.clip_grad_norm_(network.parameters(), 5.0)
@@ -78,7 +83,8 @@ def fit(
                     checked = {key: float(value) for key, value in held_out().items()}
                 write(step + 1, {key: float(value.detach()) for key, value in found.items()}, checked)
                 if not math.isfinite(sum(checked.values())):
-                    _fail(f"{name} on what was held out", step, held_out(), network, folder / f"{name}-failed.pt", seed)
+                    held = f"{name} on what was held out"
+                    _fail(held, step, held_out(), network, batch, folder / f"{name}-failed.pt")
                 waited += 1
                 if sum(checked.values()) < best:
                     best, waited = sum(checked.values()), 0
@@ -106,12 +112,13 @@ def _load(checkpoint: Path, seed: int, states: Mapping[str, Any]) -> dict[str, A
     return saved
 
 
-def _fail(name: str, step: int, found: Losses, network: nn.Module, path: Path, seed: int) -> None:
-    torch.save({"network": network.state_dict(), "seed": seed, "step": step}, path)
+def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch, path: Path) -> None:
+    chosen, seen = batch
+    torch.save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
     losses = ", ".join(f"{key} {float(value.detach()):g}" for key, value in found.items())
     raise EstimationError(
-        f"training of {name} at step {step}: {losses}; losses must be finite. The network before the step is in {path};"
-        f" seed and step, there as well, draw the batch again"
+        f"training of {name} at step {step}: {losses}; losses must be finite. The batch and the network before "
+        f"the step are in {path}"
     )
 
 

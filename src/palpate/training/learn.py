@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from palpate.training.fit import FitSettings, fit
@@ -13,6 +14,7 @@ from palpate.training.networks import Decoder, KeypointEncoder, PairNetwork, Tou
 from palpate.training.pairs import batch, draw_groups
 from palpate.training.samples import Samples
 
+Indices = NDArray[np.int_]
 Progress = Callable[[int, str], None]
 
 TOUCH, KEYPOINT = FitSettings(steps=3000), FitSettings(steps=1000)
@@ -48,9 +50,10 @@ def learn_keypoints(
 ) -> None:
     """Train the auto-encoder without labels, and its classifier with the kinds of contact."""
 
-    def losses(samples: Samples, rng: np.random.Generator, augmented: bool = True) -> dict[str, Tensor]:
-        chosen = rng.integers(len(samples), size=_IMAGES)
-        difference = batch(samples, chosen, rng if augmented else None)
+    def draw(samples: Samples, rng: np.random.Generator) -> Indices:
+        return rng.integers(len(samples), size=_IMAGES)
+
+    def losses(samples: Samples, chosen: Indices, difference: Tensor) -> dict[str, Tensor]:
         point, logits, activation = network.encoder.parts(difference)
         restored = network.decoder(blobs(point[:, None]))
         return {
@@ -59,7 +62,7 @@ def learn_keypoints(
             "kind": nn.functional.cross_entropy(logits, torch.from_numpy(samples.kind[chosen])),
         }
 
-    _fit("keypoint", network, losses, train, held_out, seed, folder, settings, progress)
+    _fit("keypoint", network, draw, losses, train, held_out, seed, folder, settings, progress)
 
 
 def learn_touch(
@@ -73,9 +76,11 @@ def learn_touch(
 ) -> None:
     """Train direction, turn and pairs together, each by the likelihood of the distribution that it predicts."""
 
-    def losses(samples: Samples, rng: np.random.Generator, augmented: bool = True) -> dict[str, Tensor]:
-        chosen = draw_groups(samples, _GROUPS, _FRAMES, rng)
-        direction, turn, descriptor = network.image(batch(samples, chosen.ravel(), rng if augmented else None))
+    def draw(samples: Samples, rng: np.random.Generator) -> Indices:
+        return draw_groups(samples, _GROUPS, _FRAMES, rng)
+
+    def losses(samples: Samples, chosen: Indices, difference: Tensor) -> dict[str, Tensor]:
+        direction, turn, descriptor = network.image(difference)
         angle = torch.from_numpy(samples.direction[chosen.ravel()].astype(np.float32))
         yaw = np.unwrap(samples.yaw[chosen], axis=1)
         yaw = torch.from_numpy((yaw - yaw[:, :1]).astype(np.float32))
@@ -88,13 +93,14 @@ def learn_touch(
             "pair": gaussian_nll(pair[:, 0] - (yaw[:, j] - yaw[:, i]).flatten(), pair[:, 1]),
         }
 
-    _fit("touch", network, losses, train, held_out, seed, folder, settings, progress)
+    _fit("touch", network, draw, losses, train, held_out, seed, folder, settings, progress)
 
 
 def _fit(
     name: str,
     network: nn.Module,
-    losses: Callable[..., dict[str, Tensor]],
+    draw: Callable[[Samples, np.random.Generator], Indices],
+    losses: Callable[[Samples, Indices, Tensor], dict[str, Tensor]],
     train: Samples,
     held_out: Samples,
     seed: int,
@@ -102,10 +108,15 @@ def _fit(
     settings: FitSettings,
     progress: Progress | None,
 ) -> None:
+    def drawn(rng: np.random.Generator) -> tuple[Indices, Tensor]:
+        chosen = draw(train, rng)
+        return chosen, batch(train, chosen.ravel(), rng)
+
     def judged() -> dict[str, Tensor]:
         rng = np.random.default_rng(0)
-        found = [losses(held_out, rng, augmented=False) for _ in range(_HELD_OUT)]
+        drawn = [draw(held_out, rng) for _ in range(_HELD_OUT)]
+        found = [losses(held_out, chosen, batch(held_out, chosen.ravel())) for chosen in drawn]
         return {key: torch.stack([each[key] for each in found]).mean() for key in found[0]}
 
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    fit(name, network, lambda rng: losses(train, rng), judged, settings, seed, folder, progress)
+    fit(name, network, drawn, lambda batch: losses(train, *batch), judged, settings, seed, folder, progress)
