@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,13 +35,14 @@ class ImageTouch:
     def feel(self, frame: Frame) -> Feeling:
         """See Touch."""
         look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
-        direction, turn = look.direction, look.turn
-        return Feeling(
-            direction=ContactDirection(direction[0], direction[1] * spread["direction"].factor)
-            if self._direction
-            else None,
-            turn=Turn(turn[0], turn[1] * spread["turn"].factor) if self._turn else None,
-        )
+        feeling = Feeling()
+        if self._direction:
+            angle, variance = look.direction
+            feeling = replace(feeling, direction=ContactDirection(angle, variance * spread["direction"].factor))
+        if self._turn:
+            angle, variance = look.turn
+            feeling = replace(feeling, turn=Turn(angle, variance * spread["turn"].factor))
+        return feeling
 
     def lift(self) -> None:
         """See Touch."""

@@ -15,6 +15,7 @@ from palpate.training.samples import Samples
 from palpate.training.scores import coverage, log_likelihood, spread_of, without_offset
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
 
 PAIRS = 50_000
 """Pairs that models are judged by."""
@@ -30,8 +31,7 @@ def measure_spread(samples: Samples, seen: Features, models: PairModels, touch: 
     error, variance = errors["pair"]
     each = np.arange(len(error))  # drawn in no order, so that nothing goes together but for the above
     spread["pair"] = Spread(spread_of(error, variance, each).scale, together)
-    earlier, later = draw_pairs(samples, PAIRS, np.random.default_rng(1))
-    true = turned(samples, earlier, later)
+    earlier, later, true = _pairs(samples)
     sine = models.tell["linear learnt"](seen, earlier, later)
     spread["linear"] = Spread(float(np.mean((np.sin(true) - sine) ** 2)), together)
     return spread
@@ -44,8 +44,7 @@ def judge(
 
     The published loss is half of these mean squares. "sine" is the standard deviation of the true sine.
     """
-    earlier, later = draw_pairs(samples, PAIRS, np.random.default_rng(1))
-    true = turned(samples, earlier, later)
+    earlier, later, true = _pairs(samples)
     sine = np.sin(true)
     kinds = {name: chosen for name, chosen in kind_of_pairs(samples, earlier, later).items() if chosen.sum() >= _FEWEST}
     table: dict[str, dict[str, float]] = {}
@@ -79,13 +78,19 @@ def judge(
 
 def prediction_errors(samples: Samples, seen: Features, touch: Touch) -> dict[str, tuple[Array, Array]]:
     """Return errors [rad] of "direction" and "turn" (N,) and "pair" (P,), each with the predicted variances."""
-    earlier, later = draw_pairs(samples, PAIRS, np.random.default_rng(1))
+    earlier, later, true = _pairs(samples)
     told, variance = told_by_pair(touch, seen, earlier, later)
     return {
         "direction": (se2.wrap(seen.direction[:, 0] - samples.direction), seen.direction[:, 1]),
         "turn": (_turn_error(samples, seen), seen.turn[:, 1]),
-        "pair": (se2.wrap(told - turned(samples, earlier, later)), variance),
+        "pair": (se2.wrap(told - true), variance),
     }
+
+
+def _pairs(samples: Samples) -> tuple[Indices, Indices, Array]:
+    """The pairs (P,) that models are judged by, always the same, and the true turns (P,) [rad]."""
+    earlier, later = draw_pairs(samples, PAIRS, np.random.default_rng(1))
+    return earlier, later, turned(samples, earlier, later)
 
 
 def _turn_error(samples: Samples, seen: Features) -> Array:
