@@ -21,6 +21,7 @@ from palpate.touch.background import Background
 from palpate.touch.contact import ContactDetector
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import TELL_DIRECTION, Tactile, make_touch
+from palpate.touch.relative import Touch
 from palpate.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -88,11 +89,13 @@ class Tracker:
         settings: TrackerSettings | None = None,
         model: TouchModel | None = None,
         background: Background | None = None,
+        touch: Touch | None = None,
     ) -> None:
         """Take the object, the sensor, world_T_object (3,) [m, m, rad] at the first frame, and how to track.
 
         Learnt touch uses `model`, by default the one that comes with palpate. `background` is the untouched gel of this
-        unit, from `palpate calibrate`; without it the first half second of images is taken as untouched.
+        unit, from `palpate calibrate`; without it the first half second of images is taken as untouched. `touch` feels
+        in place of what the settings' mode makes.
         """
         settings = settings or TrackerSettings()
         pose = _pose(first_pose)
@@ -104,7 +107,7 @@ class Tracker:
         self._sensor = sensor
         self._tips = factors.contact_models(shape, sensor, settings.pressure)
         self._detector = ContactDetector(background)
-        self._touch = make_touch(
+        self._touch = touch or make_touch(
             settings.tactile, sensor, settings.noise.tactile, settings.noise.constant, model, self._background
         )
         self._smoother = make_smoother(settings.smoother, self._tips, self._noise)
