@@ -1,9 +1,15 @@
 """`palpate simulate`: makes recordings."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
+
+if TYPE_CHECKING:
+    from palpate.recording import Recording
+    from palpate.shapes import Shape
+
+COUNT, SECONDS = 10, 15.0
 
 
 def simulate(
@@ -19,9 +25,18 @@ def simulate(
             help_behavior_hint="(default: disc, rectangle and ellipse)",
         ),
     ] = (),
-    count: Annotated[int, tyro.conf.arg(metavar="N", help="Recordings of each object.")] = 10,
+    replay: Annotated[
+        tyro.conf.UseAppendAction[tuple[Path, ...]],
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Take the motion of this real recording, in any known format, and make touch images only. Can be "
+            "given again for more.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = (),
+    count: Annotated[int, tyro.conf.arg(metavar="N", help="Recordings of each object.")] = COUNT,
     seed: Annotated[int, tyro.conf.arg(metavar="N", help="The same seed gives the same files.")] = 0,
-    seconds: Annotated[float, tyro.conf.arg(metavar="S", help="Length of a recording [s].")] = 15.0,
+    seconds: Annotated[float, tyro.conf.arg(metavar="S", help="Length of a recording [s].")] = SECONDS,
     unit: Annotated[
         int | None,
         tyro.conf.arg(
@@ -46,35 +61,78 @@ def simulate(
     """Simulate recordings of a DIGIT that pushes objects: poses, touch images, contacts and forces."""
     import time
 
-    from palpate.cli.console import complain, print_json, print_line, progress_bar
+    from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
     from palpate.simulation.folder import plan, simulate_folder
     from palpate.simulation.objects import PAPER
+    from palpate.simulation.replay import replay_folder
 
     begin = time.perf_counter()
-    jobs = plan(_shapes(shape or PAPER), count, seed, unit)
-    with progress_bar("simulating", len(jobs)) as progress:
-        outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
+    failed: dict[str, str] = {}
+    if replay:
+        _check_replay(shape, count, seconds, images)
+        with busy("reading"):
+            recordings, failed = _recordings(replay)
+        with progress_bar("rendering", len(recordings)) as progress:
+            outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress)
+    else:
+        jobs = plan(_shapes(shape or PAPER), count, seed, unit)
+        with progress_bar("simulating", len(jobs)) as progress:
+            outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
+    failed |= outcome.failed
     wall_s = time.perf_counter() - begin
-    for name, why in outcome.failed.items():
-        complain(f"{folder / name}: {why}")
+    for name, why in failed.items():
+        complain(why if replay else f"{folder / name}: {why}")  # a replay's error names the file that was read
     if json:
-        failed = [{"file": name, "error": why} for name, why in outcome.failed.items()]
         print_json(
             {
                 "folder": str(folder),
                 "made": list(outcome.made),
                 "kept": list(outcome.kept),
-                "failed": failed,
+                "failed": [{"file": name, "error": why} for name, why in failed.items()],
                 "wall_s": wall_s,
             }
         )
     else:
-        counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed"
+        counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(failed)} failed"
         print_line(f"{folder}: {counts}, {wall_s:.1f} s")
-    return 3 if outcome.failed else 0
+    return 3 if failed else 0
 
 
-def _shapes(names: tuple[str, ...]) -> dict:
+def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bool) -> None:
+    """SettingError for options that say what a recording's motion is to be, which a replay takes from its file."""
+    from palpate.errors import SettingError
+
+    given = {
+        "--shape": bool(shape),
+        "--count": count != COUNT,
+        "--seconds": seconds != SECONDS,
+        "--no-images": not images,
+    }
+    if wrong := [option for option, is_given in given.items() if is_given]:
+        raise SettingError(f"--replay takes object and motion from its file; {', '.join(wrong)} cannot go with it")
+
+
+def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[str, str]]:
+    """Recordings by the names of their replays, and why others cannot be read; SettingError if two have one name."""
+    from palpate.errors import FileError, SettingError
+    from palpate.formats import load_recording
+
+    sources: dict[str, Path] = {}
+    found: dict[str, Recording] = {}
+    failed: dict[str, str] = {}
+    for file in files:
+        name = f"{(file.with_suffix('') if file.suffix == '.gz' else file).stem}.h5"
+        if name in sources:
+            raise SettingError(f"--replay {sources[name]} and --replay {file} would both be {name}; replay them apart")
+        sources[name] = file
+        try:
+            found[name] = load_recording(file)
+        except FileError as error:
+            failed[name] = str(error)
+    return found, failed
+
+
+def _shapes(names: tuple[str, ...]) -> dict[str, "Shape"]:
     """Shapes by name; SettingError if two have the same."""
     from palpate.errors import SettingError
     from palpate.simulation.objects import find_shape
