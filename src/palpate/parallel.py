@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager
+from itertools import islice
 from typing import Any, TypeVar
 
 from palpate.errors import SettingError
@@ -29,34 +29,45 @@ def spread(
         raise SettingError(
             "working in parallel needs joblib, which is not installed: pip install palpate[sim]"
         ) from error
-    with _backend(joblib, workers, dask) as parallel:
-        results = parallel(joblib.delayed(function)(item) for item in items)
-        try:
-            for result in results:  # noqa: UP028, for that would close it before the warning is silenced
-                yield result
-        finally:
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", ".*cancelled", UserWarning)  # joblib's, where the rest is given up
-                results.close()
-
-
-@contextmanager
-def _backend(joblib: Any, workers: int, dask: str | None) -> Iterator[Any]:
-    if dask is None:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
-        yield parallel
+    if dask is not None:
+        yield from _on_cluster(function, iter(items), dask)
         return
+    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+        parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
+    results = parallel(joblib.delayed(function)(item) for item in items)
     try:
-        from distributed import Client
+        for result in results:  # noqa: UP028, for that would close it before the warning is silenced
+            yield result
+    finally:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", ".*cancelled", UserWarning)  # joblib's, where the rest is given up
+            results.close()
+
+
+def _on_cluster(
+    function: Callable[[Item], Result], items: Iterator[Item], address: str
+) -> Generator[Result, None, None]:
+    """Do the same on a cluster; joblib's way to it waits forever for a task that fails or whose worker dies."""
+    try:
+        from distributed import Client, as_completed
     except ImportError as error:
         raise SettingError("--dask needs distributed, which is not installed: pip install palpate[sim]") from error
     try:
-        client = Client(dask, timeout=_CONNECT, set_as_default=False)
+        client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         found = " ".join(str(error).split())
-        raise SettingError(f"no Dask scheduler answers at {dask!r} ({found}); allowed is tcp://HOST:PORT") from error
+        raise SettingError(f"no Dask scheduler answers at {address!r} ({found}); allowed is tcp://HOST:PORT") from error
     with client:
-        with joblib.parallel_config(backend="dask", client=client, wait_for_workers_timeout=_CONNECT):
-            parallel = joblib.Parallel(return_as="generator_unordered")
-        yield parallel
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT)
+        except TimeoutError as error:
+            raise SettingError(f"the Dask scheduler at {address!r} has no workers; start some") from error
+
+        def submitted(count: int) -> list[Any]:
+            return [client.submit(function, item, pure=False) for item in islice(items, count)]
+
+        # Two for each core: enough to keep all busy, and no more than that in the cluster's memory.
+        tasks = as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
+        for task in tasks:
+            tasks.update(submitted(1))
+            yield task.result()

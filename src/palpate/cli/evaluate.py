@@ -1,0 +1,203 @@
+"""`palpate evaluate`: a study of many recordings, tracked in many ways."""
+
+import shlex
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from palpate.cli.track import SmootherName, Tactile
+
+if TYPE_CHECKING:
+    from palpate.evaluation.study import Study
+
+TACTILES: tuple[Tactile, ...] = (
+    "none",
+    "constant",
+    "learnt-linear",
+    "learnt-pairs",
+    "learnt-turn",
+    "learnt-direction",
+    "learnt",
+    "oracle",
+)
+"""What is compared unless told otherwise, in the order of tables."""
+
+
+def evaluate(
+    folder: Annotated[
+        tyro.conf.Positional[Path],
+        tyro.conf.arg(metavar="DIR", help="Folder of recordings, also in folders in it, in any known format."),
+    ],
+    /,
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="REPORT", help="Folder of the report.")],
+    tactile: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[Tactile, ...], ...]],
+        tyro.conf.arg(
+            metavar="MODE...",
+            help="What touch says, as in palpate track: none, constant, learnt-linear, learnt-pairs, learnt-turn, "
+            "learnt-direction, learnt, oracle.",
+            help_behavior_hint="(default: all)",
+        ),
+    ] = (),
+    smoother: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[SmootherName, ...], ...]],
+        tyro.conf.arg(
+            metavar="NAME...",
+            help="How the graph is solved, as in palpate track; each with every mode.",
+            help_behavior_hint="(default: fixed-lag)",
+        ),
+    ] = (),
+    noise: Annotated[
+        str, tyro.conf.arg(metavar="NAME|FILE", help="Standard deviations: palpate, published or a file.")
+    ] = "palpate",
+    pressure: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="uniform|rim|corner|METRES",
+            help="How the objects press on the table, or their friction radius c [m].",
+        ),
+    ] = "uniform",
+    model: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
+        ),
+    ] = None,
+    first_pose: Annotated[
+        tuple[float, float, float] | None,
+        tyro.conf.arg(
+            metavar="X Y THETA",
+            help="Object pose at the start [m, m, rad] of recordings without ground truth.",
+            help_behavior_hint="(default: these are skipped)",
+        ),
+    ] = None,
+    workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")] = 1,
+    dask: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="ADDRESS",
+            help="Share the work among a Dask cluster that sees the same files; its scheduler's address.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = None,
+    resume: Annotated[bool, tyro.conf.arg(help="Go on with a study: keep what is tracked and do the rest.")] = False,
+    against: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="OTHER",
+            help="Report of another study to compare with, sequence by sequence.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = None,
+    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+) -> int:
+    """Track many recordings in many ways; leaves tables, figures and one page that tells it all."""
+    from palpate.cli.console import busy, complain, print_json, progress_bar
+    from palpate.cli.track import pressure_of
+    from palpate.errors import SettingError
+    from palpate.evaluation.report import write_report
+    from palpate.evaluation.study import run_study
+    from palpate.evaluation.study_comparison import check_common, compare, read_scores
+    from palpate.evaluation.study_files import find_recordings
+    from palpate.evaluation.study_job import StudySettings
+    from palpate.evaluation.study_results import results_of, write_results
+    from palpate.evaluation.trial import Method
+    from palpate.graph.noise_file import noise_of
+    from palpate.touch.model import SHIPPED, TouchModel
+
+    tactiles = dict.fromkeys(mode for given in tactile for mode in given) or dict.fromkeys(TACTILES)
+    smoothers = dict.fromkeys(name for given in smoother for name in given) or {"fixed-lag": None}
+    methods = tuple(Method(mode, name) for name in smoothers for mode in tactiles)
+    if model is not None and not any(mode.startswith("learnt") for mode in tactiles):
+        raise SettingError(f"--model {model} is of no use with --tactile {' '.join(tactiles)}; a learnt one takes it")
+    settings = StudySettings(methods, noise_of(noise), pressure_of(pressure), first_pose)
+    learnt = TouchModel(model or SHIPPED)
+    files = find_recordings(folder, leave_out=out)
+    before = None if against is None else read_scores(against)
+    if against is not None and before is not None:
+        check_common(against, before, files, methods)
+    with progress_bar("tracking", len(files) * len(methods)) as progress:
+        study = run_study(files, out, settings, learnt, workers, dask, resume, progress)
+    for why in _complaints(study):
+        complain(f"{folder}/{why}")
+    if study.skipped and not (study.trials or study.broken or study.failed):
+        (name, _), why = next(iter(study.skipped.items()))
+        raise SettingError(f"{folder}: nothing in it can be tracked in these ways; the first reason: {name} {why}")
+    options = {
+        "--tactile": tactiles if tactile else (),
+        "--smoother": smoothers if smoother else (),
+        "--noise": [noise] if noise != "palpate" else (),
+        "--pressure": [pressure] if pressure != "uniform" else (),
+        "--model": [model] if model else (),
+        "--first-pose": first_pose or (),
+        "--against": [against] if against else (),
+    }
+    results = results_of(study, settings, learnt, folder, workers, _command(folder, out, options))
+    if against is not None and before is not None:
+        results["against"] = compare(against, before, study.trials)
+    write_results(out, results, study.trials)
+    if study.trials:
+        with busy("drawing figures"):
+            write_report(out, results, study.trials)
+    if json:
+        print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed", "broken")}})
+    else:
+        _show(out, results)
+    return 3 if study.failed or study.broken else 0
+
+
+def _command(folder: Path, out: Path, options: Mapping[str, Iterable[object]]) -> str:
+    """The command line that makes the same report, without what only changes how long it takes."""
+    told = [(option, *values) for option, given in options.items() if (values := list(given))]
+    return shlex.join(
+        map(str, ("palpate", "evaluate", folder, "--out", out, *(word for words in told for word in words)))
+    )
+
+
+def _complaints(study: "Study") -> Iterator[str]:
+    """A line for each recording that is broken, and for each way in which some failed."""
+    for name, why in study.broken.items():
+        yield f"{name}: {why}"
+    methods = defaultdict[tuple[str, str], list[str]](list)
+    for (name, method), why in study.failed.items():
+        methods[name, why].append(str(method))
+    for (name, why), failed in methods.items():
+        yield f"{name} by {', '.join(failed)}: {why}"
+
+
+def _show(out: Path, results: Mapping[str, Any]) -> None:
+    from palpate.cli.console import number, print_line, print_table
+    from palpate.evaluation.study_results import ALL
+
+    finals = ("final_mm", "final_deg")
+    rows = [
+        [
+            method,
+            *(f"{number(row[of]['median'], 2)} ({number(row[of]['worst'])})" for of in finals),
+            "-" if row["inside_95"] is None else f"{row['inside_95']:.0%}",
+            f"{row['lost']} of {row['sequences']}",
+            number(row["step_ms"]["p50"]),
+        ]
+        for method, row in results["table"].get(ALL, {}).items()
+    ]
+    if rows:
+        columns = ("touch", "mm (worst)", "deg (worst)", "in 95 %", "lost", "ms")
+        print_table(f"{ALL}: final error in the median, and time of a step", columns, rows, numbers=range(1, 6))
+    if against := results.get("against"):
+        rows = [
+            [
+                method,
+                *(str(change[what]) for what in ("better", "worse", "same")),
+                *(" -> ".join(number(change[of][when], 2) for when in ("before", "after")) for of in finals),
+            ]
+            for method, change in against["methods"].items()
+        ]
+        columns = ("touch", "better", "worse", "same", "mm", "deg")
+        print_table(f"against {against['folder']}: final error in the median", columns, rows, numbers=range(1, 6))
+    counts = ", ".join(f"{results['study'][what]} {what}" for what in ("trials", "kept", "skipped", "failed", "broken"))
+    wrote = out / ("report.html" if results["table"] else "results.json")
+    print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {wrote}")
