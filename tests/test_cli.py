@@ -13,7 +13,6 @@ from palpate import formats
 from palpate.cli import demo, main
 from palpate.cli import track as track_command
 from palpate.evaluation.run_folder import FILES
-from palpate.graph.noise import PRESETS
 from palpate.graph.smoother import SmootherName
 from palpate.recording import write_recording
 from palpate.tracker import TrackerSettings
@@ -171,7 +170,6 @@ def test_option_values_are_those_of_the_library():
     annotations = TrackerSettings.__dataclass_fields__
     assert annotations["tactile"].default in get_args(track_command.Tactile)
     assert set(get_args(track_command.SmootherName)) == set(get_args(SmootherName))
-    assert set(get_args(track_command.NoiseName)) == set(PRESETS)
 
 
 def test_debug_shows_the_traceback():

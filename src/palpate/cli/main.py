@@ -10,10 +10,12 @@ import tyro
 from palpate.cli.calibrate import calibrate
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
+from palpate.cli.evaluate import evaluate
 from palpate.cli.info import info
 from palpate.cli.simulate import simulate
 from palpate.cli.track import track
 from palpate.cli.train import train
+from palpate.cli.tune import tune
 from palpate.errors import PalpateError
 
 COMMANDS = {
@@ -24,6 +26,8 @@ COMMANDS = {
     "simulate": simulate,
     "calibrate": calibrate,
     "train": train,
+    "evaluate": evaluate,
+    "tune": tune,
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "

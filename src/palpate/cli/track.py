@@ -17,7 +17,6 @@ Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
 ]
 SmootherName = Literal["fixed-lag", "isam2"]
-NoiseName = Literal["palpate", "published"]
 
 METRICS = (
     ("translation_rmse_mm", "translation RMSE", "mm", 2),
@@ -58,7 +57,12 @@ def track(
         ),
     ] = None,
     smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
-    noise: Annotated[NoiseName, tyro.conf.arg(help="Preset of standard deviations.")] = "palpate",
+    noise: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="palpate|published|FILE", help="Standard deviations: a preset, or a file of palpate tune."
+        ),
+    ] = "palpate",
     pressure: Annotated[
         str,
         tyro.conf.arg(
@@ -90,14 +94,16 @@ def track(
 
     from palpate.cli.console import complain, print_json
     from palpate.errors import PalpateError, SettingError
-    from palpate.graph.noise import PRESETS
+    from palpate.graph.noise_file import noise_of
     from palpate.touch.background import load_background
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
-    settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=PRESETS[noise], pressure=_pressure(pressure))
+    settings = TrackerSettings(
+        tactile=tactile, smoother=smoother, noise=noise_of(noise), pressure=pressure_of(pressure)
+    )
     if model is not None and not tactile.startswith("learnt"):
         raise SettingError(f"--model {model} is of no use with --tactile {tactile}; a learnt one takes it")
     learnt = None if model is None else TouchModel(model)
@@ -210,7 +216,8 @@ def _name(file: Path) -> str:
     return (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
 
 
-def _pressure(text: str) -> str | float:
+def pressure_of(text: str) -> str | float:
+    """Return what --pressure says: a name, or a friction radius [m]; SettingError where it is neither."""
     from palpate.errors import SettingError
 
     if text in ("uniform", "rim", "corner"):

@@ -1,0 +1,166 @@
+"""`palpate tune`: how much each factor is to be believed, learned from recordings with ground truth."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from palpate.cli.track import SmootherName, Tactile
+
+if TYPE_CHECKING:
+    from palpate.evaluation.tuning import Judgement, Tuning
+
+
+def tune(
+    folder: Annotated[
+        tyro.conf.Positional[Path],
+        tyro.conf.arg(
+            metavar="DIR", help="Folder of recordings with ground truth, also in folders in it, in any known format."
+        ),
+    ],
+    /,
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE", help="File of the settings (.json), for --noise of others.")],
+    tactile: Annotated[Tactile, tyro.conf.arg(help="What touch says, as in palpate track.")] = "learnt",
+    model: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
+        ),
+    ] = None,
+    smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
+    parameters: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="NAME...",
+            help="Settings to learn, and pressure, which is c [m] of one object.",
+            help_behavior_hint="(default: those that count with this touch)",
+        ),
+    ] = (),
+    start: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="palpate|published|FILE", help="Settings to begin with; the file of a tuning goes on with it."
+        ),
+    ] = "palpate",
+    evaluations: Annotated[int, tyro.conf.arg(metavar="N", help="How often all recordings are tracked.")] = 100,
+    workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")] = 1,
+    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+) -> int:
+    """Learn the noise settings from recordings with ground truth; a fourth of them is kept to judge by."""
+    import time
+
+    from palpate.cli.console import complain, print_json, progress_bar
+    from palpate.errors import SettingError
+    from palpate.evaluation.felt import feel_files
+    from palpate.evaluation.study_files import find_recordings
+    from palpate.evaluation.tuning import HELD_OUT, check_parameters
+    from palpate.evaluation.tuning import tune as tune_settings
+    from palpate.graph.noise_file import noise_of, write_noise
+    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.tracker import TrackerSettings
+
+    begin = time.perf_counter()
+    learnt = tactile.startswith("learnt")
+    if model is not None and not learnt:
+        raise SettingError(f"--model {model} is of no use with --tactile {tactile}; a learnt one takes it")
+    settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(start))
+    check_parameters(settings, parameters, evaluations)
+    _check_out(out, start)
+    files = find_recordings(folder)
+    touch_model = TouchModel(model or SHIPPED) if learnt else None
+    with progress_bar("feeling", len(files)) as progress:
+        felt, left_out = feel_files(files, tactile, touch_model, workers, progress)
+    for why in left_out.values():
+        complain(f"left out: {why}")
+    names = list(felt)
+    about = {
+        "tactile": tactile,
+        "model": None if touch_model is None else touch_model.hash,
+        "smoother": smoother,
+        "start": start,
+        "recordings": [name for index, name in enumerate(names) if index % HELD_OUT != HELD_OUT - 1],
+        "held_out": names[HELD_OUT - 1 :: HELD_OUT],
+    }
+    written = None
+
+    def keep(tuning: "Tuning") -> None:
+        nonlocal written
+        show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
+        if tuning.settings != written:
+            write_noise(tuning.settings.noise, out, {**about, **_found(tuning)}, overwrite=True)
+            written = tuning.settings
+
+    with progress_bar("tuning", evaluations) as show:
+        tuning = tune_settings(list(felt.values()), settings, parameters, evaluations, workers, keep)
+    tuned = {**about, **_found(tuning)}
+    write_noise(tuning.settings.noise, out, tuned, overwrite=True)
+    wall_s = time.perf_counter() - begin
+    if json:
+        missing = [{"file": str(files[name]), "error": why} for name, why in left_out.items()]
+        print_json(
+            {"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing, "wall_s": wall_s}
+        )
+    else:
+        _show(tuning, out, len(about["recordings"]), len(about["held_out"]), wall_s)
+    return 3 if left_out else 0
+
+
+def _check_out(out: Path, start: str) -> None:
+    """Before the work: FileError unless the file is new, or the one to go on from."""
+    from palpate.errors import FileError
+
+    if out.exists() and not (out.is_file() and Path(start).exists() and out.samefile(start)):
+        raise FileError(f"{out}: already exists; take another file, or --start {out} to go on from it")
+    if not out.parent.is_dir():
+        raise FileError(f"{out}: the folder {out.parent} does not exist")
+
+
+def _found(tuning: "Tuning") -> dict[str, Any]:
+    """What a tuning found, as plain data for JSON."""
+    import palpate
+
+    sides = tuning.held_out
+    return {
+        "palpate": palpate.__version__,
+        "evaluations": tuning.evaluations,
+        "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
+        "before": asdict(tuning.before),
+        "after": asdict(tuning.after),
+        "held_out_before": None if sides is None else asdict(sides[0]),
+        "held_out_after": None if sides is None else asdict(sides[1]),
+    }
+
+
+def _show(tuning: "Tuning", out: Path, learned_from: int, held_out: int, wall_s: float) -> None:
+    from palpate.cli.console import print_line, print_table
+
+    rows = [(name, f"{old:.4g}", f"{new:.4g}") for name, (old, new) in tuning.values.items()]
+    print_table(f"{tuning.settings.tactile}, {tuning.settings.smoother}", ("setting", "before", "after"), rows, (1, 2))
+    scored = [("tuned on", str(learned_from), tuning.before, tuning.after)]
+    if tuning.held_out:
+        scored.append(("held out", str(held_out), *tuning.held_out))
+    rows = [
+        (which, count, when, *_cells(judgement))
+        for which, count, *sides in scored
+        for when, judgement in zip(("before", "after"), sides, strict=True)
+    ]
+    columns = ("", "recordings", "", "score", "RMSE mm", "RMSE deg", "in 95 %", "given up")
+    print_table(
+        "the score is a negative log likelihood: lower is better; RMSE in the median", columns, rows, range(3, 8)
+    )
+    if "pressure" in tuning.values:
+        print_line(f"c is no noise: palpate track --noise {out} --pressure {tuning.settings.pressure}")
+    print_line(f"settings: {out}   {tuning.evaluations} evaluations, {wall_s:.0f} s")
+
+
+def _cells(judgement: "Judgement") -> Iterable[str]:
+    from palpate.cli.console import number
+
+    yield number(judgement.score, 2)
+    yield number(judgement.translation_rmse_mm, 2)
+    yield number(judgement.rotation_rmse_deg, 2)
+    yield "-" if judgement.inside_95 is None else f"{judgement.inside_95:.0%}"
+    yield str(judgement.given_up)
