@@ -38,7 +38,8 @@ def touching(tip: ContactModel, y: Array | float, theta: Array | float = 0.0) ->
     """Sensor poses in the object frame (..., 3) that touch the object's left side at height y, pushing along +x."""
     g = np.stack(np.broadcast_arrays(-0.13, y, theta), axis=-1).astype(float)
     for _ in range(50):
-        g[..., 0] += factors.contact(g, tip)[0][..., 0]  # never overshoots: the distance falls no faster than x grows
+        # Never overshoots: the distance falls no faster than x grows.
+        g[..., 0] += factors.contact(g, 0.0, tip)[0][..., 0]
     return g
 
 

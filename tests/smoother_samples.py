@@ -13,13 +13,27 @@ from palpate import se2
 from palpate.graph import factors, make_smoother
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import OFFSET_SIGMA, Belief, Smoother
+from palpate.graph.pushing import pushing
+from palpate.graph.smoother import LASTING, OFFSET_SIGMA, Belief, Known, Smoother
 from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
 from palpate.touch.relative import compared_frames
 
 Array = np.ndarray
-PLAIN = replace(GraphNoise(), pushing_kernel=None, contact_kernel=None, feeling_kernel=None)
+PLAIN = replace(
+    GraphNoise(),
+    sliding_share=GraphNoise().sticking_share,
+    cone_share=None,
+    sticking_kernel=None,
+    turning_kernel=None,
+    contact_kernel=None,
+    feeling_kernel=None,
+    direction_share=0.4,
+    turn_share=4.0,
+)
+"""No weight depends on the estimate, so that what is solved is one least-squares problem."""
 ROBUST = GraphNoise()
+POSES = slice(0, 6)
+"""Of a belief's unknowns, g and e."""
 TWO_TIPS = ((0.0, 0.025), (0.0, -0.025))
 
 
@@ -30,8 +44,7 @@ class Contact:
     truth: Array  # g, (N, 3)
     tips: list[ContactModel]
     sensor: Array  # (N, 3)
-    object_pose: Array
-    covariance: Array
+    known: Known
     relative: list[RelativePoses | None]
     directions: list[ContactDirection | None]
     turns: list[Turn | None]
@@ -69,19 +82,25 @@ def contact(
         g,
         tips_of(name, sensor(tips=tuple(tips))),
         noisy(e, noise.sensor, rng),
-        noisy(o[0], noise.first_pose, rng),
-        np.diag(np.square(noise.first_pose)) + 1e-7 * np.ones((3, 3)),
+        known_at(noisy(o[0], noise.first_pose, rng), noise, 1e-7 * np.ones((3, 3))),
         relative,
         [None] * (steps + 1),
         [None] * (steps + 1),
     )
 
 
+def known_at(pose: Array, noise: GraphNoise, more: Array | float = 0.0, lasting: Array | None = None) -> Known:
+    """What is known of an object before its first contact, its pose with some more covariance (3, 3)."""
+    mean, deviation = noise.lasting
+    covariance = np.diag(np.square(np.concatenate([noise.first_pose, deviation])))
+    return Known(pose, mean if lasting is None else lasting, covariance).loosened(np.broadcast_to(more, (3, 3)))
+
+
 def felt(given: Contact, direction: bool = True, turn: bool = True, seed: int = 0, first: int = 0) -> Contact:
     """The same contact with directions and turns at most steps from the first one that has any."""
     rng = np.random.default_rng(seed)
     steps = len(given.truth)
-    angle = factors.direction(given.truth, 0.0, given.tips[0])[0][:, 0] + rng.normal(0.0, FELT, steps)
+    angle = factors.direction(given.truth, 0.0, 0.0, given.tips[0])[0][:, 0] + rng.normal(0.0, FELT, steps)
     yaw = given.truth[:, 2] - OFFSET + rng.normal(0.0, FELT, steps)
     said = [t >= first and t % 4 != 3 for t in range(steps)]
     directions = [ContactDirection(angle[t], FELT**2) if direction and said[t] else None for t in range(steps)]
@@ -94,7 +113,7 @@ def without_relative(given: Contact) -> Contact:
 
 
 def fed(smoother: Smoother, given: Contact, check: bool = False) -> Smoother:
-    smoother.begin(given.sensor[0], given.object_pose, given.covariance, given.feeling(0))
+    smoother.begin(given.sensor[0], given.known, given.feeling(0))
     for t in range(1, len(given.sensor)):
         smoother.add(given.sensor[t], given.feeling(t))
         if check:
@@ -113,14 +132,22 @@ def make(name: str, given: Contact, noise: GraphNoise) -> Smoother:
     return make_smoother(chosen, given.tips, noise)
 
 
-def batch(given: Contact, noise: GraphNoise) -> tuple[Array, Array, float]:
-    """The whole contact at once, by SciPy, from the factors.
+@dataclass(frozen=True)
+class Solved:
+    """A contact solved at once."""
 
-    Returns poses (N, 2, 3), the covariance (6, 6) of the last step and the offset of the turns.
-    """
-    root = np.linalg.inv(np.linalg.cholesky(given.covariance))
+    poses: Array  # (N, 2, 3)
+    lasting: Array  # (LASTING,)
+    offset: float  # of the turns
+    covariance: Array  # (6 + LASTING, 6 + LASTING), of the last step and what lasts
+
+
+def batch(given: Contact, noise: GraphNoise) -> Solved:
+    """The whole contact at once, by SciPy, from the factors; with weights that do not depend on the estimate."""
+    known = given.known
+    root = np.linalg.inv(np.linalg.cholesky(known.covariance))
     moved = np.hypot(*np.diff(given.sensor[:, :2], axis=0).T)
-    resting = np.broadcast_to(se2.between(given.object_pose, given.sensor[0]), given.sensor.shape)
+    resting = np.broadcast_to(se2.between(known.pose, given.sensor[0]), given.sensor.shape)
     start = np.stack([resting, given.sensor], axis=1)
     nothing = RelativePoses(np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 3)))
     said = [(t, relative or nothing) for t, relative in enumerate(given.relative)]
@@ -130,34 +157,44 @@ def batch(given: Contact, noise: GraphNoise) -> tuple[Array, Array, float]:
     whiten = np.linalg.inv(np.linalg.cholesky(np.concatenate([relative.covariance for _, relative in said])))
     directed, direction = angles_of(given.directions)
     turned, turn = angles_of(given.turns)
+    direction_sigma, turn_sigma = FELT * np.sqrt([noise.direction_share, noise.turn_share])
     first_offset = resting[0, 2] - turn[0] if len(turn) else 0.0
+    still, ahead = np.zeros((len(moved), 4)), np.zeros(len(moved))
+    roots = [np.sqrt(noise.pushing_weight(still, moved, tip, ahead, grip=1.0)) for tip in given.tips]
 
-    def residuals(offset: float, poses: Array) -> Array:
+    def residuals(offset: float, lasting: Array, poses: Array) -> Array:
         g, e = poses[:, 0], poses[:, 1]
-        rows = [root @ factors.first_pose(g[0], e[0], given.object_pose)[0]]
+        bias, depth, *friction = lasting
+        rows = [root @ factors.known(g[0], e[0], lasting, known.pose, known.lasting)[0]]
         rows.append(factors.prior(e, given.sensor)[0] / noise.sensor)
-        for tip in given.tips:
-            rows.append(factors.contact(g, tip)[0] / noise.contact)
-            rows.append(factors.pushing(g[:-1], e[:-1], g[1:], e[1:], tip)[0] / noise.pushing_sigmas(moved, tip))
+        for tip, of_pushing in zip(given.tips, roots, strict=True):
+            rows.append(factors.contact(g, depth, tip)[0] / noise.contact)
+            rows.append(of_pushing * pushing(g[:-1], e[:-1], g[1:], e[1:], tip, friction, 1.0)[0])
         rows.append(np.einsum("nij,nj->ni", whiten, factors.between(g[i], g[j], measured)[0]))
-        rows.append(factors.direction(g[directed], direction, given.tips[0])[0] / FELT)
-        rows.append(se2.wrap(g[turned, 2] - offset - turn) / FELT)
+        rows.append(factors.direction(g[directed], direction, bias, given.tips[0])[0] / direction_sigma)
+        rows.append(se2.wrap(g[turned, 2] - offset - turn) / turn_sigma)
         rows.append(np.array([offset / OFFSET_SIGMA]))
         return np.concatenate([row.ravel() for row in rows])
 
-    def at(change: Array) -> tuple[float, Array]:
-        return first_offset + change[0], se2.compose(start, se2.exp(change[1:].reshape(start.shape)))
+    def at(change: Array) -> tuple[float, Array, Array]:
+        poses = se2.compose(start, se2.exp(change[1 + LASTING :].reshape(start.shape)))
+        return first_offset + change[0], known.lasting + change[1 : 1 + LASTING], poses
 
-    zero = np.zeros(1 + start.size)
-    solved = least_squares(lambda change: residuals(*at(change)), zero, method="lm", xtol=1e-11)
-    offset, poses = at(solved.x)
-    ends = []
-    for step in (1e-6, -1e-6):
-        moves = step * np.eye(start.size).reshape(-1, *start.shape)
-        columns = [residuals(offset + step, poses)] + [residuals(offset, se2.compose(poses, se2.exp(m))) for m in moves]
-        ends.append(np.array(columns))
-    jacobian = (ends[0] - ends[1]).T / 2e-6
-    return poses, np.linalg.inv(jacobian.T @ jacobian)[-6:, -6:], offset
+    size = 1 + LASTING + start.size
+    # Depth and bias are far smaller than poses: without a scale the end of the search would be hard to tell.
+    solved = least_squares(
+        lambda change: residuals(*at(change)), np.zeros(size), method="lm", x_scale="jac", xtol=1e-11
+    )
+    offset, lasting, poses = at(solved.x)
+
+    def near(step: Array) -> Array:
+        moves = step[1 + LASTING :].reshape(start.shape)
+        return residuals(offset + step[0], lasting + step[1 : 1 + LASTING], se2.compose(poses, se2.exp(moves)))
+
+    jacobian = np.stack([(near(step) - near(-step)) / 2e-6 for step in 1e-6 * np.eye(size)], axis=-1)
+    last = [*range(size - 6, size), *range(1, 1 + LASTING)]
+    covariance = np.linalg.inv(jacobian.T @ jacobian)[np.ix_(last, last)]
+    return Solved(poses, lasting, offset, covariance)
 
 
 def angles_of(said: Sequence[ContactDirection | Turn | None]) -> tuple[Array, Array]:
@@ -171,9 +208,11 @@ def apart(poses: tuple[Array, Array], wanted: Array) -> Array:
     return np.abs(se2.log(se2.between(np.stack(poses, axis=1), wanted))).max(axis=(0, 1))
 
 
-def scaled_difference(belief: Belief, poses: Array, covariance: Array) -> tuple[float, float]:
-    """Largest difference of mean and of covariance from those wanted, in standard deviations and variances."""
-    deviation = np.sqrt(np.diag(covariance))
-    mean = np.concatenate([se2.log(se2.between(belief.g, poses[0])), se2.log(se2.between(belief.e, poses[1]))])
-    difference = (belief.covariance - covariance) / np.outer(deviation, deviation)
-    return float(np.abs(mean / deviation).max()), float(np.abs(difference).max())
+def scaled_difference(belief: Belief, other: Solved | Belief, unknowns: slice = slice(None)) -> tuple[float, float]:
+    """Largest difference of mean and of covariance from the other's, in its standard deviations and variances."""
+    g, e = other.poses[-1] if isinstance(other, Solved) else (other.g, other.e)
+    deviation = np.sqrt(np.diag(other.covariance))
+    poses = [se2.log(se2.between(belief.g, g)), se2.log(se2.between(belief.e, e))]
+    mean = np.concatenate([*poses, other.lasting - belief.lasting]) / deviation
+    difference = (belief.covariance - other.covariance) / np.outer(deviation, deviation)
+    return float(np.abs(mean[unknowns]).max()), float(np.abs(difference[unknowns, unknowns]).max())

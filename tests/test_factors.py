@@ -12,31 +12,38 @@ from push_samples import RADIUS, SHAPES, sensor, tips_of
 from palpate import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
+from palpate.graph.pushing import pushing
 
 Array = np.ndarray
 STATES = 100
 STEP = 1e-6  # [m], [rad]: truncation 1e-12 times third derivatives, rounding 1e-16 / 1e-6
 
 
-def numeric_jacobian(residual: Callable[..., Array], poses: list[Array]) -> Array:
-    """Central differences (..., rows, 3 poses) by right perturbations of each pose."""
+def numeric_jacobian(residual: Callable[..., Array], poses: list[Array], lasting: Array | None = None) -> Array:
+    """Central differences (..., rows, 3 poses + L), by right perturbations of each pose and steps of what lasts."""
+    rest = [] if lasting is None else [lasting]
     columns = []
     for which, pose in enumerate(poses):
         for axis in range(3):
             step = STEP * np.eye(3)[axis]
-            ends = [[*poses[:which], se2.compose(pose, se2.exp(s * step)), *poses[which + 1 :]] for s in (1, -1)]
+            ends = [[*poses[:which], se2.compose(pose, se2.exp(s * step)), *poses[which + 1 :], *rest] for s in (1, -1)]
             columns.append((residual(*ends[0]) - residual(*ends[1])) / (2 * STEP))
+    for value in () if lasting is None else STEP * np.eye(len(lasting)):
+        columns.append((residual(*poses, lasting + value) - residual(*poses, lasting - value)) / (2 * STEP))
     return np.stack(columns, axis=-1)
 
 
-def check(factor: Callable[..., tuple[Array, Array]], *poses: Array, tolerance: float = 1e-8) -> None:
-    residual, jacobian = factor(*poses)
-    wanted = numeric_jacobian(lambda *moved: factor(*moved)[0], list(poses))
+def check(
+    factor: Callable[..., tuple[Array, Array]], *poses: Array, lasting: Array | None = None, tolerance: float = 1e-8
+) -> None:
+    rest = [] if lasting is None else [lasting]
+    residual, jacobian = factor(*poses, *rest)
+    wanted = numeric_jacobian(lambda *moved: factor(*moved)[0], list(poses), lasting)
     assert residual.shape == wanted.shape[:-1]
     assert jacobian.shape == wanted.shape
     np.testing.assert_allclose(jacobian, wanted, atol=tolerance, rtol=1e-6)
     for k in (0, 57):  # one state alone gives the same
-        alone = factor(*(pose[k] for pose in poses))
+        alone = factor(*(pose[k] for pose in poses), *rest)
         np.testing.assert_allclose(alone[0], residual[k], atol=1e-15)
         np.testing.assert_allclose(alone[1], jacobian[k], atol=1e-12)
 
@@ -124,6 +131,21 @@ def test_prior_and_first_pose_jacobians(where):
     check(lambda a, b: factors.first_pose(a, b, known if a.ndim > 1 else at(known, g, a)), g, e)
 
 
+def test_known_jacobian():
+    rng = np.random.default_rng(8)
+    for g, e in zip(random_poses(rng), random_poses(rng, "near pi"), strict=True):
+        pose = se2.compose(se2.compose(e, se2.inverse(g)), se2.exp(rng.normal(0.0, 0.3, 3)))
+        lasting, known_lasting = rng.normal(size=(2, 6))
+
+        def known(g: Array, e: Array, lasting: Array, pose: Array = pose, known_lasting: Array = known_lasting):
+            return factors.known(g, e, lasting, pose, known_lasting)
+
+        residual, jacobian = known(g, e, lasting)
+        wanted = numeric_jacobian(lambda *moved, known=known: known(*moved)[0], [g, e], lasting)
+        assert residual.shape == (9,)
+        np.testing.assert_allclose(jacobian, wanted, atol=1e-8, rtol=1e-6)
+
+
 @pytest.mark.parametrize("where", ["anywhere", "near pi"])
 @pytest.mark.parametrize("radius", [0.0, RADIUS])
 @pytest.mark.parametrize("name", SHAPES)
@@ -134,8 +156,28 @@ def test_contact_and_pushing_jacobians(name, radius, where):
     e1 = random_poses(rng, where)
     # Steps far larger than real ones: the Jacobian must not only be right where the residual vanishes.
     g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
-    check(lambda g: factors.contact(g, tip), g1, tolerance=1e-7)
-    check(lambda a, b, c, d: factors.pushing(a, b, c, d, tip), g0, e0, g1, e1, tolerance=1e-6)
+    depth = np.array([4e-4])
+    check(lambda g, lasting: factors.contact(g, lasting[0], tip), g1, lasting=depth, tolerance=1e-7)
+    sides = np.where(np.arange(STATES) % 2, 1.0, -1.0)
+
+    def pushed(a: Array, b: Array, c: Array, d: Array, friction: Array) -> tuple[Array, Array]:
+        return pushing(a, b, c, d, tip, friction, sides if a.ndim > 1 else at(sides, g0, a))
+
+    for friction in ((0.0, 0.0, 0.0, 0.0), (0.5, 0.3, -0.2, 0.4)):
+        check(pushed, g0, e0, g1, e1, lasting=np.array(friction), tolerance=1e-6)
+
+
+def test_pushing_takes_a_friction_for_each_state():
+    rng = np.random.default_rng(9)
+    tip = tip_with("ellipse", RADIUS)
+    g1, e1 = near_outline("ellipse", tip, angles(rng, "anywhere"), rng), random_poses(rng)
+    g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
+    friction, side = rng.normal(0.0, 0.3, (STATES, 4)), rng.choice([-1.0, 1.0], STATES)
+    residual, jacobian = pushing(g0, e0, g1, e1, tip, friction, side)
+    for k in range(0, STATES, 7):
+        alone = pushing(g0[k], e0[k], g1[k], e1[k], tip, friction[k], side[k])
+        np.testing.assert_allclose(residual[k], alone[0], atol=1e-15)
+        np.testing.assert_allclose(jacobian[k], alone[1], atol=1e-12)
 
 
 def near_corner(tip: ContactModel, theta: Array, rng: np.random.Generator) -> Array:
@@ -156,15 +198,16 @@ def test_direction_jacobian(name, where, error):
         tip = tip_with("rectangle" if name == "corner" else name, radius)
         theta = angles(rng, where)
         g = near_corner(tip, theta, rng) if name == "corner" else near_outline(name, tip, theta, rng)
-        measured = se2.wrap(factors.direction(g, 0.0, tip)[0][:, 0] - error)
+        bias = np.array([0.3])
+        measured = se2.wrap(factors.direction(g, 0.0, 0.0, tip)[0][:, 0] + bias - error)
 
-        def direction(pose: Array, tip: ContactModel = tip, g: Array = g, measured: Array = measured):
-            return factors.direction(pose, measured if pose.ndim > 1 else at(measured, g, pose), tip)
+        def direction(pose: Array, bias: Array, tip: ContactModel = tip, g: Array = g, measured: Array = measured):
+            return factors.direction(pose, measured if pose.ndim > 1 else at(measured, g, pose), bias[0], tip)
 
         # The Hessian's slope jumps between cells, by most where the L's inner corner bends the field: the rows of
         # pushing have it times the radius.
-        check(direction, g, tolerance=5e-5)
-        np.testing.assert_allclose(factors.direction(g, measured, tip)[0], error, atol=1e-12)
+        check(direction, g, lasting=bias, tolerance=5e-5)
+        np.testing.assert_allclose(factors.direction(g, measured, bias[0], tip)[0], error, atol=1e-12)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.3, math.pi - 1e-4, 1e-4 - math.pi])

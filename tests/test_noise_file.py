@@ -7,7 +7,7 @@ from palpate.errors import FileError, SettingError
 from palpate.graph.noise import PRESETS, PUBLISHED, GraphNoise
 from palpate.graph.noise_file import FORMAT, VERSION, noise_of, read_noise, write_noise
 
-CHANGED = replace(PUBLISHED, contact=0.1 + 0.2, sensor=(1e-5, 2e-5, 3e-4), pushing_kernel=1.5)
+CHANGED = replace(PUBLISHED, contact=0.1 + 0.2, sensor=(1e-5, 2e-5, 3e-4), sticking_kernel=1.5, grip=(0.5, 0.2))
 
 
 def write(path, **changes):
@@ -31,6 +31,8 @@ def test_a_file_holds_every_setting_to_the_last_digit(tmp_path):
     assert (content["format"], content["version"], content["tuned"]) == ("palpate-noise", 1, {"evaluations": 3})
     assert list(content["noise"]) == [field.name for field in fields(GraphNoise)]
     assert content["noise"]["contact_kernel"] is None  # the published settings have none
+    assert content["noise"]["cone_share"] is None
+    assert content["noise"]["grip"] == [0.5, 0.2]
     with pytest.raises(FileError, match="already exists"):
         write_noise(GraphNoise(), path, {})
     assert read_noise(path) == CHANGED
@@ -50,7 +52,7 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
     assert noise_of(str(write(tmp_path / "mine.json"))) == CHANGED
     (tmp_path / "published").write_text("not the preset")
     assert noise_of("published") == PUBLISHED
-    with pytest.raises(SettingError, match=r"noise is 'magic'; allowed are 'palpate', 'published' or a file of"):
+    with pytest.raises(SettingError, match="allowed are 'palpate', 'sticking', 'published' or a file of"):
         noise_of("magic")
     with pytest.raises(FileError, match="is a folder"):
         noise_of(str(tmp_path))
@@ -71,6 +73,11 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
         ({"contact": None}, "noise contact is None; it must be a finite number"),
         ({"contact_kernel": [1.0]}, "noise contact_kernel is [1.0]; it must be a finite number or null"),
         ({"contact": -1e-3}, "noise contact is -0.001; it must be finite and above 0"),
+        ({"cone_share": "1"}, "noise cone_share is '1'; it must be a finite number or null"),
+        ({"sliding_share": None}, "noise sliding_share is None; it must be a finite number"),
+        ({"grip": 0.4}, "noise grip is 0.4; it must be 2 finite numbers"),
+        ({"grip": [0.4, 0.0]}, "noise grip is (0.4, 0.0); it must be finite and a mean and a standard deviation"),
+        ({"pushing_kernel": 1.0}, "noise 'pushing_kernel' is not known"),  # of an older palpate
         ({"rest": [0.0, 1.0, 1.0]}, "noise rest is (0.0, 1.0, 1.0); it must be finite and above 0"),
     ],
 )

@@ -134,7 +134,8 @@ def test_what_cannot_be_tuned(capsys):
     assert "evaluations is 0; it must be at least 1" in failure(capsys, *WORDS, "--evaluations", "0")
     said = failure(capsys, *WORDS[:4], "--parameters", "magic")
     assert "'magic' cannot be tuned; allowed are" in said and "contact_kernel" in said
-    assert "noise is 'magic'; allowed are 'palpate', 'published'" in failure(capsys, *WORDS, "--start", "magic")
+    said = failure(capsys, *WORDS, "--start", "magic")
+    assert "noise is 'magic'; allowed are 'palpate', 'sticking', 'published'" in said
     assert "the folder away does not exist" in failure(capsys, *WORDS[:3], "away/noise.json")
     assert "already exists" in failure(capsys, *WORDS[:3], "all")
     assert "--model here is of no use with --tactile oracle" in failure(capsys, *WORDS, "--model", "here")

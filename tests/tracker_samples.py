@@ -12,10 +12,12 @@ from palpate.tracker import Estimate, Tracker, TrackerSettings
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]
+AS_DRAWN = dataclasses.replace(GraphNoise(), depth=(0.0, 4e-4), friction_ratio=(0.0, 0.3))
+"""The defaults, expecting what pushes are drawn with: the object only just touches, and c is the model's."""
 
 
 def settings(tactile: Any = "oracle", smoother: Any = "fixed-lag", noise: GraphNoise | None = None) -> TrackerSettings:
-    return TrackerSettings(tactile, smoother, noise or GraphNoise())
+    return TrackerSettings(tactile, smoother, noise or AS_DRAWN)
 
 
 def track(name: str, seen: list[Frame], first: Array, how: TrackerSettings, radius: float = RADIUS):

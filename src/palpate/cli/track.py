@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
 ]
-SmootherName = Literal["fixed-lag", "isam2"]
+SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
 
 METRICS = (
     ("translation_rmse_mm", "translation RMSE", "mm", 2),
@@ -56,7 +56,13 @@ def track(
             help_behavior_hint="(default: as in the first half second)",
         ),
     ] = None,
-    smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
+    smoother: Annotated[
+        SmootherName,
+        tyro.conf.arg(
+            help="How the graph is solved: over the last steps, by iSAM2 or as a whole at each step; or a particle "
+            "filter on the same measurements."
+        ),
+    ] = "fixed-lag",
     noise: Annotated[
         str,
         tyro.conf.arg(

@@ -47,7 +47,7 @@ that tells 0.1 mm and 1 mrad."""
 
 _ALL = get_args(Tactile)
 _BY_IMAGE = ("learnt", "learnt-turn", "learnt-direction")
-_FIRST_STEP, _LAST_STEP = 1.1, 0.02  # logarithms: a factor of 3, and 2 %
+_FIRST_STEP, _LAST_STEP = 0.7, 0.02  # logarithms: a factor of 2, and 2 %
 
 
 @dataclass(frozen=True)
@@ -68,14 +68,25 @@ PARAMETERS = {
     "tactile": Parameter(1e-4, 1.0, ("oracle",), (2,)),
     "constant": Parameter(1e-3, 10.0, ("constant",), (2,)),
     "sticking": Parameter(1e-7, 1e-2, ()),
-    "sticking_share": Parameter(1e-3, 10.0, tuple(set(_ALL) - set(TELL_DIRECTION))),
-    "felt_sticking_share": Parameter(1e-3, 10.0, TELL_DIRECTION),
+    "sticking_share": Parameter(1e-3, 10.0),
+    "sliding_share": Parameter(1e-3, 100.0),
+    "cone_margin": Parameter(1e-3, 0.5),
+    "cone_width": Parameter(1e-3, 0.5, ()),
+    "cone_share": Parameter(1e-3, 10.0),
+    "sticking_kernel": Parameter(0.1, 100.0, ()),
     "turning": Parameter(1e-9, 1e-3, ()),
     "turning_share": Parameter(1e-3, 10.0),
-    "pushing_kernel": Parameter(0.1, 100.0),
+    "turning_kernel": Parameter(0.1, 100.0, ()),
+    "friction_ratio": Parameter(0.01, 2.0, _ALL, (1,)),
+    "friction_center": Parameter(0.01, 1.0),
+    "grip": Parameter(0.01, 1.0, (), (1,)),
+    "depth": Parameter(1e-5, 1e-2, (), (1,)),
+    "direction_bias": Parameter(1e-4, 0.1, ()),
+    "direction_share": Parameter(1e-2, 100.0, TELL_DIRECTION),
+    "turn_share": Parameter(1e-2, 1000.0, tuple(set(_BY_IMAGE) - {"learnt-direction"})),
     "contact": Parameter(1e-5, 1e-2),
-    "contact_kernel": Parameter(0.1, 100.0),
-    "feeling_kernel": Parameter(0.1, 100.0, _BY_IMAGE),
+    "contact_kernel": Parameter(0.1, 100.0, ()),
+    "feeling_kernel": Parameter(0.1, 100.0, ()),
     "sensor": Parameter(1e-6, 1e-2, (), (0, 1, 2)),
     "rest": Parameter(1e-8, 1e-2, (), (0, 1, 2)),
     "pressure": Parameter(1e-3, 1.0, ()),

@@ -1,5 +1,6 @@
 """What everything says together: factors, their noise and the smoothers. Knows nothing of images."""
 
+import sys
 from collections.abc import Sequence
 from typing import get_args
 
@@ -15,8 +16,16 @@ def make_smoother(name: SmootherName, tips: Sequence[ContactModel], noise: Graph
         from palpate.graph.fixed_lag import FixedLagSmoother
 
         return FixedLagSmoother(tips, noise)
+    if name == "batch":
+        from palpate.graph.fixed_lag import FixedLagSmoother
+
+        return FixedLagSmoother(tips, noise, lag=sys.maxsize)
     if name == "isam2":
         from palpate.graph.isam2 import Isam2Smoother
 
         return Isam2Smoother(tips, noise)
+    if name == "particle-filter":
+        from palpate.graph.particle_filter import ParticleFilter
+
+        return ParticleFilter(tips, noise)
     raise SettingError(f"smoother is {name!r}; allowed are {', '.join(get_args(SmootherName))}")

@@ -92,30 +92,43 @@ def first_pose(g: Array, e: Array, measured: Array) -> tuple[Array, Array]:
     return residual, np.concatenate([-by_e, by_e], axis=-1)
 
 
-def contact(g: Array, model: ContactModel) -> tuple[Array, Array]:
-    """Distance between the tip's round surface and the outline (Eq. 11, two-sided).
+def known(g: Array, e: Array, lasting: Array, pose: Array, known_lasting: Array) -> tuple[Array, Array]:
+    """Error of a known object pose and of known unknowns of the contact that last: `first_pose`, then the difference.
 
-    Returns the residual (..., 1) [m], positive where they are apart and negative where they overlap, and its Jacobian
-    (..., 1, 3) with respect to g.
+    Returns the residual (3 + L,) and its Jacobian (3 + L, 6 + L) with respect to g, e and what lasts (L,).
+    """
+    residual, by_poses = first_pose(g, e, pose)
+    jacobian = np.eye(3 + len(lasting), 6 + len(lasting), 3)
+    jacobian[:3, :6] = by_poses
+    return np.concatenate([residual, lasting - known_lasting]), jacobian
+
+
+def contact(g: Array, depth: float, model: ContactModel) -> tuple[Array, Array]:
+    """Distance between the tip's round surface and the outline (Eq. 11, two-sided), with a depth by which they overlap.
+
+    Returns the residual (..., 1) [m], positive where they are further apart than depth [m] says and negative where
+    they overlap more, and its Jacobian (..., 1, 4) with respect to g and the depth.
     """
     _, placed, placed_by_g = _center(g, model)
     distance, gradient, _ = model.field.value_gradient_hessian(_real(placed))
-    jacobian = (np.conj(_complex(gradient))[..., None] * placed_by_g).real
-    return (distance - model.radius)[..., None], jacobian[..., None, :]
+    jacobian = np.ones((*distance.shape, 4))
+    jacobian[..., :3] = (np.conj(_complex(gradient))[..., None] * placed_by_g).real
+    return (distance - model.radius + depth)[..., None], jacobian[..., None, :]
 
 
-def direction(g: Array, angle: Array | float, model: ContactModel) -> tuple[Array, Array]:
-    """Error of a measured contact direction: from the tip's centre to the nearest point of the outline.
+def direction(g: Array, angle: Array | float, bias: Array | float, model: ContactModel) -> tuple[Array, Array]:
+    """Error of a measured contact direction: from the tip's centre to the nearest point of the outline, plus a bias.
 
     The centre lies outside the object, so that this is down the gradient of the signed distance there. angle (...)
-    [rad] is measured in the sensor frame, 0 along +x. Returns the residual (..., 1) [rad] in (-pi, pi] and its
-    Jacobian (..., 1, 3) with respect to g.
+    [rad] is measured in the sensor frame, 0 along +x; bias [rad] is what all angles are too large by. Returns the
+    residual (..., 1) [rad] in (-pi, pi] and its Jacobian (..., 1, 4) with respect to g and the bias.
     """
     turn, _, _, normal, normal_by_g = _normal(g, model)
-    residual = np.angle(-normal * np.conj(turn) * np.exp(-1j * np.asarray(angle)))
+    residual = np.angle(-normal * np.conj(turn) * np.exp(1j * (np.asarray(bias) - np.asarray(angle))))
     # The spline's gradient has length 1 but near the outline's medial axis; where it vanishes there is no direction.
     square = np.maximum((np.conj(normal) * normal).real, _NO_GRADIENT)
-    jacobian = _cross(normal[..., None], normal_by_g) / square[..., None]
+    jacobian = np.ones((*residual.shape, 4))
+    jacobian[..., :3] = cross(normal[..., None], normal_by_g) / square[..., None]
     jacobian[..., 2] -= 1.0  # the direction stays while the sensor turns
     return residual[..., None], jacobian[..., None, :]
 
@@ -130,60 +143,11 @@ def turn(g: Array, offset: Array | float, angle: Array | float) -> tuple[Array, 
     return residual[..., None], jacobian
 
 
-def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> tuple[Array, Array]:
-    """Error of quasi-static pushing with a sticking contact over one step from 0 to 1 (Eqs. 7 to 10).
-
-    Rows 1 and 2 [m]: how far the object slid along the sensor, object frame. The sensor's material point that touches
-    the outline point p at step 1 was at `g0 g1^-1 p` at step 0; sticking left it in place, and so does rolling by
-    a small angle (up to r angle^2 / 2). This is the
-    paper's `V + omega x p - Vp` without linearising the rotation, which would let the object drift by omega^2 p / 2 a
-    step. With r > 0 it is the material point that pushes, while p moves over the tip as the sensor turns.
-
-    Row 3 [m^2]: balance of force and torque on the ellipsoidal limit surface, `p x v - c^2 omega`, with the object's
-    motion v, omega over the step and p both taken at the centre of friction (Lynch 1992; Zhou 2017).
-
-    Returns the residual (..., 3) and its Jacobian (..., 3, 12) with respect to g0, e0, g1, e1.
-    """
-    point, point_by_g1, material, material_by_g1 = _touching(g1, model)
-    turn_g0, turn_e0, turn_e1, turn_g1 = (np.exp(1j * pose[..., 2]) for pose in (g0, e0, e1, g1))
-    jacobian = np.zeros((*g1.shape[:-1], 3, 12))
-
-    slid = _position(g0) + turn_g0 * material - point
-    jacobian[..., :2, 0:3] = _rows(_moved(turn_g0, material))
-    jacobian[..., :2, 6:9] = _rows(turn_g0[..., None] * material_by_g1 - point_by_g1)
-
-    # Where the centre of friction was at step 0, seen from the object at step 1: g1 e1^-1 e0 g0^-1 middle.
-    middle = complex(*model.friction_center)
-    in_sensor0 = np.conj(turn_g0) * (middle - _position(g0))
-    in_world = _position(e0) + turn_e0 * in_sensor0
-    in_sensor1 = np.conj(turn_e1) * (in_world - _position(e1))
-    motion = middle - (_position(g1) + turn_g1 * in_sensor1)
-    omega = se2.wrap(e1[..., 2] - e0[..., 2] - g1[..., 2] + g0[..., 2])
-    arm = point - middle
-
-    motion_by_g0 = _moved(turn_g1 * np.conj(turn_e1) * turn_e0, in_sensor0)
-    motion_by_e1 = _moved(turn_g1, in_sensor1)
-    lever = np.conj(arm)[..., None]
-    by_sensor0, by_sensor1 = (lever * motion_by_g0).imag, (lever * motion_by_e1).imag
-    # omega grows with the turns of g0 and e1, and shrinks with those of e0 and g1.
-    by_sensor0[..., 2] -= model.friction_radius**2
-    by_sensor1[..., 2] -= model.friction_radius**2
-    jacobian[..., 2, 0:3] = by_sensor0
-    jacobian[..., 2, 3:6] = -by_sensor0
-    jacobian[..., 2, 6:9] = _cross(point_by_g1, motion[..., None]) - by_sensor1
-    jacobian[..., 2, 9:12] = by_sensor1
-
-    balance = _cross(arm, motion) - model.friction_radius**2 * omega
-    residual = np.empty((*g1.shape[:-1], 3))
-    residual[..., 0], residual[..., 1], residual[..., 2] = slid.real, slid.imag, balance
-    return residual, jacobian
-
-
 def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex]:
     """The sensor's turn, the tip's centre in the object frame (...,), and the centre's derivative by g (..., 3)."""
     turn = np.exp(1j * g[..., 2])
     center = complex(*model.center)
-    return turn, _position(g) + turn * center, _moved(turn, center)
+    return turn, position(g) + turn * center, moving(turn, center)
 
 
 def _normal(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex, Complex]:
@@ -195,24 +159,46 @@ def _normal(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, C
     return turn, placed, placed_by_g, _complex(gradient), normal_by_g
 
 
-def _touching(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex]:
-    """The point of the tip's surface nearest to the outline, in the object frame and in the sensor frame.
+@dataclass(frozen=True)
+class Touching:
+    """The point of the tip's surface nearest to the outline, each with its derivative with respect to g (..., 3)."""
 
-    Returns both as complex (...,), each followed by its derivative with respect to g, complex (..., 3).
-    """
+    point: Complex
+    """In the object frame, (...) [m]."""
+    point_by_g: Complex
+    """(..., 3)"""
+    material: Complex
+    """In the sensor frame, (...) [m]."""
+    material_by_g: Complex
+    """(..., 3)"""
+    normal: Complex
+    """The outline's outward normal there, object frame, (...)."""
+    normal_by_g: Complex
+    """(..., 3)"""
+
+
+def touching(g: Array, model: ContactModel) -> Touching:
+    """Return where tip and outline touch."""
     turn, placed, placed_by_g, normal, normal_by_g = _normal(g, model)
     normal_in_sensor = np.conj(turn) * normal
     material_by_g = -model.radius * np.conj(turn)[..., None] * normal_by_g
     material_by_g[..., 2] += 1j * model.radius * normal_in_sensor
-    return (
+    return Touching(
         placed - model.radius * normal,
         placed_by_g - model.radius * normal_by_g,
         complex(*model.center) - model.radius * normal_in_sensor,
         material_by_g,
+        normal,
+        normal_by_g,
     )
 
 
-def _moved(turn: Complex, point: Complex | complex) -> Complex:
+def contact_normal(g: Array, model: ContactModel) -> Complex:
+    """Return the outline's outward normal where it is nearest to the tip, object frame, complex (...)."""
+    return _normal(g, model)[3]
+
+
+def moving(turn: Complex, point: Complex | complex) -> Complex:
     """How a point of a body moves with the body: derivative by a right perturbation of its pose, complex (..., 3)."""
     moved = np.empty((*turn.shape, 3), dtype=np.complex128)
     moved[..., 0] = turn
@@ -221,7 +207,8 @@ def _moved(turn: Complex, point: Complex | complex) -> Complex:
     return moved
 
 
-def _position(pose: Array) -> Complex:
+def position(pose: Array) -> Complex:
+    """Place of poses (..., 3) as complex (...) [m]."""
     return pose[..., 0] + 1j * pose[..., 1]
 
 
@@ -235,12 +222,13 @@ def _real(vector: Complex) -> Array:
     return parts
 
 
-def _rows(columns: Complex) -> Array:
+def real_rows(columns: Complex) -> Array:
     """A complex Jacobian (..., columns) as a real one (..., 2, columns)."""
     rows = np.empty((*columns.shape[:-1], 2, columns.shape[-1]))
     rows[..., 0, :], rows[..., 1, :] = columns.real, columns.imag
     return rows
 
 
-def _cross(a: Complex, b: Complex) -> Array:
+def cross(a: Complex | complex, b: Complex) -> Array:
+    """Cross product of planar vectors."""
     return (np.conj(a) * b).imag

@@ -20,15 +20,17 @@ from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
 from palpate.graph.normal_equations import (
+    NOTHING,
+    SHARED,
     Block,
     DenseBlock,
     NeighbourBlock,
     NormalEquations,
-    OffsetBlock,
     PairBlock,
     StepBlock,
 )
-from palpate.graph.smoother import OFFSET_SIGMA, Belief, check_tips, continued, last_pushing_error
+from palpate.graph.pushing import pushing, pushing_angle
+from palpate.graph.smoother import OFFSET_SIGMA, Belief, Known, check_tips, continued, last_pushing_error
 from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
 
 Array = NDArray[np.float64]
@@ -38,8 +40,11 @@ LAG = 40
 """Steps in the window: the last one and the 39 before it, as far back as touch compares images."""
 
 _ITERATIONS = 4
-_CONVERGED = 1e-3  # [m], [rad]; the next frame takes another Gauss-Newton step, which leaves about its square
+_CONVERGED = 3e-4  # [m], [rad] of the poses; the next frame takes another Gauss-Newton step
 _G, _E, _BOTH = slice(0, 3), slice(3, 6), slice(0, 6)  # the unknowns of a step
+_REPORTED = [*range(6), *range(7, 6 + SHARED)]  # of the last step and what is shared, all but the offset
+_OFFSET, _BIAS, _DEPTH = slice(0, 1), slice(1, 2), slice(2, 3)
+_FRICTION, _LASTING = slice(3, 7), slice(1, 7)  # those of all steps
 
 
 class FixedLagSmoother:
@@ -51,14 +56,15 @@ class FixedLagSmoother:
         # process holds a core.
         self._threads = ThreadpoolController()
 
-    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array, feeling: Feeling) -> None:
+    def begin(self, sensor_pose: Array, known: Known, feeling: Feeling) -> None:
         """See Smoother."""
         check_tips(feeling, self._tips)
         self._measured = sensor_pose[None]
-        self._poses = np.stack([se2.between(object_pose, sensor_pose), sensor_pose])[None]  # g and e, (steps, 2, 3)
-        self._offset = 0.0  # [rad]
-        self._first: tuple[Array, Array] | None = (object_pose, _inverse(np.linalg.cholesky(covariance)))
-        self._marginal = _Marginal(np.empty((0, 2, 3)), 0.0, np.array([[OFFSET_SIGMA**-2.0]]), np.zeros(1))
+        self._poses = np.stack([se2.between(known.pose, sensor_pose), sensor_pose])[None]  # g and e, (steps, 2, 3)
+        self._shared = np.concatenate([[0.0], known.lasting])
+        self._first: tuple[Known, Array] | None = (known, _inverse(np.linalg.cholesky(known.covariance)))
+        before = np.diag([OFFSET_SIGMA**-2.0, *np.zeros(SHARED - 1)])
+        self._marginal = _Marginal(np.empty((0, 2, 3)), np.zeros(SHARED), before, np.zeros(SHARED))
         self._pairs = _NO_PAIRS
         self._directions = self._turns = _NO_ANGLES  # (steps, 2) each
         self._turned = False  # whether there was a turn in this contact
@@ -81,12 +87,13 @@ class FixedLagSmoother:
 
     def belief(self) -> Belief:
         """See Smoother."""
-        return Belief(self._poses[-1, 0], self._poses[-1, 1], self._covariance)
+        return Belief(self._poses[-1, 0], self._poses[-1, 1], self._shared[_LASTING], self._covariance)
 
     def pushing_error(self) -> Array:
         """See Smoother."""
         moved = np.hypot(*(self._measured[-1] - self._measured[-2 if len(self._measured) > 1 else -1])[:2])
-        return last_pushing_error(self._poses[:, 0], self._poses[:, 1], moved, self._tips, self._noise)
+        g, e = self._poses[:, 0], self._poses[:, 1]
+        return last_pushing_error(g, e, self._shared[_LASTING], moved, self._tips, self._noise)
 
     def path(self) -> tuple[Array, Array]:
         """See Smoother; steps that left the window stay as they were last estimated in it."""
@@ -101,7 +108,7 @@ class FixedLagSmoother:
         self._turns = _joined(self._turns, feeling.turn)
         if feeling.turn is not None and not self._turned:
             # Under its kernel a turn far off the offset would hardly pull.
-            self._offset = float(se2.wrap(self._poses[-1, 0, 2] - feeling.turn.angle))
+            self._shared[0] = se2.wrap(self._poses[-1, 0, 2] - feeling.turn.angle)
             self._turned = True
 
     def _solve(self) -> None:
@@ -110,8 +117,8 @@ class FixedLagSmoother:
                 break
 
     def _improve(self) -> float:
-        """Take a Gauss-Newton step and return its largest change [m], [rad]."""
-        self._at, self._offset_at, self._blocks = self._poses, self._offset, self._linearised()
+        """Take a Gauss-Newton step and return its largest change of a pose [m], [rad]."""
+        self._at, self._shared_at, self._blocks = self._poses, self._shared, self._linearised()
         normal = NormalEquations(len(self._at), self._blocks)
         try:
             # Transposed, the symmetric matrix is in LAPACK's order and need not be copied.
@@ -121,12 +128,12 @@ class FixedLagSmoother:
         change = cho_solve(factor, normal.vector, check_finite=False)
         if not np.isfinite(change).all():
             raise EstimationError("the solution of the window is not finite")
-        self._poses = se2.compose(self._at, se2.exp(change[:-1].reshape(self._at.shape)))
-        self._offset = self._offset_at + float(change[-1])
-        # The last step and the offset come last in the elimination: their block of the root is that of their marginal.
-        last = np.linalg.inv(np.tril(root[-7:, -7:]))
-        self._covariance = (last.T @ last)[:6, :6]
-        return float(np.abs(change).max())
+        self._poses = se2.compose(self._at, se2.exp(change[:-SHARED].reshape(self._at.shape)))
+        self._shared = self._shared_at + change[-SHARED:]
+        # The last step and what is shared come last in the elimination: their block of the root is of their marginal.
+        last = np.linalg.inv(np.tril(root[-6 - SHARED :, -6 - SHARED :]))
+        self._covariance = (last.T @ last)[np.ix_(_REPORTED, _REPORTED)]
+        return float(np.abs(change[:-SHARED]).max())
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others and the offset, as its factors were last linearised."""
@@ -138,7 +145,7 @@ class FixedLagSmoother:
             raise EstimationError("the step that leaves the window is indeterminate") from None
         left = information[6:, 6:] - information[6:, :6] @ gain[:, :-1]
         gradient = gradient[6:] - information[6:, :6] @ gain[:, -1]
-        self._marginal = _Marginal(self._at[1:], self._offset_at, 0.5 * (left + left.T), gradient)
+        self._marginal = _Marginal(self._at[1:], self._shared_at, 0.5 * (left + left.T), gradient)
         self._first = None
         self._pairs = self._pairs.without_oldest()
         self._directions, self._turns = self._directions[1:], self._turns[1:]
@@ -148,31 +155,38 @@ class FixedLagSmoother:
     def _linearised(self) -> list[Block]:
         """All factors, linearised at the estimate."""
         g, e, noise = self._poses[:, 0], self._poses[:, 1], self._noise
-        blocks: list[Block] = [StepBlock(_E, *factors.prior(e, self._measured), np.square(noise.sensor) ** -1.0)]
+        blocks: list[Block] = [
+            StepBlock(_E, *factors.prior(e, self._measured), np.square(noise.sensor) ** -1.0, NOTHING)
+        ]
         moved = np.hypot(*(self._measured[1:, :2] - self._measured[:-1, :2]).T)
         for tip in self._tips:
-            residual, jacobian = factors.contact(g, tip)
-            blocks.append(StepBlock(_G, residual, jacobian, noise.contact_weight(residual)))
+            residual, jacobian = factors.contact(g, self._shared[2], tip)
+            blocks.append(StepBlock(_G, residual, jacobian, noise.contact_weight(residual), _DEPTH))
             if len(g) > 1:
-                residual, jacobian = factors.pushing(g[:-1], e[:-1], g[1:], e[1:], tip)
-                blocks.append(NeighbourBlock(residual, jacobian, noise.pushing_weight(residual, moved, tip)))
+                friction = self._shared[_FRICTION]
+                angle = pushing_angle(g, e, tip, friction)
+                residual, jacobian = pushing(g[:-1], e[:-1], g[1:], e[1:], tip, friction, np.sign(angle))
+                weight = noise.pushing_weight(residual, moved, tip, angle, friction[-1])
+                blocks.append(NeighbourBlock(residual, jacobian, weight, _FRICTION))
         if len(self._pairs.i):
             i, j = self._pairs.i, self._pairs.j
             blocks.append(PairBlock(i, j, *factors.between(g[i], g[j], self._pairs.pose), self._pairs.information))
         if self._directions[:, 1].any():
             angle, information = self._directions.T
-            residual, jacobian = factors.direction(g, angle, self._tips[0])
-            weight = noise.feeling_weight(residual, information[:, None])
-            blocks.append(StepBlock(_G, residual, jacobian, weight))
+            residual, jacobian = factors.direction(g, angle, self._shared[1], self._tips[0])
+            weight = noise.feeling_weight(residual, information[:, None] / noise.direction_share)
+            blocks.append(StepBlock(_G, residual, jacobian, weight, _BIAS))
         if self._turns[:, 1].any():
             angle, information = self._turns.T
-            residual, jacobian = factors.turn(g, self._offset, angle)
-            blocks.append(OffsetBlock(residual, jacobian, noise.feeling_weight(residual, information[:, None])))
+            residual, jacobian = factors.turn(g, self._shared[0], angle)
+            weight = noise.feeling_weight(residual, information[:, None] / noise.turn_share)
+            blocks.append(StepBlock(_G, residual, jacobian, weight, _OFFSET))
         if self._first is not None:
-            object_pose, root = self._first
-            residual, jacobian = factors.first_pose(g[0], e[0], object_pose)
-            blocks.append(StepBlock(_BOTH, (root @ residual)[None], (root @ jacobian)[None], np.ones((1, 3))))
-        blocks.append(self._marginal.at(self._poses, self._offset))
+            known, root = self._first
+            residual, jacobian = factors.known(g[0], e[0], self._shared[_LASTING], known.pose, known.lasting)
+            weight = np.ones(len(residual))
+            blocks.append(StepBlock(_BOTH, (root @ residual)[None], (root @ jacobian)[None], weight, _LASTING))
+        blocks.append(self._marginal.at(self._poses, self._shared))
         return blocks
 
 
@@ -188,21 +202,21 @@ def _joined(angles: Array, said: ContactDirection | Turn | None) -> Array:
 
 @dataclass(frozen=True)
 class _Marginal:
-    """What was known of the offset, and what the steps that left the window say about it and the oldest ones then."""
+    """What was known of what is shared, and what the steps that left the window say of it and the oldest ones then."""
 
     poses: Array
     """Where it was linearised, (N, 2, 3) [m, m, rad]."""
-    offset: float
-    """The same of the offset [rad]."""
+    shared: Array
+    """The same of what is shared, (SHARED,)."""
     information: Array
-    """(6 N + 1, 6 N + 1)"""
+    """(6 N + SHARED, 6 N + SHARED)"""
     gradient: Array
-    """Negative gradient there, (6 N + 1,)."""
+    """Negative gradient there, (6 N + SHARED,)."""
 
-    def at(self, poses: Array, offset: float) -> DenseBlock:
-        """Linearise at other poses (at least N, 2, 3) and another offset."""
+    def at(self, poses: Array, shared: Array) -> DenseBlock:
+        """Linearise at other poses (at least N, 2, 3) and other values of what is shared."""
         change = se2.log(se2.between(self.poses, poses[: len(self.poses)])).ravel()
-        change = np.append(change, offset - self.offset)
+        change = np.concatenate([change, shared - self.shared])
         return DenseBlock(self.information, self.gradient - self.information @ change)
 
 

@@ -2,9 +2,15 @@
 
 Relative poses, turns and sensor priors are native. What is left for Python, contact, its direction and pushing, is one
 custom factor a step: each call copies all values of the graph into Python, so their number decides the time.
+
+A custom factor has its own two steps at hand and what lasts, but the angle of the pushing force, which says whether the
+contact sticks, is sought over several steps. So the weights of pushing are given to it as they are at the estimate, and
+for ANGLE_STEPS steps it is replaced whenever they change. What is learnt later does not change them, as it does in the
+fixed lag.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -15,18 +21,48 @@ from palpate.errors import EstimationError
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import OFFSET_SIGMA, Belief, check_tips, continued, last_pushing_error
+from palpate.graph.pushing import ANGLE_STEPS, pushing, pushing_angle
+from palpate.graph.smoother import (
+    DEPTH,
+    FRICTION,
+    LASTING,
+    OFFSET_SIGMA,
+    Belief,
+    Known,
+    check_tips,
+    continued,
+    last_pushing_error,
+)
 from palpate.measurement import ContactDirection, Feeling, Turn
 
 Array = NDArray[np.float64]
-RELINEARISE_ABOVE = 2e-3
-"""[m], [rad]. The published 0.01 lets a pose be 10 mm off its linearisation, too coarse for touch."""
+RELINEARISE_ABOVE = (2e-3, 2e-3, 5e-3)
+"""[m, m, rad]. The published 0.01 lets a pose be 10 mm off its linearisation, too coarse for touch; yaw that is off by
+5e-3 leaves an error of 1e-5 of a length."""
+RELINEARISE_LASTING_ABOVE = 0.05
+"""[rad], [m], 1. What lasts is in all factors, so that all would be relinearised, and they are nearly linear in it."""
 
 _ANYWHERE = 1e3  # [m]; the standard deviation of what a turn does not say
-_OFFSET = gtsam.symbol("b", 0)
-_EXTRA_UPDATES = 2  # more Gauss-Newton steps where the last pose turned out to be far from its first guess
+_OFFSET, _LASTING = gtsam.symbol("b", 0), gtsam.symbol("l", 0)
+_BIAS = 0  # of what lasts
+_UPDATES = 4  # at most for a step, as long as weights or the last pose change
+_CHANGED = 0.2  # share by which a weight must change for its factor to be replaced
 
 Linearisation = Callable[..., tuple[Array, Array]]
+
+
+@dataclass
+class _Pushed:
+    """A step whose angle of force is not settled yet."""
+
+    now: int
+    moved: float
+    """Way of the sensor [m]."""
+    feeling: Feeling
+    place: int = -1
+    """Of its factor among all; -1 before it is there."""
+    weights: Array = field(default_factory=lambda: np.empty(0))
+    """Side of the cone and inverse variances of the pushing rows, (tips, 5)."""
 
 
 class Isam2Smoother:
@@ -35,59 +71,57 @@ class Isam2Smoother:
     def __init__(self, tips: Sequence[ContactModel], noise: GraphNoise) -> None:
         self._tips, self._noise = tips, noise
         self._parameters = gtsam.ISAM2Params()
-        self._parameters.setRelinearizeThreshold(RELINEARISE_ABOVE)
+        thresholds = gtsam.ISAM2ThresholdMap()
+        for name in "geb":
+            thresholds.insert((name, np.array(RELINEARISE_ABOVE)))
+        thresholds.insert(("l", np.full(LASTING, RELINEARISE_LASTING_ABOVE)))
+        self._parameters.setRelinearizeThreshold(thresholds)
         self._parameters.relinearizeSkip = 1
+        self._parameters.setFactorization("QR")  # Cholesky fails where slip and balance are known well
 
-    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array, feeling: Feeling) -> None:
+    def begin(self, sensor_pose: Array, known: Known, feeling: Feeling) -> None:
         """See Smoother."""
         check_tips(feeling, self._tips)
         self._isam = gtsam.ISAM2(self._parameters)
         self._last, self._measured, self._moved = 0, sensor_pose, 0.0
         self._turned = False  # whether there was a turn in this contact
-        root = np.linalg.inv(np.linalg.cholesky(covariance))
+        self._recent: list[_Pushed] = []
+        self._g = self._e = np.empty((0, 3))
+        self._lasting = known.lasting
+        root = np.linalg.inv(np.linalg.cholesky(known.covariance))
         direction = feeling.direction  # what the closure keeps; the graph keeps the rest
 
-        def first(g: Array, e: Array) -> tuple[Array, Array]:
-            residual, jacobian = factors.first_pose(g, e, object_pose)
-            touching = self._touching_rows(g, direction, 6, 0)
+        def first(g: Array, e: Array, lasting: Array) -> tuple[Array, Array]:
+            residual, jacobian = factors.known(g, e, lasting, known.pose, known.lasting)
+            touching = self._touching_rows(g, lasting, direction, 0, 6)
             return _stacked([(root @ residual, root @ jacobian), *touching])
 
-        graph = gtsam.NonlinearFactorGraph()
-        graph.push_back(_custom([_g(0), _e(0)], 3 + self._touching(feeling), first))
-        self._update(graph, se2.between(object_pose, sensor_pose), sensor_pose, feeling)
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        graph.push_back(_custom([_g(0), _e(0), _LASTING], 3 + LASTING + self._touching(feeling), first))
+        values.insert(_LASTING, known.lasting)
+        self._update(graph, values, se2.between(known.pose, sensor_pose), sensor_pose, feeling)
 
     def add(self, sensor_pose: Array, feeling: Feeling) -> None:
         """See Smoother."""
         check_tips(feeling, self._tips)
-        last, now = self._last, self._last + 1
-        moved = self._moved = float(np.hypot(*(sensor_pose - self._measured)[:2]))
-        direction = feeling.direction
-
-        def step(g0: Array, e0: Array, g1: Array, e1: Array) -> tuple[Array, Array]:
-            rows = self._touching_rows(g1, direction, 12, 6)
-            for tip in self._tips:
-                residual, jacobian = factors.pushing(g0, e0, g1, e1, tip)
-                root = np.sqrt(self._noise.pushing_weight(residual, np.asarray(moved), tip))
-                rows.append((root * residual, root[:, None] * jacobian))
-            return _stacked(rows)
-
+        now = self._last + 1
+        self._moved = float(np.hypot(*(sensor_pose - self._measured)[:2]))
+        self._recent = [*self._recent[-ANGLE_STEPS:], _Pushed(now, self._moved, feeling)]
         graph = gtsam.NonlinearFactorGraph()
-        rows = 3 * len(self._tips) + self._touching(feeling)
-        graph.push_back(_custom([_g(last), _e(last), _g(now), _e(now)], rows, step))
         if (relative := feeling.relative) is not None:
             for back, pose, covariance in zip(relative.back, relative.pose, relative.covariance, strict=True):
                 noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
                 graph.push_back(gtsam.BetweenFactorPose2(_g(now - back), _g(now), gtsam.Pose2(*pose), noise))
         self._last, self._measured = now, sensor_pose
-        self._update(graph, continued(self._g), sensor_pose, feeling)
+        self._update(graph, gtsam.Values(), continued(self._g[-2:]), sensor_pose, feeling)
 
     def belief(self) -> Belief:
         """See Smoother."""
-        return Belief(self._g[-1], self._e[-1], self._covariance)
+        return Belief(self._g[-1], self._e[-1], self._lasting, self._covariance)
 
     def pushing_error(self) -> Array:
         """See Smoother."""
-        return last_pushing_error(self._g, self._e, self._moved, self._tips, self._noise)
+        return last_pushing_error(self._g, self._e, self._lasting, self._moved, self._tips, self._noise)
 
     def path(self) -> tuple[Array, Array]:
         """See Smoother."""
@@ -100,26 +134,75 @@ class Isam2Smoother:
         e = np.array([_array(self._isam.calculateEstimatePose2(_e(step))) for step in steps])
         return g, e
 
-    def _update(self, graph: gtsam.NonlinearFactorGraph, g: Array, e: Array, feeling: Feeling) -> None:
-        """Add the factors of the last step with its first guess, and solve."""
-        values = gtsam.Values()
+    def _update(
+        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, g: Array, e: Array, feeling: Feeling
+    ) -> None:
+        """Add factors and the last step with its first guess, and solve until little changes."""
         values.insert(_g(self._last), gtsam.Pose2(*g))
         values.insert(_e(self._last), gtsam.Pose2(*e))
         sensor = gtsam.noiseModel.Diagonal.Sigmas(np.array(self._noise.sensor))
         graph.push_back(gtsam.PriorFactorPose2(_e(self._last), gtsam.Pose2(*e), sensor))
         if feeling.turn is not None:
             self._push_turn(graph, values, feeling.turn, g)
+        self._g, self._e = np.concatenate([self._g, g[None]]), np.concatenate([self._e, e[None]])
         try:
-            self._isam.update(graph, values)
-            for _ in range(_EXTRA_UPDATES):
-                guess, g = g, _array(self._isam.calculateEstimatePose2(_g(self._last)))
-                if np.abs(se2.log(se2.between(guess, g))).max() < RELINEARISE_ABOVE:
+            weighed = self._weighed()
+            for _ in range(_UPDATES):
+                for step in weighed:
+                    graph.push_back(self._factor(step))
+                replaced = [step.place for step in weighed if step.place >= 0]
+                places = self._isam.update(graph, values, replaced).getNewFactorsIndices()
+                for step, place in zip(weighed, places[len(places) - len(weighed) :], strict=True):
+                    step.place = place
+                graph, values, before = gtsam.NonlinearFactorGraph(), gtsam.Values(), self._g[-1]
+                self._g, self._e = self._steps(max(0, self._last - 2 * ANGLE_STEPS))
+                self._lasting = self._isam.calculateEstimateVector(_LASTING)
+                weighed = self._weighed()
+                if not weighed and (np.abs(se2.log(se2.between(before, self._g[-1]))) < RELINEARISE_ABOVE).all():
                     break
-                self._isam.update()
-            self._g, self._e = self._steps(max(0, self._last - 1))
-            self._covariance = self._isam.jointMarginalCovariance([_g(self._last), _e(self._last)]).fullMatrix()
+            keys = [_g(self._last), _e(self._last), _LASTING]
+            joint = self._isam.jointMarginalCovariance(keys)
+            self._covariance = np.block([[joint.at(row, column) for column in keys] for row in keys])
         except RuntimeError as error:
             raise EstimationError(f"step {self._last} of the contact is indeterminate") from error
+
+    def _weighed(self) -> list["_Pushed"]:
+        """Weigh the recent steps at the estimates, and return those whose weights changed."""
+        count = len(self._recent)
+        if not count:
+            return []
+        g, e, friction = self._g, self._e, self._lasting[FRICTION]
+        moved = np.array([step.moved for step in self._recent])
+        before, after = slice(-count - 1, -1), slice(-count, None)
+        found = []
+        for tip in self._tips:
+            angle = pushing_angle(g, e, tip, friction)[-count:]
+            residual, _ = pushing(g[before], e[before], g[after], e[after], tip, friction, np.sign(angle))
+            if self._recent[-1].place < 0:
+                residual[-1] = 0.0  # a first guess tells nothing of it
+            weight = self._noise.pushing_weight(residual, moved, tip, angle, friction[-1])
+            found.append(np.column_stack([np.sign(angle), weight]))
+        changed = []
+        for step, weights in zip(self._recent, np.stack(found, axis=1), strict=True):
+            if step.place < 0 or (np.abs(weights - step.weights) > _CHANGED * np.abs(step.weights)).any():
+                step.weights = weights
+                changed.append(step)
+        return changed
+
+    def _factor(self, step: "_Pushed") -> gtsam.CustomFactor:
+        """Contact, direction and pushing at a step, on it and the one before."""
+        direction, weights = step.feeling.direction, step.weights
+
+        def linearise(g0: Array, e0: Array, g1: Array, e1: Array, lasting: Array) -> tuple[Array, Array]:
+            rows = self._touching_rows(g1, lasting, direction, 6, 12)
+            for tip, (side, *weight) in zip(self._tips, weights, strict=True):
+                residual, jacobian = pushing(g0, e0, g1, e1, tip, lasting[FRICTION], side)
+                parts = {0: jacobian[:, :12], 12 + FRICTION.start: jacobian[:, 12:]}
+                rows.append(_whitened(residual, parts, np.array(weight), 12 + LASTING))
+            return _stacked(rows)
+
+        keys = [_g(step.now - 1), _e(step.now - 1), _g(step.now), _e(step.now), _LASTING]
+        return _custom(keys, 4 * len(self._tips) + self._touching(step.feeling), linearise)
 
     def _push_turn(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, turn: Turn, g: Array) -> None:
         """Tie yaw of the last step, first guessed to be at g, to the offset, which the first turn brings into being."""
@@ -129,7 +212,8 @@ class Isam2Smoother:
             weak = gtsam.noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, OFFSET_SIGMA]))
             graph.push_back(gtsam.PriorFactorPose2(_OFFSET, gtsam.Pose2(), weak))
             self._turned = True
-        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([_ANYWHERE, _ANYWHERE, np.sqrt(turn.variance)]))
+        deviation = np.sqrt(turn.variance * self._noise.turn_share)
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([_ANYWHERE, _ANYWHERE, deviation]))
         if self._noise.feeling_kernel is not None:
             kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(self._noise.feeling_kernel)
             noise = gtsam.noiseModel.Robust.Create(kernel, noise)
@@ -140,36 +224,41 @@ class Isam2Smoother:
         return len(self._tips) + (feeling.direction is not None)
 
     def _touching_rows(
-        self, g: Array, direction: ContactDirection | None, columns: int, place: int
+        self, g: Array, lasting: Array, direction: ContactDirection | None, place: int, end: int
     ) -> list[tuple[Array, Array]]:
-        """Whitened rows of contact and its direction with their Jacobians, g standing at column place."""
+        """Whitened rows of contact and its direction, g standing at column place and what lasts at column end."""
         rows = []
         for tip in self._tips:
-            residual, by_g = factors.contact(g, tip)
-            rows.append(_whitened(residual, by_g, self._noise.contact_weight(residual), columns, place))
+            residual, jacobian = factors.contact(g, lasting[DEPTH], tip)
+            parts = {place: jacobian[:, :3], end + DEPTH: jacobian[:, 3:]}
+            rows.append(_whitened(residual, parts, self._noise.contact_weight(residual), end + LASTING))
         if direction is not None:
-            residual, by_g = factors.direction(g, direction.angle, self._tips[0])
-            weight = self._noise.feeling_weight(residual, 1.0 / direction.variance)
-            rows.append(_whitened(residual, by_g, weight, columns, place))
+            residual, jacobian = factors.direction(g, direction.angle, lasting[_BIAS], self._tips[0])
+            parts = {place: jacobian[:, :3], end + _BIAS: jacobian[:, 3:]}
+            weight = self._noise.feeling_weight(residual, 1.0 / (direction.variance * self._noise.direction_share))
+            rows.append(_whitened(residual, parts, weight, end + LASTING))
         return rows
 
 
-def _whitened(residual: Array, by_g: Array, weight: Array, columns: int, place: int) -> tuple[Array, Array]:
-    """A row times the root of its weight, its Jacobian spread over the columns of all poses."""
+def _whitened(residual: Array, parts: dict[int, Array], weight: Array, columns: int) -> tuple[Array, Array]:
+    """Rows (R,) and their Jacobian, given in parts by their first column, both times the root of the weight (R,)."""
     root = np.sqrt(weight)
-    jacobian = np.zeros((1, columns))
-    jacobian[:, place : place + 3] = root * by_g
+    jacobian = np.zeros((len(residual), columns))
+    for first, part in parts.items():
+        jacobian[:, first : first + part.shape[1]] = root[:, None] * part
     return root * residual, jacobian
 
 
 def _custom(keys: list[int], rows: int, linearise: Linearisation) -> gtsam.CustomFactor:
-    """A GTSAM factor on poses from whitened rows and their Jacobian."""
+    """A GTSAM factor on poses, and last of all what lasts, from whitened rows and their Jacobian."""
+    *poses, last = keys
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        residual, jacobian = linearise(*(_array(values.atPose2(key)) for key in keys))
+        residual, jacobian = linearise(*(_array(values.atPose2(key)) for key in poses), values.atVector(last))
         if jacobians is not None:
-            for place in range(len(keys)):
+            for place in range(len(poses)):
                 jacobians[place] = np.asfortranarray(jacobian[:, 3 * place : 3 * place + 3])
+            jacobians[-1] = np.asfortranarray(jacobian[:, 3 * len(poses) :])
         return residual
 
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error)

@@ -1,7 +1,7 @@
 """The normal equations of a window of steps, summed from blocks of factors of one kind each.
 
-The unknowns are those of every step in order from the oldest, and last the offset of the turns, which all steps share:
-a border of one row and one column.
+The unknowns are those of every step in order from the oldest, and last those that all steps share: a border of a few
+rows and columns.
 """
 
 from collections.abc import Iterable
@@ -16,31 +16,41 @@ Indices = NDArray[np.int_]
 
 UNKNOWNS = 6
 """Per step: three of g, then three of e."""
+SHARED = 7
+"""Of all steps together: the offset of the turns, then what lasts from contact to contact (`smoother.LASTING`)."""
+NOTHING = slice(0, 0)
+"""Of what is shared: none."""
 
 
 class NormalEquations:
-    """Information matrix and negative gradient of a sum of squares over a number of steps and the offset."""
+    """Information matrix and negative gradient of a sum of squares over a number of steps and what they share."""
 
     matrix: Array
-    """(6 steps + 1, 6 steps + 1)"""
+    """(6 steps + SHARED, 6 steps + SHARED)"""
     vector: Array
-    """Negative gradient, (6 steps + 1,)."""
+    """Negative gradient, (6 steps + SHARED,)."""
     information: Array
     """The matrix between steps, a view (steps, 6, steps, 6)."""
     border: Array
-    """The matrix between the offset and the steps, a view (steps, 6)."""
+    """The matrix between what is shared and the steps, a view (SHARED, steps, 6)."""
+    corner: Array
+    """The matrix of what is shared, a view (SHARED, SHARED)."""
     gradient: Array
     """The vector of the steps, a view (steps, 6)."""
+    edge: Array
+    """The vector of what is shared, a view (SHARED,)."""
 
     def __init__(self, steps: int, blocks: Iterable["Block"]) -> None:
         size = UNKNOWNS * steps
-        self.matrix, self.vector = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
-        self.information = self.matrix[:-1, :-1].reshape(steps, UNKNOWNS, steps, UNKNOWNS)  # splits axes: no copy
-        self.border = self.matrix[-1, :-1].reshape(steps, UNKNOWNS)
-        self.gradient = self.vector[:-1].reshape(steps, UNKNOWNS)
+        self.matrix, self.vector = np.zeros((size + SHARED, size + SHARED)), np.zeros(size + SHARED)
+        # These split axes and copy nothing.
+        self.information = self.matrix[:size, :size].reshape(steps, UNKNOWNS, steps, UNKNOWNS)
+        self.border = self.matrix[size:, :size].reshape(SHARED, steps, UNKNOWNS)
+        self.corner = self.matrix[size:, size:]
+        self.gradient, self.edge = self.vector[:size].reshape(steps, UNKNOWNS), self.vector[size:]
         for block in blocks:
             block.add_to(self)
-        self.matrix[:-1, -1] = self.matrix[-1, :-1]
+        self.matrix[:size, size:] = self.matrix[size:, :size].T
 
 
 class Block(Protocol):
@@ -64,21 +74,26 @@ class StepBlock:
     residual: Array
     """(N, R)"""
     jacobian: Array
-    """(N, R, U)"""
+    """(N, R, U + S)"""
     weight: Array
     """Inverse variances, (N, R) or (R,)."""
+    shared: slice
+    """Which S of the shared unknowns it is on as well; they come last in the Jacobian."""
 
     def add_to(self, normal: NormalEquations) -> None:
         """See Block."""
         at = np.arange(len(self.residual))
         information, gradient = _weighted(self.residual, self.jacobian, self.weight)
-        normal.information[at, self.unknowns, at, self.unknowns] += information
-        normal.gradient[at, self.unknowns] += gradient
+        own = self.unknowns.stop - self.unknowns.start
+        normal.information[at, self.unknowns, at, self.unknowns] += information[:, :own, :own]
+        normal.gradient[at, self.unknowns] += gradient[:, :own]
+        normal.border[self.shared, at, self.unknowns] += information[:, own:, :own].transpose(1, 0, 2)
+        _add_shared(normal, self.shared, information[:, own:, own:], gradient[:, own:])
 
     def of_oldest(self) -> "StepBlock":
         """See Block."""
         weight = self.weight if self.weight.ndim == 1 else self.weight[:1]
-        return StepBlock(self.unknowns, self.residual[:1], self.jacobian[:1], weight)
+        return StepBlock(self.unknowns, self.residual[:1], self.jacobian[:1], weight, self.shared)
 
 
 @dataclass(frozen=True)
@@ -88,25 +103,30 @@ class NeighbourBlock:
     residual: Array
     """(N, R)"""
     jacobian: Array
-    """(N, R, 12)"""
+    """(N, R, 12 + S)"""
     weight: Array
     """Inverse variances, (N, R)."""
+    shared: slice
+    """Which S of the shared unknowns it is on as well; they come last in the Jacobian."""
 
     def add_to(self, normal: NormalEquations) -> None:
         """See Block."""
         at = np.arange(len(self.residual))
         information, gradient = _weighted(self.residual, self.jacobian, self.weight)
-        first, second = slice(0, UNKNOWNS), slice(UNKNOWNS, None)
+        first, second, rest = slice(0, UNKNOWNS), slice(UNKNOWNS, 2 * UNKNOWNS), slice(2 * UNKNOWNS, None)
         normal.information[at, :, at, :] += information[:, first, first]
         normal.information[at, :, at + 1, :] += information[:, first, second]
         normal.information[at + 1, :, at, :] += information[:, second, first]
         normal.information[at + 1, :, at + 1, :] += information[:, second, second]
         normal.gradient[at] += gradient[:, first]
         normal.gradient[at + 1] += gradient[:, second]
+        normal.border[self.shared, at] += information[:, rest, first].transpose(1, 0, 2)
+        normal.border[self.shared, at + 1] += information[:, rest, second].transpose(1, 0, 2)
+        _add_shared(normal, self.shared, information[:, rest, rest], gradient[:, rest])
 
     def of_oldest(self) -> "NeighbourBlock":
         """See Block."""
-        return NeighbourBlock(self.residual[:1], self.jacobian[:1], self.weight[:1])
+        return NeighbourBlock(self.residual[:1], self.jacobian[:1], self.weight[:1], self.shared)
 
 
 @dataclass(frozen=True)
@@ -144,52 +164,31 @@ class PairBlock:
 
 
 @dataclass(frozen=True)
-class OffsetBlock:
-    """One factor on g of every step and the offset, in order from the oldest."""
-
-    residual: Array
-    """(N, R)"""
-    jacobian: Array
-    """(N, R, 4): three of g, then the offset."""
-    weight: Array
-    """Inverse variances, (N, R)."""
-
-    def add_to(self, normal: NormalEquations) -> None:
-        """See Block."""
-        at = np.arange(len(self.residual))
-        information, gradient = _weighted(self.residual, self.jacobian, self.weight)
-        normal.information[at, :3, at, :3] += information[:, :3, :3]
-        normal.border[at, :3] += information[:, 3, :3]
-        normal.matrix[-1, -1] += information[:, 3, 3].sum()
-        normal.gradient[at, :3] += gradient[:, :3]
-        normal.vector[-1] += gradient[:, 3].sum()
-
-    def of_oldest(self) -> "OffsetBlock":
-        """See Block."""
-        return OffsetBlock(self.residual[:1], self.jacobian[:1], self.weight[:1])
-
-
-@dataclass(frozen=True)
 class DenseBlock:
-    """A Gaussian on all unknowns of the oldest steps and the offset."""
+    """A Gaussian on all unknowns of the oldest steps and on all that are shared."""
 
     information: Array
-    """(6 N + 1, 6 N + 1)"""
+    """(6 N + SHARED, 6 N + SHARED)"""
     gradient: Array
-    """Negative gradient, (6 N + 1,)."""
+    """Negative gradient, (6 N + SHARED,)."""
 
     def add_to(self, normal: NormalEquations) -> None:
         """See Block."""
-        size = len(self.gradient) - 1
-        normal.matrix[:size, :size] += self.information[:-1, :-1]
-        normal.matrix[-1, :size] += self.information[-1, :-1]
-        normal.matrix[-1, -1] += self.information[-1, -1]
-        normal.vector[:size] += self.gradient[:-1]
-        normal.vector[-1] += self.gradient[-1]
+        size = len(self.gradient) - SHARED
+        normal.matrix[:size, :size] += self.information[:size, :size]
+        normal.matrix[-SHARED:, :size] += self.information[size:, :size]
+        normal.corner += self.information[size:, size:]
+        normal.vector[:size] += self.gradient[:size]
+        normal.edge += self.gradient[size:]
 
     def of_oldest(self) -> "DenseBlock":
         """See Block."""
         return self
+
+
+def _add_shared(normal: NormalEquations, shared: slice, information: Array, gradient: Array) -> None:
+    normal.corner[shared, shared] += information.sum(axis=0)
+    normal.edge[shared] += gradient.sum(axis=0)
 
 
 def _weighted(residual: Array, jacobian: Array, weight: Array) -> tuple[Array, Array]:

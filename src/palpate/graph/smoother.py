@@ -1,7 +1,7 @@
 """What the tracker asks of a smoother."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -9,16 +9,43 @@ from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import SettingError
-from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
+from palpate.graph.pushing import pushing, pushing_angle
 from palpate.measurement import Feeling
 
 Array = NDArray[np.float64]
-SmootherName = Literal["fixed-lag", "isam2"]
+SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
 OFFSET_SIGMA = 10.0
 """Standard deviation of the offset of all turns of a contact before the first one [rad]: three times pi says nothing of
 an angle, and the system is determined without a turn."""
+
+
+LASTING = 6
+"""Unknowns that last from contact to contact: the bias of directions [rad], the depth of contacts [m] and friction."""
+DEPTH = 1
+"""Which of them is the depth."""
+FRICTION = slice(2, 6)
+"""Those of friction among them; see `pushing.pushing`."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the object when a contact begins."""
+
+    pose: Array
+    """world_T_object, (3,) [m, m, rad]."""
+    lasting: Array
+    """(LASTING,)"""
+    covariance: Array
+    """Joint covariance of both, (3 + LASTING, 3 + LASTING); of the pose in the tangent space there (right, body frame).
+    """
+
+    def loosened(self, covariance: Array) -> "Known":
+        """The same with the pose less certain by a covariance (3, 3)."""
+        joint = self.covariance.copy()
+        joint[:3, :3] += covariance
+        return replace(self, covariance=joint)
 
 
 @dataclass(frozen=True)
@@ -29,8 +56,22 @@ class Belief:
     """Sensor pose in the object frame, (3,) [m, m, rad]."""
     e: Array
     """Sensor pose in the world, (3,) [m, m, rad]."""
+    lasting: Array
+    """(LASTING,)"""
     covariance: Array
-    """Joint covariance (6, 6) of g and e, each in the tangent space at its estimate (right, body frame)."""
+    """Joint covariance (6 + LASTING, 6 + LASTING) of g, e, each in the tangent space at its estimate (right, body
+    frame), and what lasts."""
+
+    @property
+    def known(self) -> Known:
+        """What it says of the object."""
+        # o = e g^-1: o moves by Ad_g (d_e - d_g)
+        by_g = se2.adjoint(self.g)
+        by_all = np.zeros((3 + LASTING, 6 + LASTING))
+        by_all[:3, :3], by_all[:3, 3:6], by_all[3:, 6:] = -by_g, by_g, np.eye(LASTING)
+        covariance = by_all @ self.covariance @ by_all.T
+        pose = se2.compose(self.e, se2.inverse(self.g))
+        return Known(pose, self.lasting, 0.5 * (covariance + covariance.T))
 
 
 class Smoother(Protocol):
@@ -40,11 +81,11 @@ class Smoother(Protocol):
     SettingError.
     """
 
-    def begin(self, sensor_pose: Array, object_pose: Array, covariance: Array, feeling: Feeling) -> None:
+    def begin(self, sensor_pose: Array, known: Known, feeling: Feeling) -> None:
         """Start the graph of a new contact.
 
-        It takes the measured sensor pose (3,), the object pose (3,), its covariance (3, 3) and what touch says, which
-        at a first step cannot be relative.
+        It takes the measured sensor pose (3,), what is known of the object and what touch says, which at a first step
+        cannot be relative.
         """
         ...
 
@@ -65,14 +106,19 @@ class Smoother(Protocol):
         ...
 
 
-def last_pushing_error(g: Array, e: Array, moved: float, tips: Sequence[ContactModel], noise: GraphNoise) -> Array:
-    """Pushing residual (3,) in standard deviations between the last two of the steps (N, 3), of the tip worst off."""
+def last_pushing_error(
+    g: Array, e: Array, lasting: Array, moved: float, tips: Sequence[ContactModel], noise: GraphNoise
+) -> Array:
+    """Pushing residual (4,) in standard deviations between the last two of the steps (N, 3), of the tip worst off."""
     if len(g) < 2:
-        return np.zeros(3)
-    errors = [
-        factors.pushing(g[-2], e[-2], g[-1], e[-1], tip)[0] / noise.pushing_sigmas(np.asarray(moved), tip)
-        for tip in tips
-    ]
+        return np.zeros(4)
+    friction, last = lasting[FRICTION], np.array([moved])
+    errors = []
+    for tip in tips:
+        angle = pushing_angle(g, e, tip, friction)[-1:]
+        residual, _ = pushing(g[-2:-1], e[-2:-1], g[-1:], e[-1:], tip, friction, np.sign(angle))
+        weight = noise.pushing_weight(np.zeros((1, 4)), last, tip, angle, friction[-1])
+        errors.append(residual[0] * np.sqrt(weight[0]))
     return np.abs(errors).max(axis=0)
 
 

@@ -7,15 +7,18 @@ they say nothing about how well the model fits real pushes.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate import se2
 from palpate.errors import EstimationError
-from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
+from palpate.graph.pushing import pushing
 
 Array = NDArray[np.float64]
+
+NOMINAL = (0.0, 0.0, 0.0, 0.0)
+"""Friction as the tip's model has it."""
 
 _NEWTON_STEPS = 8
 _CONVERGED = 1e-12  # [m], [rad]: far below any noise that is drawn
@@ -44,12 +47,14 @@ def push(
     phase: Array | float = 0.0,
     slip: Array | float = 0.0,
     torque: Array | float = 0.0,
+    friction: ArrayLike = NOMINAL,
 ) -> tuple[Array, Array]:
     """Push B objects at once for a number of steps and return their poses and the sensors', (steps + 1, B, 3) each.
 
     object_pose (B, 3) are the first object poses in the world, touching (B, 3) the first sensor poses in the object
     frame, phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the values that
-    the rows of the pushing residual take; 0 is the noise-free model.
+    the sticking and balance rows of the pushing residual take; 0 is the noise-free model. friction (4,) or (B, 4) is
+    what `pushing.pushing` takes; its grip is of no account, for the contact sticks.
     """
     g = np.broadcast_to(touching, np.broadcast_shapes(np.shape(touching), np.shape(object_pose))).astype(np.float64)
     e = se2.compose(object_pose, g)
@@ -62,7 +67,7 @@ def push(
         turn = steering.aim * bearing + steering.sway * np.sin(2 * np.pi * step / steering.period + phase)
         forward = np.full_like(turn, steering.speed)
         e_next = se2.compose(e, se2.exp(np.stack([forward, np.zeros_like(turn), turn], axis=-1)))
-        g = _pushed(g, e, e_next, tip, np.concatenate([slip[step], torque[step][..., None]], axis=-1))
+        g = _pushed(g, e, e_next, tip, friction, np.concatenate([slip[step], torque[step][..., None]], axis=-1))
         e = e_next
         sensors.append(e)
         touches.append(g)
@@ -79,7 +84,8 @@ def draw_residuals(
     (steps, count) [m^2] that `push` takes. The graph has two Gaussians on the same gaps, one on each (contact) and one
     on their differences (the normal part of sticking), so they are drawn from the product of both.
     """
-    sigmas = noise.pushing_sigmas(np.asarray(speed), tip)
+    ahead, moved, grip = np.zeros(1), np.array([speed]), noise.grip[0]
+    sigmas = noise.pushing_weight(np.zeros((1, 4)), moved, tip, ahead, grip)[0, :3] ** -0.5
     differences = np.diff(np.eye(steps + 1), axis=0)
     information = np.eye(steps + 1) / noise.contact**2 + differences.T @ differences / sigmas[0] ** 2
     gaps = np.linalg.solve(np.linalg.cholesky(information).T, rng.normal(size=(steps + 1, count)))
@@ -89,12 +95,12 @@ def draw_residuals(
     return gaps[0], slip, rng.normal(0.0, sigmas[2], (steps, count))
 
 
-def _pushed(g: Array, e: Array, e_next: Array, tip: ContactModel, wanted: Array) -> Array:
+def _pushed(g: Array, e: Array, e_next: Array, tip: ContactModel, friction: ArrayLike, wanted: Array) -> Array:
     """The sensor-in-object pose after a step, by Newton's method on the rows of the pushing residual (Eq. 7)."""
     g_next = g
     for _ in range(_NEWTON_STEPS):
-        residual, jacobian = factors.pushing(g, e, g_next, e_next, tip)
-        change = np.linalg.solve(jacobian[..., 6:9], (wanted - residual)[..., None])[..., 0]
+        residual, jacobian = pushing(g, e, g_next, e_next, tip, friction, side=0.0)
+        change = np.linalg.solve(jacobian[..., :3, 6:9], (wanted - residual[..., :3])[..., None])[..., 0]
         g_next = se2.compose(g_next, se2.exp(change))
         if np.abs(change).max() < _CONVERGED:
             return g_next
