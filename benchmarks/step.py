@@ -240,7 +240,7 @@ def failures(cases: list[dict[str, float | str]]) -> list[str]:
         if name == "reference-450":
             continue
         ratio, allowed = float(row["ratio_to_reference"]), SLACK * baseline[name]["ratio_to_reference"]
-        if name.startswith("fixed-lag"):  # the one for real time; the other is there to compare with
+        if str(name).startswith("fixed-lag"):  # the one for real time; the other is there to compare with
             allowed = min(allowed, 1.0 / FASTER)
         if ratio > allowed:
             found.append(f"{name}: ratio to the reference is {ratio}, allowed {allowed:.4f}")
