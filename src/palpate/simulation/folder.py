@@ -5,6 +5,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.parallel import spread
@@ -14,6 +15,8 @@ from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
 from palpate.simulation.recordings import simulate_recording, simulated_source
 from palpate.simulation.scene import load_mujoco
+
+Item = TypeVar("Item")
 
 COUNT = 100_000
 """Most recordings of one object; recordings of one seed and of the next have no seed in common."""
@@ -85,32 +88,59 @@ def simulate_folder(
     load_mujoco()
     if not SECONDS[0] <= seconds <= SECONDS[1]:
         raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
+
+    def source(job: Job) -> str:
+        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit)
+
+    make = partial(_simulate, seconds=seconds, images=images)
+    return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress)
+
+
+def fill_folder(
+    folder: Path,
+    items: Mapping[str, Item],
+    source: Callable[[Item], str],
+    make: Callable[[Item], Recording],
+    workers: int = 1,
+    resume: bool = False,
+    dask: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Outcome:
+    """Make a recording of each item, by the name of its file, and write it; see `simulate_folder`.
+
+    `source` tells what the source of a recording that is there must say; what `make` raises, a PalpateError, does not
+    stop the rest.
+    """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
     there = _opened(folder, resume)
-    kept = {job.name for job in jobs if job.name in there and _is_whole(folder, job, seconds, images)}
-    todo = [job for job in jobs if job.name not in kept]
+    kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}
+    todo = [(name, item) for name, item in items.items() if name not in kept]
     made: list[str] = []
     failed: dict[str, str] = {}
-    simulate = partial(_simulate, seconds=seconds, images=images)
-    with closing(spread(simulate, todo, workers, dask)) as results:
-        for job, result in results:
+    with closing(spread(partial(_made, make=make), todo, workers, dask)) as results:
+        for name, result in results:
             if isinstance(result, str):
-                failed[job.name] = result
+                failed[name] = result
             else:
-                write_recording(result, folder / job.name, overwrite=True)
-                made.append(job.name)
+                write_recording(result, folder / name, overwrite=True)
+                made.append(name)
             if progress:
                 progress(len(kept) + len(made) + len(failed))
     return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
 
 
-def _simulate(job: Job, seconds: float, images: bool) -> tuple[Job, Recording | str]:
+def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[str, Recording | str]:
     """Return a recording, or why there is none; the files are written by the process that asked for it."""
+    name, item = named
     try:
-        return job, simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit)
+        return name, make(item)
     except PalpateError as error:
-        return job, str(error)
+        return name, str(error)
+
+
+def _simulate(job: Job, seconds: float, images: bool) -> Recording:
+    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit)
 
 
 def _opened(folder: Path, resume: bool) -> set[str]:
@@ -127,15 +157,13 @@ def _opened(folder: Path, resume: bool) -> set[str]:
     return there
 
 
-def _is_whole(folder: Path, job: Job, seconds: float, images: bool) -> bool:
-    """Say whether a file is this job's recording; raises SettingError if it is another one."""
+def _is_whole(path: Path, wanted: str) -> bool:
+    """Say whether a file is the recording of this source; raises SettingError if it is another one."""
     import h5py
 
-    path = folder / job.name
-    wanted = simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit)
     try:
         with h5py.File(path, "r") as file:
-            found = file.attrs.get("source", "")
+            found = str(file.attrs.get("source", ""))
     except OSError:  # cut off by a broken copy or a failed disk
         return False
     if found != wanted:

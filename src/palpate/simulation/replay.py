@@ -20,7 +20,6 @@ touch and nothing of how single contacts push.
 
 import zlib
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -28,12 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate import se2
-from palpate.errors import FileError, PalpateError, SettingError
+from palpate.errors import SettingError
 from palpate.images import encode_image
-from palpate.parallel import spread
-from palpate.recording import Recording, episode_numbers, write_recording
+from palpate.recording import Recording, episode_numbers
 from palpate.sensor import DIGIT
-from palpate.simulation.folder import Outcome
+from palpate.simulation.folder import Outcome, fill_folder
 from palpate.simulation.gel import render
 from palpate.simulation.real_motion import SMOOTH, Contacts, RealMotion, real_contacts, real_motion, runs, sliding
 from palpate.simulation.scene import HEIGHT
@@ -120,54 +118,16 @@ def replay_folder(
 
     Options and errors are those of `folder.simulate_folder`; what cannot be replayed does not stop the rest.
     """
-    for option, value, least in (("seed", seed, 0), ("unit", unit or 0, 0), ("workers", workers, 1)):
-        if value < least:
-            raise SettingError(f"{option} is {value}; allowed is {least} or more")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        there = {path.name for path in folder.glob("*.h5")}
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be a folder of recordings ({error.strerror})") from error
-    if there and not resume:
-        raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
-    kept = {name for name in recordings if name in there and _is_whole(folder / name, recordings[name], seed, unit)}
-    todo = [(name, recording) for name, recording in recordings.items() if name not in kept]
-    made: list[str] = []
-    failed: dict[str, str] = {}
-    with closing(spread(partial(_replay, seed=seed, unit=unit), todo, workers, dask)) as results:
-        for name, result in results:
-            if isinstance(result, str):
-                failed[name] = result
-            else:
-                write_recording(result, folder / name, overwrite=True)
-                made.append(name)
-            if progress:
-                progress(len(kept) + len(made) + len(failed))
-    return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
+    for option, value in (("seed", seed), ("unit", unit or 0)):
+        if value < 0:
+            raise SettingError(f"{option} is {value}; allowed is 0 or more")
 
+    def source(recording: Recording) -> str:
+        drawn, *_ = _seeds(recording, seed, unit)
+        return _source(recording, real_motion(recording, DIGIT.rate), seed, drawn)
 
-def _replay(item: tuple[str, Recording], seed: int, unit: int | None) -> tuple[str, Recording | str]:
-    name, recording = item
-    try:
-        return name, replay_recording(recording, seed, unit)
-    except PalpateError as error:
-        return name, str(error)
-
-
-def _is_whole(path: Path, recording: Recording, seed: int, unit: int | None) -> bool:
-    """Say whether a file is this replay; raises SettingError if it is another recording."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            found = str(file.attrs.get("source", ""))
-    except OSError:  # cut off by a broken copy or a failed disk
-        return False
-    drawn, *_ = _seeds(recording, seed, unit)
-    wanted = _source(recording, real_motion(recording, DIGIT.rate), seed, drawn)
-    if found != wanted:
-        raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
-    return True
+    make = partial(replay_recording, seed=seed, unit=unit)
+    return fill_folder(folder, recordings, source, make, workers, resume, dask, progress)
 
 
 def _on_the_gel(
