@@ -154,7 +154,7 @@ def _custom_contact(keys: list[int], sigma: float, tip: ContactModel) -> gtsam.C
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         g = se2.between(*(_array(values.atPose2(key)) for key in keys[:2]))
-        value, jacobian = factors.contact(g, values.atVector(_LASTING)[DEPTH], tip)
+        value, jacobian = factors.contact(factors.touching(g, tip), values.atVector(_LASTING)[DEPTH])
         if jacobians is not None:
             jacobians[0] = np.asfortranarray(-jacobian[:, :3] @ se2.adjoint(se2.inverse(g)))
             jacobians[1] = np.asfortranarray(jacobian[:, :3])
@@ -171,7 +171,8 @@ def _custom_pushing(keys: list[int], sigmas: Array, tip: ContactModel) -> gtsam.
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         o0, e0, o1, e1 = (_array(values.atPose2(key)) for key in keys[:4])
         g0, g1 = se2.between(o0, e0), se2.between(o1, e1)
-        value, jacobian = pushing(g0, e0, g1, e1, tip, values.atVector(_LASTING)[FRICTION], 1.0)
+        friction = values.atVector(_LASTING)[FRICTION]
+        value, jacobian = pushing(g0, e0, g1, e1, factors.touching(g1, tip), tip, friction, 1.0)
         value, jacobian = value[:3], jacobian[:3]
         if jacobians is not None:
             for k, g in enumerate((g0, g1)):

@@ -3,10 +3,12 @@
 from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from palpate import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
+from palpate.graph.pushing import pushing, pushing_angle
 from palpate.recording import Frame
 from palpate.sensor import SensorProfile
 from palpate.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
@@ -34,12 +36,31 @@ def tips_of(name: str, profile: SensorProfile = sensor()) -> list[ContactModel]:
     return factors.contact_models(SHAPES[name], profile)
 
 
+def contact_rows(g: Array, depth: float, tip: ContactModel) -> tuple[Array, Array]:
+    """`factors.contact`, with the outline looked up; and so those below."""
+    return factors.contact(factors.touching(g, tip), depth)
+
+
+def direction_rows(g: Array, angle: Array | float, bias: Array | float, tip: ContactModel) -> tuple[Array, Array]:
+    return factors.direction(factors.touching(g, tip), angle, bias)
+
+
+def pushing_rows(
+    g0: Array, e0: Array, g1: Array, e1: Array, tip: ContactModel, friction: ArrayLike, side: ArrayLike
+) -> tuple[Array, Array]:
+    return pushing(g0, e0, g1, e1, factors.touching(g1, tip), tip, friction, side)
+
+
+def pushing_angles(g: Array, e: Array, tip: ContactModel, friction: ArrayLike) -> NDArray[np.float64]:
+    return pushing_angle(g, e, factors.touching(g, tip), tip, friction)
+
+
 def touching(tip: ContactModel, y: Array | float, theta: Array | float = 0.0) -> Array:
     """Sensor poses in the object frame (..., 3) that touch the object's left side at height y, pushing along +x."""
     g = np.stack(np.broadcast_arrays(-0.13, y, theta), axis=-1).astype(float)
     for _ in range(50):
         # Never overshoots: the distance falls no faster than x grows.
-        g[..., 0] += factors.contact(g, 0.0, tip)[0][..., 0]
+        g[..., 0] += factors.touching(g, tip).gap
     return g
 
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from push_samples import noisy, pushed, sensor, tips_of
+from push_samples import contact_rows, direction_rows, noisy, pushed, pushing_rows, sensor, tips_of
 from scipy.optimize import least_squares
 
 from palpate import se2
 from palpate.graph import factors, make_smoother
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
-from palpate.graph.pushing import pushing
 from palpate.graph.smoother import LASTING, OFFSET_SIGMA, Belief, Known, Smoother
 from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
 from palpate.touch.relative import compared_frames
@@ -100,7 +99,7 @@ def felt(given: Contact, direction: bool = True, turn: bool = True, seed: int = 
     """The same contact with directions and turns at most steps from the first one that has any."""
     rng = np.random.default_rng(seed)
     steps = len(given.truth)
-    angle = factors.direction(given.truth, 0.0, 0.0, given.tips[0])[0][:, 0] + rng.normal(0.0, FELT, steps)
+    angle = direction_rows(given.truth, 0.0, 0.0, given.tips[0])[0][:, 0] + rng.normal(0.0, FELT, steps)
     yaw = given.truth[:, 2] - OFFSET + rng.normal(0.0, FELT, steps)
     said = [t >= first and t % 4 != 3 for t in range(steps)]
     directions = [ContactDirection(angle[t], FELT**2) if direction and said[t] else None for t in range(steps)]
@@ -168,10 +167,10 @@ def batch(given: Contact, noise: GraphNoise) -> Solved:
         rows = [root @ factors.known(g[0], e[0], lasting, known.pose, known.lasting)[0]]
         rows.append(factors.prior(e, given.sensor)[0] / noise.sensor)
         for tip, of_pushing in zip(given.tips, roots, strict=True):
-            rows.append(factors.contact(g, depth, tip)[0] / noise.contact)
-            rows.append(of_pushing * pushing(g[:-1], e[:-1], g[1:], e[1:], tip, friction, 1.0)[0])
+            rows.append(contact_rows(g, depth, tip)[0] / noise.contact)
+            rows.append(of_pushing * pushing_rows(g[:-1], e[:-1], g[1:], e[1:], tip, friction, 1.0)[0])
         rows.append(np.einsum("nij,nj->ni", whiten, factors.between(g[i], g[j], measured)[0]))
-        rows.append(factors.direction(g[directed], direction, bias, given.tips[0])[0] / direction_sigma)
+        rows.append(direction_rows(g[directed], direction, bias, given.tips[0])[0] / direction_sigma)
         rows.append(se2.wrap(g[turned, 2] - offset - turn) / turn_sigma)
         rows.append(np.array([offset / OFFSET_SIGMA]))
         return np.concatenate([row.ravel() for row in rows])

@@ -11,12 +11,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from push_samples import noisy, tips_of, touching
+from push_samples import direction_rows, noisy, tips_of, touching
 from smoother_samples import PLAIN, known_at
 
 from palpate import se2
 from palpate.evaluation.metrics import nees
-from palpate.graph import factors
 from palpate.graph.fixed_lag import FixedLagSmoother
 from palpate.graph.isam2 import Isam2Smoother
 from palpate.graph.noise import GraphNoise
@@ -58,7 +57,7 @@ def draw(noise: GraphNoise, count: int, seed: int, direction: float = FELT, turn
     g = se2.between(o, e)
     relative = [noisy(se2.between(g[t - compared_frames(t)], g[t]), noise.tactile, rng) for t in range(STEPS + 1)]
     first, measured = noisy(o[0], noise.first_pose, rng), noisy(e, noise.sensor, rng)
-    directions = factors.direction(g, 0.0, lasting[:, 0], tip)[0][..., 0]
+    directions = direction_rows(g, 0.0, lasting[:, 0], tip)[0][..., 0]
     directions += rng.normal(0.0, direction * np.sqrt(noise.direction_share), g.shape[:-1])
     turns = g[..., 2] - rng.uniform(-np.pi, np.pi, count)
     turns += rng.normal(0.0, turn * np.sqrt(noise.turn_share), g.shape[:-1])

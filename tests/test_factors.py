@@ -7,12 +7,11 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, sensor, tips_of
+from push_samples import RADIUS, SHAPES, contact_rows, direction_rows, pushing_rows, sensor, tips_of
 
 from palpate import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
-from palpate.graph.pushing import pushing
 
 Array = np.ndarray
 STATES = 100
@@ -157,11 +156,11 @@ def test_contact_and_pushing_jacobians(name, radius, where):
     # Steps far larger than real ones: the Jacobian must not only be right where the residual vanishes.
     g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
     depth = np.array([4e-4])
-    check(lambda g, lasting: factors.contact(g, lasting[0], tip), g1, lasting=depth, tolerance=1e-7)
+    check(lambda g, lasting: contact_rows(g, lasting[0], tip), g1, lasting=depth, tolerance=1e-7)
     sides = np.where(np.arange(STATES) % 2, 1.0, -1.0)
 
     def pushed(a: Array, b: Array, c: Array, d: Array, friction: Array) -> tuple[Array, Array]:
-        return pushing(a, b, c, d, tip, friction, sides if a.ndim > 1 else at(sides, g0, a))
+        return pushing_rows(a, b, c, d, tip, friction, sides if a.ndim > 1 else at(sides, g0, a))
 
     for friction in ((0.0, 0.0, 0.0, 0.0), (0.5, 0.3, -0.2, 0.4)):
         check(pushed, g0, e0, g1, e1, lasting=np.array(friction), tolerance=1e-6)
@@ -173,9 +172,9 @@ def test_pushing_takes_a_friction_for_each_state():
     g1, e1 = near_outline("ellipse", tip, angles(rng, "anywhere"), rng), random_poses(rng)
     g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
     friction, side = rng.normal(0.0, 0.3, (STATES, 4)), rng.choice([-1.0, 1.0], STATES)
-    residual, jacobian = pushing(g0, e0, g1, e1, tip, friction, side)
+    residual, jacobian = pushing_rows(g0, e0, g1, e1, tip, friction, side)
     for k in range(0, STATES, 7):
-        alone = pushing(g0[k], e0[k], g1[k], e1[k], tip, friction[k], side[k])
+        alone = pushing_rows(g0[k], e0[k], g1[k], e1[k], tip, friction[k], side[k])
         np.testing.assert_allclose(residual[k], alone[0], atol=1e-15)
         np.testing.assert_allclose(jacobian[k], alone[1], atol=1e-12)
 
@@ -199,15 +198,15 @@ def test_direction_jacobian(name, where, error):
         theta = angles(rng, where)
         g = near_corner(tip, theta, rng) if name == "corner" else near_outline(name, tip, theta, rng)
         bias = np.array([0.3])
-        measured = se2.wrap(factors.direction(g, 0.0, 0.0, tip)[0][:, 0] + bias - error)
+        measured = se2.wrap(direction_rows(g, 0.0, 0.0, tip)[0][:, 0] + bias - error)
 
         def direction(pose: Array, bias: Array, tip: ContactModel = tip, g: Array = g, measured: Array = measured):
-            return factors.direction(pose, measured if pose.ndim > 1 else at(measured, g, pose), bias[0], tip)
+            return direction_rows(pose, measured if pose.ndim > 1 else at(measured, g, pose), bias[0], tip)
 
         # The Hessian's slope jumps between cells, by most where the L's inner corner bends the field: the rows of
         # pushing have it times the radius.
         check(direction, g, lasting=bias, tolerance=5e-5)
-        np.testing.assert_allclose(factors.direction(g, measured, bias[0], tip)[0], error, atol=1e-12)
+        np.testing.assert_allclose(direction_rows(g, measured, bias[0], tip)[0], error, atol=1e-12)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.3, math.pi - 1e-4, 1e-4 - math.pi])

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, sensor
+from push_samples import RADIUS, SHAPES, contact_rows, direction_rows, pushing_angles, pushing_rows, sensor
 
 from palpate import se2
 from palpate.distance_field import DistanceField
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
-from palpate.graph.pushing import pushing, pushing_angle
 from palpate.shapes import Disc, Rectangle
 
 Array = np.ndarray
@@ -19,7 +18,7 @@ NOMINAL = (0.0, 0.0, 0.0, 0.4)  # c and the centre of friction as in the model, 
 
 def rows(g0: Array, e0: Array, g1: Array, e1: Array, tip: ContactModel) -> Array:
     """The rows of sticking and of balance, with nominal friction."""
-    return pushing(g0, e0, g1, e1, tip, NOMINAL, 1.0)[0][..., :3]
+    return pushing_rows(g0, e0, g1, e1, tip, NOMINAL, 1.0)[0][..., :3]
 
 
 def test_between_by_hand():
@@ -54,25 +53,25 @@ def square_tip(radius: float) -> ContactModel:
 def test_contact_by_hand():
     tip = square_tip(RADIUS)
     # The apex 3 mm off the left side: the centre is at -0.103 - 0.021, 0.024 from the side, less the radius.
-    residual, jacobian = factors.contact(np.array([-0.103, 0.02, 0.0]), 0.0, tip)
+    residual, jacobian = contact_rows(np.array([-0.103, 0.02, 0.0]), 0.0, tip)
     np.testing.assert_allclose(residual, [0.003], atol=1e-9)
     np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1]], atol=1e-9)
     # Turned to the left by 90 degrees the apex at (-0.13, 0.021) has its centre at (-0.13, 0), 0.03 - 0.021 off. The
     # side's normal is now the sensor's +y. Turning further moves the centre, 0.021 below, to the right: closer by
     # 0.021.
-    residual, jacobian = factors.contact(np.array([-0.13, 0.021, math.pi / 2]), 0.0, tip)
+    residual, jacobian = contact_rows(np.array([-0.13, 0.021, math.pi / 2]), 0.0, tip)
     np.testing.assert_allclose(residual, [0.009], atol=1e-9)
     np.testing.assert_allclose(jacobian, [[0, 1, -0.021, 1]], atol=1e-9)
     # The centre 30 mm left of and 40 mm above a corner: 50 mm from it, less the radius. The spline is good to
     # micrometres.
-    residual, _ = factors.contact(np.array([-0.109, 0.14, 0.0]), 0.0, tip)
+    residual, _ = contact_rows(np.array([-0.109, 0.14, 0.0]), 0.0, tip)
     np.testing.assert_allclose(residual, [0.029], atol=2e-6)
     # Two-sided: 2 mm inside is -2 mm.
-    residual, _ = factors.contact(np.array([-0.098, 0.0, 0.0]), 0.0, tip)
+    residual, _ = contact_rows(np.array([-0.098, 0.0, 0.0]), 0.0, tip)
     np.testing.assert_allclose(residual, [-0.002], atol=1e-9)
     # In contact they overlap by the depth: 0.3 mm. 2 mm apart is 2.3 mm too far, 0.5 mm inside 0.2 mm too deep.
     for x, wanted in ((-0.0997, 0.0), (-0.102, 2.3e-3), (-0.0995, -2e-4)):
-        residual, jacobian = factors.contact(np.array([x, 0.02, 0.0]), 3e-4, tip)
+        residual, jacobian = contact_rows(np.array([x, 0.02, 0.0]), 3e-4, tip)
         np.testing.assert_allclose(residual, [wanted], atol=1e-9)
         np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1]], atol=1e-9)
 
@@ -91,17 +90,17 @@ def test_direction_by_hand():
     tip = square_tip(RADIUS)
     # The left side lies straight ahead: the tip is touched at its apex, and 0.1 to the left of that says an error of
     # -0.1. Turned by +0.3 the sensor is touched at -0.3. Moving along or across the side changes nothing.
-    residual, jacobian = factors.direction(np.array([-0.1, 0.02, 0.0]), 0.0, 0.0, tip)
+    residual, jacobian = direction_rows(np.array([-0.1, 0.02, 0.0]), 0.0, 0.0, tip)
     np.testing.assert_allclose(residual, [0.0], atol=1e-6)
     np.testing.assert_allclose(jacobian, [[0, 0, -1, 1]], atol=1e-6)
-    assert factors.direction(np.array([-0.1, 0.02, 0.0]), 0.1, 0.0, tip)[0] == pytest.approx(-0.1, abs=1e-6)
-    assert factors.direction(np.array([-0.1, 0.02, 0.3]), 0.0, 0.0, tip)[0] == pytest.approx(-0.3, abs=1e-6)
+    assert direction_rows(np.array([-0.1, 0.02, 0.0]), 0.1, 0.0, tip)[0] == pytest.approx(-0.1, abs=1e-6)
+    assert direction_rows(np.array([-0.1, 0.02, 0.3]), 0.0, 0.0, tip)[0] == pytest.approx(-0.3, abs=1e-6)
     # Turned by 3.1 it is touched at -3.1; 3.1 is measured, 6.2 more, which is 2 pi - 6.2 = 0.0831853 the other way.
-    residual, _ = factors.direction(np.array([-0.1, 0.02, 3.1]), 3.1, 0.0, tip)
+    residual, _ = direction_rows(np.array([-0.1, 0.02, 3.1]), 3.1, 0.0, tip)
     np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
     # The centre 15 mm left of and 20 mm above the corner (-0.1, 0.1): the corner lies 15 ahead and 20 to the right,
     # atan2(-20, 15) = -0.9273. Seen from 25 mm, 1 mm across, (0.8, 0.6), turns it by 1/25 rad per mm to the left.
-    residual, jacobian = factors.direction(np.array([-0.115 + RADIUS, 0.12, 0.0]), 0.0, 0.0, tip)
+    residual, jacobian = direction_rows(np.array([-0.115 + RADIUS, 0.12, 0.0]), 0.0, 0.0, tip)
     np.testing.assert_allclose(residual, [-0.927295218], atol=1e-4)
     # Turning by d about the apex carries the centre, 0.021 behind it, by -0.021 d in y: -0.021 * 0.6 / 0.025 - 1.
     np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0]], rtol=1e-2)
@@ -111,10 +110,10 @@ def test_a_bias_is_what_directions_are_too_large_by():
     # Touched at 0.1, measured 0.3 by a sensor that adds 0.15: 0.05 too much. And so across the seam: touched at -3.1,
     # measured 3.0 with a bias of -0.1, which makes 3.1, 6.2 more, 2 pi - 6.2 the other way.
     tip = square_tip(RADIUS)
-    residual, jacobian = factors.direction(np.array([-0.1, 0.02, -0.1]), 0.3, 0.15, tip)
+    residual, jacobian = direction_rows(np.array([-0.1, 0.02, -0.1]), 0.3, 0.15, tip)
     np.testing.assert_allclose(residual, [-0.05], atol=1e-6)
     np.testing.assert_allclose(jacobian, [[0, 0, -1, 1]], atol=1e-6)
-    residual, _ = factors.direction(np.array([-0.1, 0.02, 3.1]), 3.0, -0.1, tip)
+    residual, _ = direction_rows(np.array([-0.1, 0.02, 3.1]), 3.0, -0.1, tip)
     np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
 
 
@@ -124,13 +123,13 @@ def test_direction_on_a_disc_by_hand():
     tip = ContactModel(DistanceField.of(Disc(0.08)), (0.0, 0.0), 0.02, 0.05)
     for bearing in (2.9, -2.9, 0.4):
         g = np.array([0.1 * math.cos(bearing), 0.1 * math.sin(bearing), -0.7])
-        residual, jacobian = factors.direction(g, 0.0, 0.0, tip)
+        residual, jacobian = direction_rows(g, 0.0, 0.0, tip)
         assert se2.wrap(float(residual[0]) - (bearing + math.pi + 0.7)) == pytest.approx(0.0, abs=1e-6)
         round_it = np.array([-math.sin(bearing + 0.7), math.cos(bearing + 0.7), 0.0])  # in the sensor's frame
         assert (jacobian[:, :3] @ round_it)[0] == pytest.approx(10.0, rel=1e-4)
     # A point on the outline is touched along the normal as well.
     point = ContactModel(tip.field, (0.0, 0.0), 0.0, 0.05)
-    residual, _ = factors.direction(np.array([-0.08, 0.0, 0.2]), 0.0, 0.0, point)
+    residual, _ = direction_rows(np.array([-0.08, 0.0, 0.2]), 0.0, 0.0, point)
     np.testing.assert_allclose(residual, [-0.2], atol=1e-6)
 
 
@@ -187,7 +186,7 @@ def test_balance_with_another_c_and_another_centre():
 
     def balance(friction: tuple[float, float, float, float], model: ContactModel = tip) -> tuple[float, Array]:
         e0, e1 = se2.compose(before, g), g
-        residual, jacobian = pushing(g, e0, g, e1, model, friction, 1.0)
+        residual, jacobian = pushing_rows(g, e0, g, e1, model, friction, 1.0)
         return residual[2], jacobian[2]
 
     residual, jacobian = balance((math.log(1.5), 0.0, 0.0, 0.4))
@@ -220,7 +219,7 @@ def test_the_friction_cone_by_hand(side):
         ((-1e-3, 0.0), 5e-4),  # away from the sensor, which cannot pull
     ):
         before = np.array([-v[0], -v[1], 0.0])
-        residual, jacobian = pushing(g, se2.compose(before, g), g, g, tip, friction, side)
+        residual, jacobian = pushing_rows(g, se2.compose(before, g), g, g, tip, friction, side)
         assert residual[3] == pytest.approx(wanted, abs=1e-9)
         # More grip, more room: by what goes into the object.
         assert jacobian[3, 15] == pytest.approx(-v[0], abs=1e-9)
@@ -229,7 +228,7 @@ def test_the_friction_cone_by_hand(side):
     # 0) by (1 - cos, sin) 0.02 = (1e-6, 2e-4).
     before = np.array([0.0, 0.0, -0.01])
     aside = (0.0, 0.4, 0.0, 0.5)  # in c, which is 0.05
-    residual, _ = pushing(g, se2.compose(before, g), g, g, tip, aside, side)
+    residual, _ = pushing_rows(g, se2.compose(before, g), g, g, tip, aside, side)
     wanted = side * 0.02 * math.sin(0.01) - 0.5 * 0.02 * (1 - math.cos(0.01))
     assert residual[3] == pytest.approx(wanted, abs=1e-9)
 
@@ -248,12 +247,12 @@ def test_pushing_angle_of_a_straight_motion(angle, yaw):
     o = straight_path(1e-3 * np.array([math.cos(heading), math.sin(heading)]), 0.0, 10)
     o += np.array([0.3, -0.2, yaw])
     g = np.tile([-0.1, 0.02, 0.3], (11, 1))
-    found = pushing_angle(g, se2.compose(o, g), square_tip(RADIUS), NOMINAL)
+    found = pushing_angles(g, se2.compose(o, g), square_tip(RADIUS), NOMINAL)
     assert found.shape == (10,)
     np.testing.assert_allclose(found, angle, atol=1e-6)
     # One step alone is enough to tell it.
     np.testing.assert_allclose(
-        pushing_angle(g[:2], se2.compose(o, g)[:2], square_tip(RADIUS), NOMINAL), angle, atol=1e-6
+        pushing_angles(g[:2], se2.compose(o, g)[:2], square_tip(RADIUS), NOMINAL), angle, atol=1e-6
     )
 
 
@@ -266,7 +265,7 @@ def test_pushing_angle_across_the_seam():
     center = np.tile([0.01, -0.02, 0.0], (15, 1))
     o = se2.compose(way + np.outer(yaw, [0.0, 0.0, 1.0]), se2.inverse(center))
     g = np.tile([-0.1, 0.03, -0.4], (15, 1))
-    found = pushing_angle(g, se2.compose(o, g), tip, aside)
+    found = pushing_angles(g, se2.compose(o, g), tip, aside)
     np.testing.assert_allclose(se2.wrap(found + yaw[1:]), 0.0, atol=1e-6)
     assert found.min() < -3.0 and found.max() > 3.0
 
@@ -277,7 +276,7 @@ def test_pushing_angle_on_a_disc():
     bearing = 2.0 + 0.3 * np.arange(8)
     g = np.stack([0.1 * np.cos(bearing), 0.1 * np.sin(bearing), 0.5 * bearing], axis=-1, dtype=np.float64)
     o = straight_path(np.array([1e-3, 0.0]), 0.0, 7)
-    found = pushing_angle(g, se2.compose(o, g), tip, NOMINAL)
+    found = pushing_angles(g, se2.compose(o, g), tip, NOMINAL)
     np.testing.assert_allclose(se2.wrap(found + bearing[1:] + math.pi), 0.0, atol=1e-6)
 
 
@@ -286,7 +285,7 @@ def test_pushing_angle_is_taken_over_the_steps_nearby():
     across = np.array([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) * 1e-3
     o = np.column_stack([1e-3 * np.arange(9), across, np.zeros(9)])
     g = np.tile([-0.1, 0.02, 0.0], (9, 1))
-    found = pushing_angle(g, se2.compose(o, g), square_tip(RADIUS), NOMINAL)
+    found = pushing_angles(g, se2.compose(o, g), square_tip(RADIUS), NOMINAL)
     # From and to: 0-3, 0-4, 0-5, 1-6, 2-7, 3-8, 4-8, 5-8.
     wanted = [(-1, 3), (0, 4), (0, 5), (0, 5), (0, 5), (1, 5), (0, 4), (0, 3)]
     np.testing.assert_allclose(found, [math.atan2(y, x) for y, x in wanted], atol=1e-6)

@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, frames, noisy, sensor, tips_of, touching
+from push_samples import SHAPES, direction_rows, frames, noisy, pushing_angles, pushing_rows, sensor, tips_of, touching
 from smoother_samples import FELT, known_at
 
 from palpate import se2
-from palpate.graph import factors
 from palpate.graph.fixed_lag import FixedLagSmoother
 from palpate.graph.noise import STICKING, GraphNoise
-from palpate.graph.pushing import pushing, pushing_angle
 from palpate.graph.smoother import FRICTION, Belief
 from palpate.measurement import ContactDirection, Feeling
 from palpate.recording import Frame
@@ -27,7 +25,7 @@ HOLDING = replace(GraphNoise(), grip=(0.8, 0.12))  # so well that it holds in al
 
 def directions(g: Array, seed: int) -> list[Feeling]:
     """What touch says of where it is touched."""
-    angle = factors.direction(g, 0.0, 0.0, TIP)[0][:, 0]
+    angle = direction_rows(g, 0.0, 0.0, TIP)[0][:, 0]
     angle += np.random.default_rng(seed).normal(0.0, FELT, len(g))
     return [Feeling(None, ContactDirection(one, FELT**2), None) for one in angle]
 
@@ -108,7 +106,7 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
         e = sensors[-1] + 1e-3 * np.array([math.cos(heading), math.sin(heading), 0.0])
         g = touches[-1]
         for _ in range(8):
-            residual, jacobian = pushing(touches[-1], sensors[-1], g, e, TIP, friction, side)
+            residual, jacobian = pushing_rows(touches[-1], sensors[-1], g, e, TIP, friction, side)
             kept = residual[on_normal_balance_and_cone]
             g = se2.compose(g, se2.exp(-np.linalg.solve(jacobian[on_normal_balance_and_cone, 6:9], kept)))
         touches.append(g)
@@ -141,7 +139,7 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
     g = se2.between(o, e)
     way = g[-1, 1] - g[0, 1]
     assert abs(way) > 0.015 and np.sign(way) == np.sign(heading)
-    angle = pushing_angle(g, e, TIP, (0.0, 0.0, 0.0, grip))
+    angle = pushing_angles(g, e, TIP, (0.0, 0.0, 0.0, grip))
     np.testing.assert_allclose(angle, np.sign(heading) * math.atan(grip), atol=0.01)
     belief, along, nees = followed(o, e, GraphNoise(), seed)
     assert abs(along) < 0.5 * abs(way)
@@ -158,7 +156,7 @@ def test_a_push_that_sticks_is_not_taken_for_a_slide():
     # Well inside the cone the defaults are as sure of the place along the side as sticking says.
     g = touching(TIP, np.array([0.005])) + DEEPER
     o, e = (poses[:, 0] for poses in push(TIP, np.zeros((1, 3)), g, 60, Steering()))
-    assert np.abs(pushing_angle(se2.between(o, e), e, TIP, (0.0, 0.0, 0.0, 0.4))).max() < 0.2
+    assert np.abs(pushing_angles(se2.between(o, e), e, TIP, (0.0, 0.0, 0.0, 0.4))).max() < 0.2
     for seed in range(2):
         belief, along, nees = followed(o, e, GraphNoise(), seed)
         assert abs(along) < 1.5e-3

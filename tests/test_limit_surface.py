@@ -2,12 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, sensor, tips_of, touching
+from push_samples import SHAPES, contact_rows, pushing_rows, sensor, tips_of, touching
 
 from palpate import se2
-from palpate.graph import factors
 from palpate.graph.noise import GraphNoise
-from palpate.graph.pushing import pushing
 from palpate.simulation.limit_surface import NOMINAL, Steering, draw_residuals, push
 
 STRAIGHT = Steering(speed=1e-3, aim=0.0, sway=0.0)
@@ -60,10 +58,10 @@ def test_a_noise_free_push_keeps_all_residuals_at_zero(name):
     g = touching(tip, np.array([0.015]), 0.1)
     o, e = push(tip, np.array([[0.3, 0.1, 3.1]]), g, 80, Steering())
     g = se2.between(o, e)
-    residual, _ = pushing(g[:-1], e[:-1], g[1:], e[1:], tip, NOMINAL, 1.0)
+    residual, _ = pushing_rows(g[:-1], e[:-1], g[1:], e[1:], tip, NOMINAL, 1.0)
     np.testing.assert_allclose(residual[..., :3], 0.0, atol=1e-12)
     # Rolling costs r omega^2 / 2 a step in the gap: below 0.021 (0.01 rad)^2 / 2 = 1e-6 m each.
-    assert np.abs(factors.contact(g, 0.0, tip)[0]).max() < 80 * 1e-6
+    assert np.abs(contact_rows(g, 0.0, tip)[0]).max() < 80 * 1e-6
 
 
 def test_drawn_slip_and_torque_are_what_the_residuals_show():
@@ -73,7 +71,7 @@ def test_drawn_slip_and_torque_are_what_the_residuals_show():
     g = touching(tip, np.linspace(-0.03, 0.03, 4))
     o, e = push(tip, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
     g = se2.between(o, e)
-    residual, _ = pushing(g[:-1], e[:-1], g[1:], e[1:], tip, NOMINAL, 1.0)
+    residual, _ = pushing_rows(g[:-1], e[:-1], g[1:], e[1:], tip, NOMINAL, 1.0)
     np.testing.assert_allclose(residual[..., :2], slip, atol=1e-12)
     np.testing.assert_allclose(residual[..., 2], torque, atol=1e-12)
     # The sensor goes as it is steered, whatever slips: 1 mm along its own arc a step.
@@ -105,7 +103,7 @@ def test_drawn_gaps_and_slips_belong_together():
     g = np.zeros((50, 3))
     g[:, 0] = -0.2363 / 2 - gap
     o, e = push(tip, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
-    found = factors.contact(se2.between(o, e), 0.0, tip)[0][..., 0]
+    found = contact_rows(se2.between(o, e), 0.0, tip)[0][..., 0]
     wanted = gap - np.concatenate([np.zeros((1, 50)), np.cumsum(-slip[..., 0], axis=0)])
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     # Along the side and in torque, plain draws: 1500 of each, whose deviation is known to 1.8 %.

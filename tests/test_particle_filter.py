@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from push_samples import pushed, sensor, tips_of
+from push_samples import contact_rows, pushed, sensor, tips_of
 from smoother_samples import FELT, PLAIN, ROBUST, TWO_TIPS, Contact, contact, fed, felt, make, without_relative
 
 from palpate import se2
 from palpate.errors import EstimationError, SettingError
-from palpate.graph import factors, make_smoother, particle_filter
+from palpate.graph import make_smoother, particle_filter
 from palpate.graph.noise import GraphNoise
 from palpate.graph.particle_filter import ParticleFilter, systematic
 from palpate.graph.smoother import LASTING, Known
@@ -75,7 +75,7 @@ def test_it_follows_a_push_that_sticks_without_any_touch():
     moved = np.hypot(*(o[-1] - o[0])[:2])
     difference = np.abs(se2.log(se2.between(o[-1], known_of(smoother).pose)))
     assert moved > 0.04
-    assert np.abs(factors.contact(smoother.path()[0], 0.0, tips[0])[0]).max() < 2e-6
+    assert np.abs(contact_rows(smoother.path()[0], 0.0, tips[0])[0]).max() < 2e-6
     # The motion is taken at the start of each step: second order in steps of 1 mm and 0.01 rad, 60 times.
     assert (difference < [2e-4, 2e-4, 3e-3]).all()
 
@@ -95,7 +95,7 @@ def test_outside_the_cone_it_slides_along_the_edge():
             smoother.add(pose, Feeling())
         g, _ = smoother.path()
         slid[grip], moved[grip] = g[-1, 1] - g[0, 1], known_of(smoother).pose
-        assert abs(factors.contact(g[-1], 0.0, tips[0])[0][0]) < 2e-4  # the gap is kept either way
+        assert abs(contact_rows(g[-1], 0.0, tips[0])[0][0]) < 2e-4  # the gap is kept either way
     # The object's motion is within atan(0.2) of the normal, that is 2 to 0.4 mm, so that some 9.6 mm are slid, less by
     # what the turning object's side comes along.
     assert 0.3e-3 < moved[0.2][1] < 0.4e-3  # 0.2 * 1.9 mm

@@ -3,7 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import tips_of
+from push_samples import pushing_angles, pushing_rows, tips_of
 from smoother_samples import (
     PLAIN,
     POSES,
@@ -25,7 +25,6 @@ from palpate.errors import SettingError
 from palpate.graph import fixed_lag, isam2, make_smoother
 from palpate.graph.fixed_lag import LAG, FixedLagSmoother
 from palpate.graph.isam2 import Isam2Smoother
-from palpate.graph.pushing import pushing, pushing_angle
 from palpate.graph.smoother import DEPTH, FRICTION, continued
 from palpate.measurement import Feeling, RelativePoses
 
@@ -217,8 +216,8 @@ def test_pushing_error_is_that_of_the_last_step(name):
     g, e = smoother.path()
     moved = np.array([np.hypot(*(given.sensor[-1] - given.sensor[-2])[:2])])
     tip, friction = given.tips[0], smoother.belief().lasting[FRICTION]
-    angle = pushing_angle(g, e, tip, friction)[-1:]
-    residual, _ = pushing(g[-2:-1], e[-2:-1], g[-1:], e[-1:], tip, friction, np.sign(angle))
+    angle = pushing_angles(g, e, tip, friction)[-1:]
+    residual, _ = pushing_rows(g[-2:-1], e[-2:-1], g[-1:], e[-1:], tip, friction, np.sign(angle))
     weight = ROBUST.pushing_weight(0.0 * residual, moved, tip, angle, friction[-1])
     np.testing.assert_allclose(smoother.pushing_error(), np.abs(residual * np.sqrt(weight))[0], atol=1e-6)
     # A push that sticks: the two rows that say so.

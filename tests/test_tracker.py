@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, frames, in_two_contacts, noisy, pushed, sensor, tips_of
+from push_samples import RADIUS, SHAPES, contact_rows, frames, in_two_contacts, noisy, pushed, sensor, tips_of
 from tracker_samples import AS_DRAWN, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
 
 from palpate import se2
 from palpate.evaluation.metrics import rotation_errors, translation_errors
-from palpate.graph import factors
 from palpate.graph.noise import PUBLISHED, GraphNoise
 from palpate.graph.smoother import DEPTH
 from palpate.tracker import Tracker
@@ -104,7 +103,7 @@ def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
     def distance(change: Array) -> float:
         both = [object_pose, sensor_pose]
         both[moved] = se2.compose(both[moved], se2.exp(change))
-        return factors.contact(se2.between(*both), 0.0, tips_of("disc")[0])[0].item()
+        return contact_rows(se2.between(*both), 0.0, tips_of("disc")[0])[0].item()
 
     return np.array([(distance(step) - distance(-step)) / 2e-6 for step in 1e-6 * np.eye(3)])
 

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from push_samples import direction_rows
 
 from palpate import se2
 from palpate.errors import EstimationError, SettingError
 from palpate.evaluation.run import Run, track
-from palpate.graph import factors
 from palpate.graph.factors import contact_models
 from palpate.recording import Recording
 from palpate.simulation.objects import SHAPES
@@ -63,7 +63,7 @@ def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_tu
     g = se2.between(recording.object_pose, recording.sensor_pose)[touched]
     (tip,) = contact_models(recording.shape, recording.sensor)
     told = np.array([[look.direction[0], look.turn[0]] for look in looks])
-    direction, _ = factors.direction(g, told[:, 0], 0.0, tip)
+    direction, _ = direction_rows(g, told[:, 0], 0.0, tip)
     assert np.median(np.abs(direction)) < np.radians(1.5)
     turn = np.unwrap(g[:, 2]) - told[:, 1]
     assert np.std(turn) < max(0.5 * np.std(np.unwrap(g[:, 2])), np.radians(0.7))

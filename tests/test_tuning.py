@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, noisy, sensor, tips_of, touching
+from push_samples import SHAPES, direction_rows, noisy, sensor, tips_of, touching
 
 from palpate import se2
 from palpate.errors import EstimationError, SettingError
@@ -23,7 +23,6 @@ from palpate.evaluation.tuning import (
     judge,
     tune,
 )
-from palpate.graph import factors
 from palpate.graph.noise import GraphNoise
 from palpate.measurement import ContactDirection, Feeling, Turn
 from palpate.recording import Recording
@@ -65,7 +64,7 @@ def drawn(count: int, seed: int = 0) -> tuple[Felt, ...]:
     g[:, 0] -= gap
     o, e = push(tip, rng.uniform(-1, 1, (count, 3)), g, STEPS, steering, rng.uniform(0, 6, count), slip, torque)
     g, measured = se2.between(o, e), noisy(e, TRUE.sensor, rng)
-    directions = factors.direction(g, 0.0, 0.0, tip)[0][..., 0] + rng.normal(0.0, FELT, g.shape[:-1])
+    directions = direction_rows(g, 0.0, 0.0, tip)[0][..., 0] + rng.normal(0.0, FELT, g.shape[:-1])
     turns = g[..., 2] + rng.normal(0.0, FELT, g.shape[:-1])
     time, touched = np.arange(STEPS + 1) / 30, np.ones(STEPS + 1, np.bool_)
     found = []

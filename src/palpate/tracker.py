@@ -247,10 +247,10 @@ class Tracker:
         """
         g = se2.between(self._pose, frame.sensor_pose)
         depth = self._known.lasting[DEPTH]
-        nearest = min((factors.contact(g, depth, tip) for tip in self._tips), key=lambda found: found[0][0])
-        by_object = -nearest[1][:, :3] @ se2.adjoint(se2.inverse(g))
-        variance = (by_object @ self._pose_covariance @ by_object.T).item() + self._noise.contact**2
-        return float(nearest[0][0]), float(np.sqrt(variance))
+        nearest = min((factors.touching(g, tip) for tip in self._tips), key=lambda touch: float(touch.gap))
+        by_object = -nearest.gap_by_g @ se2.adjoint(se2.inverse(g))
+        variance = by_object @ self._pose_covariance @ by_object + self._noise.contact**2
+        return float(nearest.gap) + depth, float(np.sqrt(variance))
 
     @property
     def _pose(self) -> Array:

@@ -13,7 +13,7 @@ rest factor once the past is marginalised.
 Inside, a planar vector is a complex number: `exp(i theta)` turns it by theta, `i` by 90 degrees.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,32 +103,30 @@ def known(g: Array, e: Array, lasting: Array, pose: Array, known_lasting: Array)
     return np.concatenate([residual, lasting - known_lasting]), jacobian
 
 
-def contact(g: Array, depth: float, model: ContactModel) -> tuple[Array, Array]:
+def contact(touch: "Touching", depth: float) -> tuple[Array, Array]:
     """Distance between the tip's round surface and the outline (Eq. 11, two-sided), with a depth by which they overlap.
 
     Returns the residual (..., 1) [m], positive where they are further apart than depth [m] says and negative where
     they overlap more, and its Jacobian (..., 1, 4) with respect to g and the depth.
     """
-    _, placed, placed_by_g = _center(g, model)
-    distance, gradient, _ = model.field.value_gradient_hessian(_real(placed))
-    jacobian = np.ones((*distance.shape, 4))
-    jacobian[..., :3] = (np.conj(_complex(gradient))[..., None] * placed_by_g).real
-    return (distance - model.radius + depth)[..., None], jacobian[..., None, :]
+    jacobian = np.ones((*touch.gap.shape, 4))
+    jacobian[..., :3] = touch.gap_by_g
+    return (touch.gap + depth)[..., None], jacobian[..., None, :]
 
 
-def direction(g: Array, angle: Array | float, bias: Array | float, model: ContactModel) -> tuple[Array, Array]:
+def direction(touch: "Touching", angle: Array | float, bias: Array | float) -> tuple[Array, Array]:
     """Error of a measured contact direction: from the tip's centre to the nearest point of the outline, plus a bias.
 
     The centre lies outside the object, so that this is down the gradient of the signed distance there. angle (...)
     [rad] is measured in the sensor frame, 0 along +x; bias [rad] is what all angles are too large by. Returns the
     residual (..., 1) [rad] in (-pi, pi] and its Jacobian (..., 1, 4) with respect to g and the bias.
     """
-    turn, _, _, normal, normal_by_g = _normal(g, model)
-    residual = np.angle(-normal * np.conj(turn) * np.exp(1j * (np.asarray(bias) - np.asarray(angle))))
+    normal = touch.normal
+    residual = np.angle(-normal * np.conj(touch.turn) * np.exp(1j * (np.asarray(bias) - np.asarray(angle))))
     # The spline's gradient has length 1 but near the outline's medial axis; where it vanishes there is no direction.
     square = np.maximum((np.conj(normal) * normal).real, _NO_GRADIENT)
     jacobian = np.ones((*residual.shape, 4))
-    jacobian[..., :3] = cross(normal[..., None], normal_by_g) / square[..., None]
+    jacobian[..., :3] = cross(normal[..., None], touch.normal_by_g) / square[..., None]
     jacobian[..., 2] -= 1.0  # the direction stays while the sensor turns
     return residual[..., None], jacobian[..., None, :]
 
@@ -143,32 +141,25 @@ def turn(g: Array, offset: Array | float, angle: Array | float) -> tuple[Array, 
     return residual[..., None], jacobian
 
 
-def _center(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex]:
-    """The sensor's turn, the tip's centre in the object frame (...,), and the centre's derivative by g (..., 3)."""
-    turn = np.exp(1j * g[..., 2])
-    center = complex(*model.center)
-    return turn, position(g) + turn * center, moving(turn, center)
-
-
-def _normal(g: Array, model: ContactModel) -> tuple[Complex, Complex, Complex, Complex, Complex]:
-    """What `_center` says, then the outline's outward normal at the nearest point and its derivative by g (..., 3)."""
-    turn, placed, placed_by_g = _center(g, model)
-    _, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
-    bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
-    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
-    return turn, placed, placed_by_g, _complex(gradient), normal_by_g
-
-
 @dataclass(frozen=True)
 class Touching:
-    """The point of the tip's surface nearest to the outline, each with its derivative with respect to g (..., 3)."""
+    """How tip and outline touch at a sensor pose g (..., 3) in the object frame, with derivatives with respect to g.
 
+    It is what contact, direction and pushing need of the outline, so that it is looked up once for all of them.
+    """
+
+    turn: Complex
+    """The sensor's turn as a rotation, `exp(i theta)`, (...)."""
+    gap: Array
+    """Distance between the tip's surface and the outline, negative where they overlap, (...) [m]."""
+    gap_by_g: Array
+    """(..., 3)"""
     point: Complex
-    """In the object frame, (...) [m]."""
+    """The point of the tip's surface nearest to the outline, object frame, (...) [m]."""
     point_by_g: Complex
     """(..., 3)"""
     material: Complex
-    """In the sensor frame, (...) [m]."""
+    """The same point in the sensor frame, (...) [m]."""
     material_by_g: Complex
     """(..., 3)"""
     normal: Complex
@@ -176,26 +167,34 @@ class Touching:
     normal_by_g: Complex
     """(..., 3)"""
 
+    def __getitem__(self, steps: slice) -> "Touching":
+        """Return those steps, of the first axis."""
+        return Touching(*(getattr(self, field.name)[steps] for field in fields(self)))
+
 
 def touching(g: Array, model: ContactModel) -> Touching:
-    """Return where tip and outline touch."""
-    turn, placed, placed_by_g, normal, normal_by_g = _normal(g, model)
+    """Return how tip and outline touch at g (..., 3)."""
+    turn = np.exp(1j * g[..., 2])
+    center = complex(*model.center)
+    placed, placed_by_g = position(g) + turn * center, moving(turn, center)
+    distance, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
+    normal = _complex(gradient)
+    bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
+    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
     normal_in_sensor = np.conj(turn) * normal
     material_by_g = -model.radius * np.conj(turn)[..., None] * normal_by_g
     material_by_g[..., 2] += 1j * model.radius * normal_in_sensor
     return Touching(
+        turn,
+        distance - model.radius,
+        (np.conj(normal)[..., None] * placed_by_g).real,
         placed - model.radius * normal,
         placed_by_g - model.radius * normal_by_g,
-        complex(*model.center) - model.radius * normal_in_sensor,
+        center - model.radius * normal_in_sensor,
         material_by_g,
         normal,
         normal_by_g,
     )
-
-
-def contact_normal(g: Array, model: ContactModel) -> Complex:
-    """Return the outline's outward normal where it is nearest to the tip, object frame, complex (...)."""
-    return _normal(g, model)[3]
 
 
 def moving(turn: Complex, point: Complex | complex) -> Complex:

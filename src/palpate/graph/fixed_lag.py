@@ -137,7 +137,9 @@ class FixedLagSmoother:
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others and the offset, as its factors were last linearised."""
-        normal = NormalEquations(len(self._at), (block.of_oldest() for block in self._blocks))
+        farthest = self._pairs.j[self._pairs.i == 0].max(initial=1)
+        tied = min(max(farthest + 1, len(self._marginal.poses)), len(self._at))  # itself and those after it
+        normal = NormalEquations(tied, (block.of_oldest() for block in self._blocks))
         information, gradient = normal.matrix, normal.vector
         try:
             gain = np.linalg.solve(information[:6, :6], np.column_stack([information[:6, 6:], gradient[:6]]))
@@ -145,7 +147,7 @@ class FixedLagSmoother:
             raise EstimationError("the step that leaves the window is indeterminate") from None
         left = information[6:, 6:] - information[6:, :6] @ gain[:, :-1]
         gradient = gradient[6:] - information[6:, :6] @ gain[:, -1]
-        self._marginal = _Marginal(self._at[1:], self._shared_at, 0.5 * (left + left.T), gradient)
+        self._marginal = _Marginal(self._at[1:tied], self._shared_at, 0.5 * (left + left.T), gradient)
         self._first = None
         self._pairs = self._pairs.without_oldest()
         self._directions, self._turns = self._directions[1:], self._turns[1:]
@@ -159,13 +161,15 @@ class FixedLagSmoother:
             StepBlock(_E, *factors.prior(e, self._measured), np.square(noise.sensor) ** -1.0, NOTHING)
         ]
         moved = np.hypot(*(self._measured[1:, :2] - self._measured[:-1, :2]).T)
-        for tip in self._tips:
-            residual, jacobian = factors.contact(g, self._shared[2], tip)
+        touches = [factors.touching(g, tip) for tip in self._tips]
+        for tip, touch in zip(self._tips, touches, strict=True):
+            residual, jacobian = factors.contact(touch, self._shared[2])
             blocks.append(StepBlock(_G, residual, jacobian, noise.contact_weight(residual), _DEPTH))
             if len(g) > 1:
                 friction = self._shared[_FRICTION]
-                angle = pushing_angle(g, e, tip, friction)
-                residual, jacobian = pushing(g[:-1], e[:-1], g[1:], e[1:], tip, friction, np.sign(angle))
+                angle = pushing_angle(g, e, touch, tip, friction)
+                side = np.sign(angle)
+                residual, jacobian = pushing(g[:-1], e[:-1], g[1:], e[1:], touch[1:], tip, friction, side)
                 weight = noise.pushing_weight(residual, moved, tip, angle, friction[-1])
                 blocks.append(NeighbourBlock(residual, jacobian, weight, _FRICTION))
         if len(self._pairs.i):
@@ -173,7 +177,7 @@ class FixedLagSmoother:
             blocks.append(PairBlock(i, j, *factors.between(g[i], g[j], self._pairs.pose), self._pairs.information))
         if self._directions[:, 1].any():
             angle, information = self._directions.T
-            residual, jacobian = factors.direction(g, angle, self._shared[1], self._tips[0])
+            residual, jacobian = factors.direction(touches[0], angle, self._shared[1])
             weight = noise.feeling_weight(residual, information[:, None] / noise.direction_share)
             blocks.append(StepBlock(_G, residual, jacobian, weight, _BIAS))
         if self._turns[:, 1].any():

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from palpate import se2
 from palpate.errors import EstimationError
 from palpate.graph import factors
-from palpate.graph.factors import ContactModel
+from palpate.graph.factors import ContactModel, Touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import ANGLE_STEPS, pushing, pushing_angle
 from palpate.graph.smoother import (
@@ -93,8 +93,9 @@ class Isam2Smoother:
 
         def first(g: Array, e: Array, lasting: Array) -> tuple[Array, Array]:
             residual, jacobian = factors.known(g, e, lasting, known.pose, known.lasting)
-            touching = self._touching_rows(g, lasting, direction, 0, 6)
-            return _stacked([(root @ residual, root @ jacobian), *touching])
+            touches = [factors.touching(g, tip) for tip in self._tips]
+            rows = self._touching_rows(touches, lasting, direction, 0, 6)
+            return _stacked([(root @ residual, root @ jacobian), *rows])
 
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         graph.push_back(_custom([_g(0), _e(0), _LASTING], 3 + LASTING + self._touching(feeling), first))
@@ -176,8 +177,10 @@ class Isam2Smoother:
         before, after = slice(-count - 1, -1), slice(-count, None)
         found = []
         for tip in self._tips:
-            angle = pushing_angle(g, e, tip, friction)[-count:]
-            residual, _ = pushing(g[before], e[before], g[after], e[after], tip, friction, np.sign(angle))
+            touch = factors.touching(g, tip)
+            angle = pushing_angle(g, e, touch, tip, friction)[-count:]
+            steps = g[before], e[before], g[after], e[after], touch[after]
+            residual, _ = pushing(*steps, tip, friction, np.sign(angle))
             if self._recent[-1].place < 0:
                 residual[-1] = 0.0  # a first guess tells nothing of it
             weight = self._noise.pushing_weight(residual, moved, tip, angle, friction[-1])
@@ -194,9 +197,10 @@ class Isam2Smoother:
         direction, weights = step.feeling.direction, step.weights
 
         def linearise(g0: Array, e0: Array, g1: Array, e1: Array, lasting: Array) -> tuple[Array, Array]:
-            rows = self._touching_rows(g1, lasting, direction, 6, 12)
-            for tip, (side, *weight) in zip(self._tips, weights, strict=True):
-                residual, jacobian = pushing(g0, e0, g1, e1, tip, lasting[FRICTION], side)
+            touches = [factors.touching(g1, tip) for tip in self._tips]
+            rows = self._touching_rows(touches, lasting, direction, 6, 12)
+            for tip, touch, (side, *weight) in zip(self._tips, touches, weights, strict=True):
+                residual, jacobian = pushing(g0, e0, g1, e1, touch, tip, lasting[FRICTION], side)
                 parts = {0: jacobian[:, :12], 12 + FRICTION.start: jacobian[:, 12:]}
                 rows.append(_whitened(residual, parts, np.array(weight), 12 + LASTING))
             return _stacked(rows)
@@ -224,16 +228,16 @@ class Isam2Smoother:
         return len(self._tips) + (feeling.direction is not None)
 
     def _touching_rows(
-        self, g: Array, lasting: Array, direction: ContactDirection | None, place: int, end: int
+        self, touches: list[Touching], lasting: Array, direction: ContactDirection | None, place: int, end: int
     ) -> list[tuple[Array, Array]]:
         """Whitened rows of contact and its direction, g standing at column place and what lasts at column end."""
         rows = []
-        for tip in self._tips:
-            residual, jacobian = factors.contact(g, lasting[DEPTH], tip)
+        for touch in touches:
+            residual, jacobian = factors.contact(touch, lasting[DEPTH])
             parts = {place: jacobian[:, :3], end + DEPTH: jacobian[:, 3:]}
             rows.append(_whitened(residual, parts, self._noise.contact_weight(residual), end + LASTING))
         if direction is not None:
-            residual, jacobian = factors.direction(g, direction.angle, lasting[_BIAS], self._tips[0])
+            residual, jacobian = factors.direction(touches[0], direction.angle, lasting[_BIAS])
             parts = {place: jacobian[:, :3], end + _BIAS: jacobian[:, 3:]}
             weight = self._noise.feeling_weight(residual, 1.0 / (direction.variance * self._noise.direction_share))
             rows.append(_whitened(residual, parts, weight, end + LASTING))

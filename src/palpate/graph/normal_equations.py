@@ -31,6 +31,8 @@ class NormalEquations:
     """Negative gradient, (6 steps + SHARED,)."""
     information: Array
     """The matrix between steps, a view (steps, 6, steps, 6)."""
+    own: Array
+    """The matrix of each step, a view (steps, 6, 6)."""
     border: Array
     """The matrix between what is shared and the steps, a view (SHARED, steps, 6)."""
     corner: Array
@@ -43,8 +45,9 @@ class NormalEquations:
     def __init__(self, steps: int, blocks: Iterable["Block"]) -> None:
         size = UNKNOWNS * steps
         self.matrix, self.vector = np.zeros((size + SHARED, size + SHARED)), np.zeros(size + SHARED)
-        # These split axes and copy nothing.
+        # These split axes, or take a diagonal, and copy nothing.
         self.information = self.matrix[:size, :size].reshape(steps, UNKNOWNS, steps, UNKNOWNS)
+        self.own = _diagonal(self.information)
         self.border = self.matrix[size:, :size].reshape(SHARED, steps, UNKNOWNS)
         self.corner = self.matrix[size:, size:]
         self.gradient, self.edge = self.vector[:size].reshape(steps, UNKNOWNS), self.vector[size:]
@@ -82,12 +85,12 @@ class StepBlock:
 
     def add_to(self, normal: NormalEquations) -> None:
         """See Block."""
-        at = np.arange(len(self.residual))
+        count = len(self.residual)
         information, gradient = _weighted(self.residual, self.jacobian, self.weight)
         own = self.unknowns.stop - self.unknowns.start
-        normal.information[at, self.unknowns, at, self.unknowns] += information[:, :own, :own]
-        normal.gradient[at, self.unknowns] += gradient[:, :own]
-        normal.border[self.shared, at, self.unknowns] += information[:, own:, :own].transpose(1, 0, 2)
+        normal.own[:count, self.unknowns, self.unknowns] += information[:, :own, :own]
+        normal.gradient[:count, self.unknowns] += gradient[:, :own]
+        normal.border[self.shared, :count, self.unknowns] += information[:, own:, :own].transpose(1, 0, 2)
         _add_shared(normal, self.shared, information[:, own:, own:], gradient[:, own:])
 
     def of_oldest(self) -> "StepBlock":
@@ -111,17 +114,18 @@ class NeighbourBlock:
 
     def add_to(self, normal: NormalEquations) -> None:
         """See Block."""
-        at = np.arange(len(self.residual))
+        before, after = slice(0, len(self.residual)), slice(1, len(self.residual) + 1)
         information, gradient = _weighted(self.residual, self.jacobian, self.weight)
         first, second, rest = slice(0, UNKNOWNS), slice(UNKNOWNS, 2 * UNKNOWNS), slice(2 * UNKNOWNS, None)
-        normal.information[at, :, at, :] += information[:, first, first]
-        normal.information[at, :, at + 1, :] += information[:, first, second]
-        normal.information[at + 1, :, at, :] += information[:, second, first]
-        normal.information[at + 1, :, at + 1, :] += information[:, second, second]
-        normal.gradient[at] += gradient[:, first]
-        normal.gradient[at + 1] += gradient[:, second]
-        normal.border[self.shared, at] += information[:, rest, first].transpose(1, 0, 2)
-        normal.border[self.shared, at + 1] += information[:, rest, second].transpose(1, 0, 2)
+        normal.own[before] += information[:, first, first]
+        normal.own[after] += information[:, second, second]
+        upper, lower = _diagonal(normal.information[before, :, after]), _diagonal(normal.information[after, :, before])
+        upper += information[:, first, second]
+        lower += information[:, second, first]
+        normal.gradient[before] += gradient[:, first]
+        normal.gradient[after] += gradient[:, second]
+        normal.border[self.shared, before] += information[:, rest, first].transpose(1, 0, 2)
+        normal.border[self.shared, after] += information[:, rest, second].transpose(1, 0, 2)
         _add_shared(normal, self.shared, information[:, rest, rest], gradient[:, rest])
 
     def of_oldest(self) -> "NeighbourBlock":
@@ -153,8 +157,7 @@ class PairBlock:
         both = _summed(squares[:, :3, 3:], self.i * steps + self.j, steps * steps).reshape(steps, steps, 3, 3)
         normal.information[:, :3, :, :3] += both.transpose(0, 2, 1, 3) + both.transpose(1, 3, 0, 2)
         own = _summed(squares[:, :3, :3], self.i, steps) + _summed(squares[:, 3:, 3:], self.j, steps)
-        at = np.arange(steps)
-        normal.information[at, :3, at, :3] += own
+        normal.own[:, :3, :3] += own
         normal.gradient[:, :3] += _summed(gradient[:, :3], self.i, steps) + _summed(gradient[:, 3:], self.j, steps)
 
     def of_oldest(self) -> "PairBlock":
@@ -186,6 +189,11 @@ class DenseBlock:
         return self
 
 
+def _diagonal(blocks: Array) -> Array:
+    """The blocks (N, A, B) on the diagonal of a matrix of blocks (N, A, N, B): a view that can be written to."""
+    return np.einsum("iaib->iab", blocks)
+
+
 def _add_shared(normal: NormalEquations, shared: slice, information: Array, gradient: Array) -> None:
     normal.corner[shared, shared] += information.sum(axis=0)
     normal.edge[shared] += gradient.sum(axis=0)
@@ -193,7 +201,7 @@ def _add_shared(normal: NormalEquations, shared: slice, information: Array, grad
 
 def _weighted(residual: Array, jacobian: Array, weight: Array) -> tuple[Array, Array]:
     """Information (N, U, U) and negative gradient (N, U) of residuals with the given inverse variances."""
-    pulled = np.swapaxes(jacobian * np.broadcast_to(weight, residual.shape)[..., None], -1, -2)
+    pulled = np.swapaxes(jacobian * weight[..., None], -1, -2)
     return pulled @ jacobian, -(pulled @ residual[..., None])[..., 0]
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from palpate import se2
 from palpate.errors import EstimationError
 from palpate.graph import factors
-from palpate.graph.factors import ContactModel, cross, position
+from palpate.graph.factors import ContactModel, cross, position, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import ANGLE_STEPS
 from palpate.graph.smoother import DEPTH, FRICTION, LASTING, Belief, Known, check_tips
@@ -142,13 +142,12 @@ class ParticleFilter:
         """
         before, noise = self._particles, self._noise
         g = before.g[:, -1]
-        gap, toward, material = _touching(g, tip)
-        turn = np.exp(1j * g[:, 2])
-        inward = turn * toward
+        touch = touching(g, tip)
+        inward, material = -touch.normal, touch.material
         ratio, aside_x, aside_y, grip = before.lasting[:, FRICTION].T
         c_squared = tip.friction_radius**2 * np.exp(ratio)
         middle = complex(*tip.friction_center) + tip.friction_radius * (aside_x + 1j * aside_y)
-        arm = position(g) + turn * material - middle
+        arm = touch.point - middle
 
         slide, torque = self._spreads()
         slip = np.empty((len(e), 4))
@@ -181,9 +180,8 @@ class ParticleFilter:
         step = np.stack([place.real, place.imag, omega], axis=-1)
         objects = se2.compose(before.e, se2.inverse(g))
         g_next = se2.between(se2.compose(objects, step), e)
-        away, toward, _ = _touching(g_next, tip)
-        outward = -np.exp(1j * g_next[:, 2]) * toward
-        back = (away - gap - slide * _dot(-inward, _complex(slip))) * outward
+        after = touching(g_next, tip)
+        back = (after.gap - touch.gap - slide * _dot(-inward, _complex(slip))) * after.normal
         g_next[:, 0] -= back.real
         g_next[:, 1] -= back.imag
         return g_next, slip
@@ -201,11 +199,12 @@ class ParticleFilter:
         particles, noise = self._particles, self._noise
         g = particles.g[:, -1]
         cost = np.zeros(len(g))
-        for tip in self._tips:
-            gap = factors.contact(g, 0.0, tip)[0][:, 0] + particles.lasting[:, DEPTH]
+        touches = [touching(g, tip) for tip in self._tips]
+        for touch in touches:
+            gap = touch.gap + particles.lasting[:, DEPTH]
             cost += _cost(gap, noise.contact_weight(0.0 * gap), noise.contact_weight(gap))
         if (direction := feeling.direction) is not None:
-            residual = factors.direction(g, direction.angle, particles.lasting[:, 0], self._tips[0])[0][:, 0]
+            residual = factors.direction(touches[0], direction.angle, particles.lasting[:, 0])[0][:, 0]
             cost += self._feeling_cost(residual, 1.0 / (direction.variance * noise.direction_share))
         if (turn := feeling.turn) is not None:
             if np.isnan(particles.offset[0]):
@@ -293,15 +292,6 @@ def _pair_cost(history: Array, relative: RelativePoses) -> Array:
     predicted = se2.between(history[:, -1 - relative.back[kept]], history[:, -1:])
     residual = se2.log(se2.between(relative.pose[kept], predicted))
     return 0.5 * np.einsum("pbi,bij,pbj->p", residual, np.linalg.inv(relative.covariance[kept]), residual)
-
-
-def _touching(g: Array, tip: ContactModel) -> tuple[Array, Complex, Complex]:
-    """Gap (P,) [m], the way into the object and the tip's touching point, complex (P,), both in the sensor frame."""
-    gap, by_g = factors.contact(g, 0.0, tip)
-    # Moving the sensor along its own x and y changes the gap by the outward normal's components.
-    toward = -_complex(by_g[:, 0])
-    toward = toward / np.maximum(np.abs(toward), 1e-12)
-    return gap[:, 0], toward, complex(*tip.center) + tip.radius * toward
 
 
 def _moved(before: Array, after: Array, point: Complex) -> Complex:

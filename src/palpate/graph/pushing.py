@@ -15,12 +15,11 @@ from palpate.graph.factors import (
     Array,
     Complex,
     ContactModel,
-    contact_normal,
+    Touching,
     cross,
     moving,
     position,
     real_rows,
-    touching,
 )
 
 ANGLE_STEPS = 3
@@ -28,15 +27,22 @@ ANGLE_STEPS = 3
 
 
 def pushing(
-    g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, friction: ArrayLike, side: ArrayLike
+    g0: Array,
+    e0: Array,
+    g1: Array,
+    e1: Array,
+    touch: Touching,
+    model: ContactModel,
+    friction: ArrayLike,
+    side: ArrayLike,
 ) -> tuple[Array, Array]:
     """Error of quasi-static pushing over one step from 0 to 1 (Eqs. 7 to 10), and of the friction cone.
 
     Rows 1 and 2 [m]: how far the object slid along the sensor, object frame. The sensor's material point that touches
     the outline point p at step 1 was at `g0 g1^-1 p` at step 0; sticking left it in place, and so does rolling by
-    a small angle (up to r angle^2 / 2). This is the
-    paper's `V + omega x p - Vp` without linearising the rotation, which would let the object drift by omega^2 p / 2 a
-    step. With r > 0 it is the material point that pushes, while p moves over the tip as the sensor turns.
+    a small angle (up to r angle^2 / 2). This is the paper's `V + omega x p - Vp` without linearising the rotation,
+    which would let the object drift by omega^2 p / 2 a step. With r > 0 it is the material point that pushes, while p
+    moves over the tip as the sensor turns.
 
     Row 3 [m^2]: balance of force and torque on the ellipsoidal limit surface, `p x v - c^2 omega`, with the object's
     motion v, omega over the step and p both taken at the centre of friction (Lynch 1992; Zhou 2017). Sliding does not
@@ -46,12 +52,12 @@ def pushing(
     counter-clockwise of the inward normal, -1 clockwise): its part along the outline less friction times its part into
     the object. It is at the edge while the contact slides.
 
-    side is (...). Returns the residual (..., 4) and its Jacobian (..., 4, 16) with respect to g0, e0, g1, e1 and
-    friction.
+    touch is how they touch at g1, side is (...). Returns the residual (..., 4) and its Jacobian (..., 4, 16) with
+    respect to g0, e0, g1, e1 and friction.
     """
     ratio, _, _, grip = np.moveaxis(np.asarray(friction, dtype=np.float64), -1, 0)
     c_squared = model.friction_radius**2 * np.exp(ratio)
-    touch, center = touching(g1, model), _center(model, friction)
+    center = _center(model, friction)
     motion = _motion(g0, e0, g1, e1, center)
     residual, jacobian = np.zeros((*g1.shape[:-1], 4)), np.zeros((*g1.shape[:-1], 4, 16))
 
@@ -81,17 +87,17 @@ def pushing(
     return residual, jacobian
 
 
-def pushing_angle(g: Array, e: Array, model: ContactModel, friction: ArrayLike) -> Array:
+def pushing_angle(g: Array, e: Array, touch: Touching, model: ContactModel, friction: ArrayLike) -> Array:
     """Angle of the pushing force from the outline's inward normal, counter-clockwise, at steps 1 to N - 1 (N - 1,).
 
     On the limit surface the force points along the motion of the centre of friction, which is taken over the steps
-    nearby, for one step of it is mostly noise. g and e are (N, 3).
+    nearby, for one step of it is mostly noise. g and e are (N, 3), touch is how they touch at g.
     """
     steps = np.arange(1, len(g))
     first, last = np.maximum(steps - ANGLE_STEPS, 0), np.minimum(steps + ANGLE_STEPS - 1, len(g) - 1)
     objects = se2.compose(e, se2.inverse(g))
     centers = position(objects) + np.exp(1j * objects[:, 2]) * _center(model, friction)
-    inward = -contact_normal(g[1:], model) * np.exp(1j * objects[1:, 2])
+    inward = -touch.normal[1:] * np.exp(1j * objects[1:, 2])
     return np.angle((centers[last] - centers[first]) * np.conj(inward))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate import se2
 from palpate.errors import SettingError
-from palpate.graph.factors import ContactModel
+from palpate.graph.factors import ContactModel, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import pushing, pushing_angle
 from palpate.measurement import Feeling
@@ -115,8 +115,9 @@ def last_pushing_error(
     friction, last = lasting[FRICTION], np.array([moved])
     errors = []
     for tip in tips:
-        angle = pushing_angle(g, e, tip, friction)[-1:]
-        residual, _ = pushing(g[-2:-1], e[-2:-1], g[-1:], e[-1:], tip, friction, np.sign(angle))
+        touch = touching(g, tip)
+        angle = pushing_angle(g, e, touch, tip, friction)[-1:]
+        residual, _ = pushing(g[-2:-1], e[-2:-1], g[-1:], e[-1:], touch[-1:], tip, friction, np.sign(angle))
         weight = noise.pushing_weight(np.zeros((1, 4)), last, tip, angle, friction[-1])
         errors.append(residual[0] * np.sqrt(weight[0]))
     return np.abs(errors).max(axis=0)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate import se2
 from palpate.errors import EstimationError
-from palpate.graph.factors import ContactModel
+from palpate.graph.factors import ContactModel, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import pushing
 
@@ -41,7 +41,7 @@ class Steering:
 def push(
     tip: ContactModel,
     object_pose: Array,
-    touching: Array,
+    touched: Array,
     steps: int,
     steering: Steering,
     phase: Array | float = 0.0,
@@ -51,12 +51,12 @@ def push(
 ) -> tuple[Array, Array]:
     """Push B objects at once for a number of steps and return their poses and the sensors', (steps + 1, B, 3) each.
 
-    object_pose (B, 3) are the first object poses in the world, touching (B, 3) the first sensor poses in the object
+    object_pose (B, 3) are the first object poses in the world, touched (B, 3) the first sensor poses in the object
     frame, phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the values that
     the sticking and balance rows of the pushing residual take; 0 is the noise-free model. friction (4,) or (B, 4) is
     what `pushing.pushing` takes; its grip is of no account, for the contact sticks.
     """
-    g = np.broadcast_to(touching, np.broadcast_shapes(np.shape(touching), np.shape(object_pose))).astype(np.float64)
+    g = np.broadcast_to(touched, np.broadcast_shapes(np.shape(touched), np.shape(object_pose))).astype(np.float64)
     e = se2.compose(object_pose, g)
     slip = np.broadcast_to(slip, (steps, *g.shape[:-1], 2))
     torque = np.broadcast_to(torque, (steps, *g.shape[:-1]))
@@ -99,7 +99,7 @@ def _pushed(g: Array, e: Array, e_next: Array, tip: ContactModel, friction: Arra
     """The sensor-in-object pose after a step, by Newton's method on the rows of the pushing residual (Eq. 7)."""
     g_next = g
     for _ in range(_NEWTON_STEPS):
-        residual, jacobian = pushing(g, e, g_next, e_next, tip, friction, side=0.0)
+        residual, jacobian = pushing(g, e, g_next, e_next, touching(g_next, tip), tip, friction, side=0.0)
         change = np.linalg.solve(jacobian[..., :3, 6:9], (wanted - residual[..., :3])[..., None])[..., 0]
         g_next = se2.compose(g_next, se2.exp(change))
         if np.abs(change).max() < _CONVERGED:
