@@ -154,6 +154,31 @@ def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
     assert told == {"file": str(source), "out": str(out), "frames": 56, "height": 48, "width": 32}
 
 
+def test_a_run_names_its_calibration(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_recording(recorded(), "rest.h5")
+    assert palpate("calibrate", "rest.h5", "--out", "unit.npz") == 0
+    for options, wanted in (((), None), (("--calibration", "unit.npz"), "unit.npz")):
+        assert (
+            palpate(
+                "track",
+                "rest.h5",
+                "--tactile",
+                "none",
+                "--out",
+                "run",
+                "--force",
+                "--first-pose",
+                "0",
+                "0",
+                "0",
+                *options,
+            )
+            == 0
+        )
+        assert json.loads(Path("run/settings.json").read_text())["calibration"] == wanted
+
+
 def test_command_fails_in_one_line_and_leaves_nothing(tmp_path, capsys):
     blind, short = tmp_path / "blind.h5", tmp_path / "short.h5"
     write_recording(pushed(), blind)

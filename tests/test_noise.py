@@ -205,7 +205,8 @@ def test_the_sticking_settings():
         ("cone_share", -0.1, "finite and at least 0"),
         ("friction_ratio", (0.2, 0.0), "finite and a mean and a standard deviation above 0"),
         ("friction_ratio", (np.nan, 0.3), "finite and a mean and a standard deviation above 0"),
-        ("grip", (0.4, -0.1), "finite and a mean and a standard deviation above 0"),
+        ("grip", (0.4, -0.1), "finite and above 0"),
+        ("grip", (-0.4, 0.1), "finite and above 0"),
         ("depth", (3e-4, np.inf), "finite and a mean and a standard deviation above 0"),
     ],
 )

@@ -32,6 +32,8 @@ class Run:
     """How."""
     model: TouchModel | None
     """What felt, where touch was learnt."""
+    background: Background | None
+    """What the untouched sensor looks like, where it was given and not taken from the first frames."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
     online: Trajectory
@@ -100,7 +102,7 @@ def track(
         wall_s=wall_s,
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
     )
-    return Run(recording, settings, model, first, online, smoothed, step_ms, wall_s, truth, summary)
+    return Run(recording, settings, model, background, first, online, smoothed, step_ms, wall_s, truth, summary)
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:

@@ -11,7 +11,7 @@ from palpate.graph.factors import ContactModel
 Array = NDArray[np.float64]
 
 
-_WITH_MEAN = ("friction_ratio", "grip", "depth")
+_WITH_MEAN = ("friction_ratio", "depth")
 _OFF = ("sticking_kernel", "turning_kernel", "contact_kernel", "feeling_kernel", "cone_share")  # None is allowed
 
 

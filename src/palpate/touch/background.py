@@ -25,6 +25,8 @@ class Background:
     """(height, width, 3) RGB [grey levels]."""
     deviation: Levels
     """Standard deviation over time, (height, width, 3) [grey levels]."""
+    file: Path | None = None
+    """What it was read from, if from a file."""
 
 
 def background_of(images: Iterable[Image]) -> Background:
@@ -94,7 +96,7 @@ def load_background(path: Path | str) -> Background:
         raise FileError(f"{path}: {error}") from error
     except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({' '.join(str(error).split())})") from error
-    return Background(mean, deviation)
+    return Background(mean, deviation, path)
 
 
 def _levels(name: str, value: NDArray) -> Levels:
