@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from push_samples import SHAPES, direction_rows, frames, noisy, pushing_angles, pushing_rows, sensor, tips_of, touching
-from smoother_samples import FELT, known_at
+from smoother_samples import FELT, ROBUST, known_at
 
 from palpate import se2
 from palpate.graph.fixed_lag import FixedLagSmoother
@@ -19,8 +19,8 @@ from palpate.tracker import Tracker, TrackerSettings
 
 Array = np.ndarray
 TIP = tips_of("rectangle")[0]
-DEEPER = np.array([GraphNoise().depth[0], 0.0, 0.0])  # [m], into the left side as deep as is expected
-HOLDING = replace(GraphNoise(), grip=(0.8, 0.12))  # so well that it holds in all pushes that are drawn to stick
+DEEPER = np.array([ROBUST.depth[0], 0.0, 0.0])  # [m], into the left side as deep as is expected
+HOLDING = replace(ROBUST, grip=(0.8, 0.12))  # so well that it holds in all pushes that are drawn to stick
 
 
 def directions(g: Array, seed: int) -> list[Feeling]:
@@ -64,7 +64,7 @@ def two_pushes(friction: Array, steps: int = 80) -> tuple[Array, Array, Array]:
 def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
     true = np.array(true)
     o, e, contact = two_pushes(true)
-    e = noisy(e, GraphNoise().sensor, np.random.default_rng(seed))
+    e = noisy(e, ROBUST.sensor, np.random.default_rng(seed))
     told = Told(directions(se2.between(o, e)[contact], seed))
     how = TrackerSettings(noise=HOLDING)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], how, touch=told)
@@ -117,7 +117,7 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
 def followed(o: Array, e: Array, noise: GraphNoise, seed: int) -> tuple[Belief, float, float]:
     """The belief at the end of a contact in which directions are felt, its error along the side [m] and its NEES."""
     told = directions(se2.between(o, e), seed)
-    seen = noisy(e, GraphNoise().sensor, np.random.default_rng(seed))
+    seen = noisy(e, ROBUST.sensor, np.random.default_rng(seed))
     smoother = FixedLagSmoother([TIP], noise)
     smoother.begin(seen[0], known_at(o[0], noise), told[0])
     for pose, feeling in zip(seen[1:], told[1:], strict=True):
@@ -141,11 +141,11 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
     assert abs(way) > 0.015 and np.sign(way) == np.sign(heading)
     angle = pushing_angles(g, e, TIP, (0.0, 0.0, 0.0, grip))
     np.testing.assert_allclose(angle, np.sign(heading) * math.atan(grip), atol=0.01)
-    belief, along, nees = followed(o, e, GraphNoise(), seed)
+    belief, along, nees = followed(o, e, ROBUST, seed)
     assert abs(along) < 0.5 * abs(way)
     assert nees < 11.3  # 99 %
     # Of a slide the grip is learnt as well.
-    assert belief.known.covariance[-1, -1] < 0.7 * GraphNoise().grip[1] ** 2
+    assert belief.known.covariance[-1, -1] < 0.7 * ROBUST.grip[1] ** 2
     # Taken for sticking it is missed altogether, and nothing says so.
     _, along, nees = followed(o, e, STICKING, seed)
     assert abs(along) > 0.9 * abs(way)
@@ -158,8 +158,8 @@ def test_a_push_that_sticks_is_not_taken_for_a_slide():
     o, e = (poses[:, 0] for poses in push(TIP, np.zeros((1, 3)), g, 60, Steering()))
     assert np.abs(pushing_angles(se2.between(o, e), e, TIP, (0.0, 0.0, 0.0, 0.4))).max() < 0.2
     for seed in range(2):
-        belief, along, nees = followed(o, e, GraphNoise(), seed)
+        belief, along, nees = followed(o, e, ROBUST, seed)
         assert abs(along) < 1.5e-3
         assert nees < 11.3
         assert np.sqrt(belief.covariance[1, 1]) < 1.5e-3
-        np.testing.assert_allclose(belief.lasting[-1], GraphNoise().grip[0], atol=0.01)
+        np.testing.assert_allclose(belief.lasting[-1], ROBUST.grip[0], atol=0.01)

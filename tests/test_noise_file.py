@@ -76,7 +76,7 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
         ({"cone_share": "1"}, "noise cone_share is '1'; it must be a finite number or null"),
         ({"sliding_share": None}, "noise sliding_share is None; it must be a finite number"),
         ({"grip": 0.4}, "noise grip is 0.4; it must be 2 finite numbers"),
-        ({"grip": [0.4, 0.0]}, "noise grip is (0.4, 0.0); it must be finite and a mean and a standard deviation"),
+        ({"grip": [0.4, 0.0]}, "noise grip is (0.4, 0.0); it must be finite and above 0"),
         ({"pushing_kernel": 1.0}, "noise 'pushing_kernel' is not known"),  # of an older palpate
         ({"rest": [0.0, 1.0, 1.0]}, "noise rest is (0.0, 1.0, 1.0); it must be finite and above 0"),
     ],

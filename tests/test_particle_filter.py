@@ -89,7 +89,7 @@ def test_outside_the_cone_it_slides_along_the_edge():
     slid, moved = {}, {}
     for grip in (0.2, 50.0):
         known = Known(np.zeros(3), np.array([0.0, 0.0, 0.0, 0.0, 0.0, grip]), 1e-14 * np.eye(3 + LASTING))
-        smoother = ParticleFilter(tips, GraphNoise(sensor=(1e-7, 1e-7, 1e-7)), count=50)
+        smoother = ParticleFilter(tips, replace(ROBUST, sensor=(1e-7, 1e-7, 1e-7)), count=50)
         smoother.begin(start, known, Feeling())
         for pose in start + way[1:]:
             smoother.add(pose, Feeling())

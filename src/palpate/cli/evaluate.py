@@ -52,7 +52,7 @@ def evaluate(
         ),
     ] = (),
     noise: Annotated[
-        str, tyro.conf.arg(metavar="NAME|FILE", help="Standard deviations: palpate, published or a file.")
+        str, tyro.conf.arg(metavar="NAME|FILE", help="Standard deviations: palpate, sticking, published or a file.")
     ] = "palpate",
     pressure: Annotated[
         str,

@@ -66,7 +66,7 @@ def track(
     noise: Annotated[
         str,
         tyro.conf.arg(
-            metavar="palpate|published|FILE", help="Standard deviations: a preset, or a file of palpate tune."
+            metavar="palpate|sticking|published|FILE", help="Standard deviations: a preset, or a file of palpate tune."
         ),
     ] = "palpate",
     pressure: Annotated[

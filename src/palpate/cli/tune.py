@@ -42,7 +42,8 @@ def tune(
     start: Annotated[
         str,
         tyro.conf.arg(
-            metavar="palpate|published|FILE", help="Settings to begin with; the file of a tuning goes on with it."
+            metavar="palpate|sticking|published|FILE",
+            help="Settings to begin with; the file of a tuning goes on with it.",
         ),
     ] = "palpate",
     evaluations: Annotated[int, tyro.conf.arg(metavar="N", help="How often all recordings are tracked.")] = 100,

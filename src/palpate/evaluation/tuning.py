@@ -73,18 +73,18 @@ PARAMETERS = {
     "cone_margin": Parameter(1e-3, 0.5),
     "cone_width": Parameter(1e-3, 0.5, ()),
     "cone_share": Parameter(1e-3, 10.0),
-    "sticking_kernel": Parameter(0.1, 100.0, ()),
+    "sticking_kernel": Parameter(0.1, 100.0),
     "turning": Parameter(1e-9, 1e-3, ()),
     "turning_share": Parameter(1e-3, 10.0),
     "turning_kernel": Parameter(0.1, 100.0, ()),
     "friction_ratio": Parameter(0.01, 2.0, _ALL, (1,)),
     "friction_center": Parameter(0.01, 1.0),
-    "grip": Parameter(0.01, 1.0, (), (1,)),
+    "grip": Parameter(0.01, 1.0, _ALL, (1,)),
     "depth": Parameter(1e-5, 1e-2, (), (1,)),
     "direction_bias": Parameter(1e-4, 0.1, ()),
     "direction_share": Parameter(1e-2, 100.0, TELL_DIRECTION),
     "turn_share": Parameter(1e-2, 1000.0, tuple(set(_BY_IMAGE) - {"learnt-direction"})),
-    "contact": Parameter(1e-5, 1e-2),
+    "contact": Parameter(1e-5, 1e-2, ()),
     "contact_kernel": Parameter(0.1, 100.0, ()),
     "feeling_kernel": Parameter(0.1, 100.0, ()),
     "sensor": Parameter(1e-6, 1e-2, (), (0, 1, 2)),
@@ -92,8 +92,9 @@ PARAMETERS = {
     "pressure": Parameter(1e-3, 1.0, ()),
 }
 """What can be tuned: fields of GraphNoise, and pressure, which is c [m], for one object. Not first_pose, which ground
-truth gives exactly. The floors `sticking` and `turning` count while nothing moves, `rest` while nothing touches; what
-`sensor` is the robot knows, not a simulation."""
+truth gives exactly. The floors `sticking` and `turning` count while nothing moves, `rest` while nothing touches. What
+`sensor` is the robot knows, and what `contact` and `depth` are the laboratory: how well outline, gel and motion capture
+agree is what a simulation knows too well."""
 
 
 @dataclass(frozen=True)
