@@ -61,6 +61,62 @@ def contact_models(shape: Shape, sensor: SensorProfile, pressure: str | float = 
     return [ContactModel(field, (cx, cy), sensor.radius, c, (x, y), alone) for cx, cy in sensor.centers.tolist()]
 
 
+@dataclass(frozen=True)
+class Touching:
+    """How tip and outline touch at a sensor pose g (..., 3) in the object frame, with derivatives with respect to g.
+
+    It is what contact, direction and pushing need of the outline, so that it is looked up once for all of them.
+    """
+
+    turn: Complex
+    """The sensor's turn as a rotation, `exp(i theta)`, (...)."""
+    gap: Array
+    """Distance between the tip's surface and the outline, negative where they overlap, (...) [m]."""
+    gap_by_g: Array
+    """(..., 3)"""
+    point: Complex
+    """The point of the tip's surface nearest to the outline, object frame, (...) [m]."""
+    point_by_g: Complex
+    """(..., 3)"""
+    material: Complex
+    """The same point in the sensor frame, (...) [m]."""
+    material_by_g: Complex
+    """(..., 3)"""
+    normal: Complex
+    """The outline's outward normal there, object frame, (...)."""
+    normal_by_g: Complex
+    """(..., 3)"""
+
+    def __getitem__(self, steps: slice) -> "Touching":
+        """Return those steps, of the first axis."""
+        return Touching(*(getattr(self, field.name)[steps] for field in fields(self)))
+
+
+def touching(g: Array, model: ContactModel) -> Touching:
+    """Return how tip and outline touch at g (..., 3)."""
+    turn = np.exp(1j * g[..., 2])
+    center = complex(*model.center)
+    placed, placed_by_g = position(g) + turn * center, moving(turn, center)
+    distance, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
+    normal = as_complex(gradient)
+    bend_x, bend_y = as_complex(hessian[..., 0]), as_complex(hessian[..., 1])
+    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
+    normal_in_sensor = np.conj(turn) * normal
+    material_by_g = -model.radius * np.conj(turn)[..., None] * normal_by_g
+    material_by_g[..., 2] += 1j * model.radius * normal_in_sensor
+    return Touching(
+        turn,
+        distance - model.radius,
+        (np.conj(normal)[..., None] * placed_by_g).real,
+        placed - model.radius * normal,
+        placed_by_g - model.radius * normal_by_g,
+        center - model.radius * normal_in_sensor,
+        material_by_g,
+        normal,
+        normal_by_g,
+    )
+
+
 def between(pose_i: Array, pose_j: Array, measured: Array) -> tuple[Array, Array]:
     """Error of a measured relative pose, `Log(measured^-1 pose_i^-1 pose_j)`: the tactile factor (Eq. 5).
 
@@ -103,7 +159,7 @@ def known(g: Array, e: Array, lasting: Array, pose: Array, known_lasting: Array)
     return np.concatenate([residual, lasting - known_lasting]), jacobian
 
 
-def contact(touch: "Touching", depth: float) -> tuple[Array, Array]:
+def contact(touch: Touching, depth: float) -> tuple[Array, Array]:
     """Distance between the tip's round surface and the outline (Eq. 11, two-sided), with a depth by which they overlap.
 
     Returns the residual (..., 1) [m], positive where they are further apart than depth [m] says and negative where
@@ -114,7 +170,7 @@ def contact(touch: "Touching", depth: float) -> tuple[Array, Array]:
     return (touch.gap + depth)[..., None], jacobian[..., None, :]
 
 
-def direction(touch: "Touching", angle: Array | float, bias: Array | float) -> tuple[Array, Array]:
+def direction(touch: Touching, angle: Array | float, bias: Array | float) -> tuple[Array, Array]:
     """Error of a measured contact direction: from the tip's centre to the nearest point of the outline, plus a bias.
 
     The centre lies outside the object, so that this is down the gradient of the signed distance there. angle (...)
@@ -141,62 +197,6 @@ def turn(g: Array, offset: Array | float, angle: Array | float) -> tuple[Array, 
     return residual[..., None], jacobian
 
 
-@dataclass(frozen=True)
-class Touching:
-    """How tip and outline touch at a sensor pose g (..., 3) in the object frame, with derivatives with respect to g.
-
-    It is what contact, direction and pushing need of the outline, so that it is looked up once for all of them.
-    """
-
-    turn: Complex
-    """The sensor's turn as a rotation, `exp(i theta)`, (...)."""
-    gap: Array
-    """Distance between the tip's surface and the outline, negative where they overlap, (...) [m]."""
-    gap_by_g: Array
-    """(..., 3)"""
-    point: Complex
-    """The point of the tip's surface nearest to the outline, object frame, (...) [m]."""
-    point_by_g: Complex
-    """(..., 3)"""
-    material: Complex
-    """The same point in the sensor frame, (...) [m]."""
-    material_by_g: Complex
-    """(..., 3)"""
-    normal: Complex
-    """The outline's outward normal there, object frame, (...)."""
-    normal_by_g: Complex
-    """(..., 3)"""
-
-    def __getitem__(self, steps: slice) -> "Touching":
-        """Return those steps, of the first axis."""
-        return Touching(*(getattr(self, field.name)[steps] for field in fields(self)))
-
-
-def touching(g: Array, model: ContactModel) -> Touching:
-    """Return how tip and outline touch at g (..., 3)."""
-    turn = np.exp(1j * g[..., 2])
-    center = complex(*model.center)
-    placed, placed_by_g = position(g) + turn * center, moving(turn, center)
-    distance, gradient, hessian = model.field.value_gradient_hessian(_real(placed))
-    normal = _complex(gradient)
-    bend_x, bend_y = _complex(hessian[..., 0]), _complex(hessian[..., 1])
-    normal_by_g = bend_x[..., None] * placed_by_g.real + bend_y[..., None] * placed_by_g.imag
-    normal_in_sensor = np.conj(turn) * normal
-    material_by_g = -model.radius * np.conj(turn)[..., None] * normal_by_g
-    material_by_g[..., 2] += 1j * model.radius * normal_in_sensor
-    return Touching(
-        turn,
-        distance - model.radius,
-        (np.conj(normal)[..., None] * placed_by_g).real,
-        placed - model.radius * normal,
-        placed_by_g - model.radius * normal_by_g,
-        center - model.radius * normal_in_sensor,
-        material_by_g,
-        normal,
-        normal_by_g,
-    )
-
-
 def moving(turn: Complex, point: Complex | complex) -> Complex:
     """How a point of a body moves with the body: derivative by a right perturbation of its pose, complex (..., 3)."""
     moved = np.empty((*turn.shape, 3), dtype=np.complex128)
@@ -208,10 +208,11 @@ def moving(turn: Complex, point: Complex | complex) -> Complex:
 
 def position(pose: Array) -> Complex:
     """Place of poses (..., 3) as complex (...) [m]."""
-    return pose[..., 0] + 1j * pose[..., 1]
+    return as_complex(pose)
 
 
-def _complex(vector: Array) -> Complex:
+def as_complex(vector: Array) -> Complex:
+    """The first two components of vectors (..., 2 or more) as complex (...)."""
     return vector[..., 0] + 1j * vector[..., 1]
 
 

@@ -2,8 +2,8 @@
 
 Every step relinearises the whole window, vectorised over its factors, so that a step costs the same at frame 10 000 as
 at frame 500. A step that leaves the window leaves behind a Gaussian on the steps it was tied to (Schur complement),
-linearised where they stood before the last Gauss-Newton step. That Gaussian is on the offset of the turns as well,
-which belongs to no step and stays as long as the contact.
+linearised where they stood before the last Gauss-Newton step. That Gaussian is on what all steps share as well: the
+offset of the turns, which stays as long as the contact, and what lasts from contact to contact.
 """
 
 from collections.abc import Sequence

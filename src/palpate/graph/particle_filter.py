@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from palpate import se2
 from palpate.errors import EstimationError
 from palpate.graph import factors
-from palpate.graph.factors import ContactModel, cross, position, touching
+from palpate.graph.factors import ContactModel, as_complex, cross, position, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import ANGLE_STEPS
 from palpate.graph.smoother import DEPTH, FRICTION, LASTING, Belief, Known, check_tips
@@ -154,7 +154,7 @@ class ParticleFilter:
         slip[:, :2] = _student(self._random, len(e), 2, noise.sticking_kernel)
         slip[:, 2:] = np.column_stack([_student(self._random, len(e), 1, noise.turning_kernel) for _ in range(2)])
         in_object = np.exp(1j * (g[:, 2] - before.e[:, 2]))
-        push = in_object * _moved(before.e, e, material) + slide * _complex(slip)
+        push = in_object * _moved(before.e, e, material) + slide * as_complex(slip)
         imbalance = torque * slip[:, 2]
 
         # Does it stick? Then v + i omega arm = push and arm x v = c^2 omega, and the force points along v.
@@ -181,7 +181,7 @@ class ParticleFilter:
         objects = se2.compose(before.e, se2.inverse(g))
         g_next = se2.between(se2.compose(objects, step), e)
         after = touching(g_next, tip)
-        back = (after.gap - touch.gap - slide * _dot(-inward, _complex(slip))) * after.normal
+        back = (after.gap - touch.gap - slide * _dot(-inward, as_complex(slip))) * after.normal
         g_next[:, 0] -= back.real
         g_next[:, 1] -= back.imag
         return g_next, slip
@@ -304,10 +304,6 @@ def _mean(poses: Array, weight: Array) -> Array:
     """Weighted mean (3,) of poses (P, 3), circular in yaw."""
     x, y = weight @ poses[:, :2]
     return np.array([x, y, np.angle(weight @ np.exp(1j * poses[:, 2]))])
-
-
-def _complex(vector: Array) -> Complex:
-    return vector[..., 0] + 1j * vector[..., 1]
 
 
 def _dot(a: Complex, b: Complex) -> Array:

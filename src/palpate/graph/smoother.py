@@ -11,7 +11,7 @@ from palpate import se2
 from palpate.errors import SettingError
 from palpate.graph.factors import ContactModel, touching
 from palpate.graph.noise import GraphNoise
-from palpate.graph.pushing import pushing, pushing_angle
+from palpate.graph.pushing import ANGLE_STEPS, pushing, pushing_angle
 from palpate.measurement import Feeling
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Smoother(Protocol):
         ...
 
     def pushing_error(self) -> Array:
-        """Return the pushing residual of the last step (3,) in standard deviations, that of the tip worst off."""
+        """Return the pushing residual of the last step (4,) in standard deviations, that of the tip worst off."""
         ...
 
     def path(self) -> tuple[Array, Array]:
@@ -113,6 +113,7 @@ def last_pushing_error(
     if len(g) < 2:
         return np.zeros(4)
     friction, last = lasting[FRICTION], np.array([moved])
+    g, e = g[-ANGLE_STEPS - 1 :], e[-ANGLE_STEPS - 1 :]  # as far back as the angle of the last step looks
     errors = []
     for tip in tips:
         touch = touching(g, tip)
