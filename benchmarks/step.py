@@ -21,16 +21,16 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from palpate import se2
+from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel, contact_models
 from palpate.graph.isam2 import RELINEARISE_ABOVE, RELINEARISE_LASTING_ABOVE
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import pushing
 from palpate.graph.smoother import DEPTH, FRICTION, LASTING, SmootherName
-from palpate.recording import Frame
-from palpate.sensor import DIGIT
-from palpate.shapes import Rectangle
+from palpate.recording.frame import Frame
+from palpate.recording.sensor import DIGIT
 from palpate.simulation.limit_surface import Steering, push
 from palpate.touch.relative import OracleTouch
 from palpate.tracker import Tracker, TrackerSettings

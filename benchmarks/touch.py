@@ -12,13 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from palpate.images import decode_image, encode_image
-from palpate.recording import Frame
-from palpate.sensor import DIGIT
-from palpate.shapes import Rectangle
+from palpate.geometry.shapes import Rectangle
+from palpate.recording.frame import Frame
+from palpate.recording.images import decode_image, encode_image
+from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import render
 from palpate.simulation.unit import draw_unit
-from palpate.touch.contact import FIRST_FRAMES, ContactDetector
+from palpate.touch.detector import FIRST_FRAMES, ContactDetector
 from palpate.touch.modes import Tactile, make_touch
 
 FRAMES, WARM = 400, 50

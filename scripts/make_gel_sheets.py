@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from palpate.sensor import DIGIT
-from palpate.shapes import Disc, Ellipse, Rectangle, Shape
+from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
+from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import ball_overlap, render, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 

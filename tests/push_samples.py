@@ -5,13 +5,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate import se2
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.pushing import pushing, pushing_angle
-from palpate.recording import Frame
-from palpate.sensor import SensorProfile
-from palpate.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
+from palpate.recording.frame import Frame
+from palpate.recording.sensor import SensorProfile
 from palpate.simulation.limit_surface import Steering, push
 
 Array = np.ndarray

@@ -4,11 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate import formats, se2
-from palpate.recording import Recording
-from palpate.sensor import POINT
-from palpate.shapes import Rectangle, Shape
-from palpate.trajectory import Trajectory
+from palpate import formats
+from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle, Shape
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import POINT
+from palpate.recording.trajectory import Trajectory
 
 
 def runs(flags: Any) -> list[list[int]]:

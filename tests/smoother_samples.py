@@ -9,12 +9,12 @@ import numpy as np
 from push_samples import contact_rows, direction_rows, noisy, pushed, pushing_rows, sensor, tips_of
 from scipy.optimize import least_squares
 
-from palpate import se2
+from palpate.geometry import se2
 from palpate.graph import factors, make_smoother
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
 from palpate.graph.smoother import LASTING, OFFSET_SIGMA, Belief, Known, Smoother
-from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, Feeling, RelativePoses, Turn
 from palpate.touch.relative import compared_frames
 
 Array = np.ndarray

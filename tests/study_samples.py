@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate import se2
-from palpate.evaluation.metrics import percentiles, rms
-from palpate.evaluation.trial import Method, Trial
-from palpate.shapes import Disc, Polygon, Rectangle, Shape, shape_to_dict
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Polygon, Rectangle, Shape, shape_to_dict
+from palpate.study.trial import Method, Trial
+from palpate.tracking.metrics import percentiles, rms
 
 TACTILES = ("none", "constant", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction", "learnt", "oracle")
 SHAPES: dict[str, Shape] = {
@@ -118,7 +118,7 @@ def drawn_trials(groups: Sequence[str], methods: Sequence[Method], count: int, s
 
 def drawn_results(trials: Sequence[Trial]) -> dict[str, Any]:
     """Return the content of `results.json` of trials, two recordings broken, one mode skipped and one failed."""
-    from palpate.evaluation.study_results import is_lost, table
+    from palpate.study.results import is_lost, table
 
     methods = list(dict.fromkeys(trial.method for trial in trials))
     recordings = {

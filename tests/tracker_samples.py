@@ -7,7 +7,7 @@ import numpy as np
 from push_samples import RADIUS, SHAPES, sensor
 
 from palpate.graph.noise import GraphNoise
-from palpate.recording import Frame
+from palpate.recording.frame import Frame
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 
 Array = np.ndarray

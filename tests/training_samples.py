@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate import se2
-from palpate.images import encode_image
-from palpate.recording import Recording, write_recording
-from palpate.sensor import DIGIT
-from palpate.shapes import Disc, Rectangle, Shape
+from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT
 from palpate.touch.model import KINDS, ModelSettings, Spread
 from palpate.training.samples import Samples
 

@@ -2,14 +2,16 @@
 
 from palpate.errors import EstimationError, FileError, PalpateError, SettingError, ShapeError
 from palpate.formats import load_recording
+from palpate.formats.palpate_h5 import read_recording, write_recording
+from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph.noise import PUBLISHED, GraphNoise
-from palpate.recording import Frame, Recording, read_recording, write_recording
-from palpate.sensor import DIGIT, POINT, SensorProfile
-from palpate.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
+from palpate.recording.frame import Frame
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT, POINT, SensorProfile
+from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background, load_background
 from palpate.touch.model import TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
-from palpate.trajectory import Trajectory
 
 __version__ = "0.1.0"
 

@@ -8,21 +8,21 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import EstimationError, SettingError
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
 from palpate.graph import factors, make_smoother
 from palpate.graph.noise import GraphNoise
 from palpate.graph.smoother import DEPTH, Known, SmootherName
-from palpate.measurement import Feeling
-from palpate.recording import Frame
-from palpate.sensor import SensorProfile
-from palpate.shapes import Shape
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import Feeling
+from palpate.recording.sensor import SensorProfile
+from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
-from palpate.touch.contact import ContactDetector
+from palpate.touch.detector import ContactDetector
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, make_touch
 from palpate.touch.relative import Touch
-from palpate.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ def convert(
     from palpate import formats
     from palpate.cli.console import busy, print_json, print_line
     from palpate.errors import FileError
-    from palpate.recording import Recording
+    from palpate.recording.recording import Recording
 
     if target.exists() and not force:
         raise FileError(f"{target}: already exists; --force replaces it")

@@ -22,13 +22,13 @@ def demo(
     """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.track import report_run
-    from palpate.evaluation.run import track
-    from palpate.evaluation.run_folder import check_folder, write_run
-    from palpate.sensor import DIGIT
+    from palpate.recording.sensor import DIGIT
     from palpate.simulation.folder import plan
     from palpate.simulation.objects import SHAPES
     from palpate.simulation.recordings import simulate_recording
     from palpate.tracker import TrackerSettings
+    from palpate.tracking.run import track
+    from palpate.tracking.run_folder import check_folder, write_run
 
     check_folder(out, force=True)  # before the work, not after it
     (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)

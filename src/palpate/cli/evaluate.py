@@ -11,7 +11,7 @@ import tyro
 from palpate.cli.track import SmootherName, Tactile
 
 if TYPE_CHECKING:
-    from palpate.evaluation.study import Study
+    from palpate.study.study import Study
 
 TACTILES: tuple[Tactile, ...] = (
     "none",
@@ -99,14 +99,14 @@ def evaluate(
     from palpate.cli.console import busy, complain, print_json, progress_bar
     from palpate.cli.track import pressure_of
     from palpate.errors import SettingError
-    from palpate.evaluation.report import write_report
-    from palpate.evaluation.study import run_study
-    from palpate.evaluation.study_comparison import check_common, compare, read_scores
-    from palpate.evaluation.study_files import find_recordings
-    from palpate.evaluation.study_job import StudySettings
-    from palpate.evaluation.study_results import results_of, write_results
-    from palpate.evaluation.trial import Method
     from palpate.graph.noise_file import noise_of
+    from palpate.study.comparison import check_common, compare, read_scores
+    from palpate.study.files import find_recordings
+    from palpate.study.job import StudySettings
+    from palpate.study.report import write_report
+    from palpate.study.results import results_of, write_results
+    from palpate.study.study import run_study
+    from palpate.study.trial import Method
     from palpate.touch.model import SHIPPED, TouchModel
 
     tactiles = dict.fromkeys(mode for given in tactile for mode in given) or dict.fromkeys(TACTILES)
@@ -171,7 +171,7 @@ def _complaints(study: "Study") -> Iterator[str]:
 
 def _show(out: Path, results: Mapping[str, Any]) -> None:
     from palpate.cli.console import number, print_line, print_table
-    from palpate.evaluation.study_results import ALL
+    from palpate.study.results import ALL
 
     finals = ("final_mm", "final_deg")
     rows = [

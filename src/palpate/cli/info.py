@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from palpate.evaluation.inspection import Inspection
-    from palpate.recording import Recording
+    from palpate.recording.recording import Recording
+    from palpate.tracking.inspection import Inspection
 
 
 def info(
@@ -19,9 +19,9 @@ def info(
     """What a recording holds: rates, gaps, contacts, ground truth, and what is wrong with it."""
     from palpate import formats
     from palpate.cli.console import busy, print_json
-    from palpate.evaluation.inspection import inspect_recording
-    from palpate.sensor import sensor_to_dict
-    from palpate.shapes import shape_to_dict
+    from palpate.geometry.shapes import shape_to_dict
+    from palpate.recording.sensor import sensor_to_dict
+    from palpate.tracking.inspection import inspect_recording
 
     with busy(f"inspecting {file.name}"):
         recording = formats.load_recording(file)
@@ -45,7 +45,7 @@ def info(
 
 def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     from palpate.cli.console import number, print_line, print_table
-    from palpate.shapes import shape_to_dict
+    from palpate.geometry.shapes import shape_to_dict
 
     shape = shape_to_dict(recording.shape)
     sizes = ", ".join(

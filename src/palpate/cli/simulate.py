@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from palpate.recording import Recording
-    from palpate.shapes import Shape
+    from palpate.geometry.shapes import Shape
+    from palpate.recording.recording import Recording
 
 COUNT, SECONDS = 10, 15.0
 

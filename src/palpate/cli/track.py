@@ -148,8 +148,8 @@ def run_file(
     """Track one file, with progress, write its folder and return the summary."""
     from palpate import formats
     from palpate.cli.console import progress_bar
-    from palpate.evaluation.run import track
-    from palpate.evaluation.run_folder import check_folder, write_run
+    from palpate.tracking.run import track
+    from palpate.tracking.run_folder import check_folder, write_run
 
     check_folder(folder, force)  # before the work, not after it
     recording = formats.load_recording(file)

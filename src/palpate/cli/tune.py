@@ -10,7 +10,7 @@ import tyro
 from palpate.cli.track import SmootherName, Tactile
 
 if TYPE_CHECKING:
-    from palpate.evaluation.tuning import Judgement, Tuning
+    from palpate.tuning.tuning import Judgement, Tuning
 
 
 def tune(
@@ -55,13 +55,13 @@ def tune(
 
     from palpate.cli.console import complain, print_json, progress_bar
     from palpate.errors import SettingError
-    from palpate.evaluation.felt import feel_files
-    from palpate.evaluation.study_files import find_recordings
-    from palpate.evaluation.tuning import HELD_OUT, check_parameters
-    from palpate.evaluation.tuning import tune as tune_settings
     from palpate.graph.noise_file import noise_of, write_noise
+    from palpate.study.files import find_recordings
     from palpate.touch.model import SHIPPED, TouchModel
     from palpate.tracker import TrackerSettings
+    from palpate.tuning.recorded_touch import record_touch_of_files
+    from palpate.tuning.tuning import HELD_OUT, check_parameters
+    from palpate.tuning.tuning import tune as tune_settings
 
     begin = time.perf_counter()
     learnt = tactile.startswith("learnt")
@@ -73,10 +73,10 @@ def tune(
     files = find_recordings(folder)
     touch_model = TouchModel(model or SHIPPED) if learnt else None
     with progress_bar("feeling", len(files)) as progress:
-        felt, left_out = feel_files(files, tactile, touch_model, workers, progress)
+        recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
     for why in left_out.values():
         complain(f"left out: {why}")
-    names = list(felt)
+    names = list(recorded)
     about = {
         "tactile": tactile,
         "model": None if touch_model is None else touch_model.hash,
@@ -95,7 +95,7 @@ def tune(
             written = tuning.settings
 
     with progress_bar("tuning", evaluations) as show:
-        tuning = tune_settings(list(felt.values()), settings, parameters, evaluations, workers, keep)
+        tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, workers, keep)
     tuned = {**about, **_found(tuning)}
     write_noise(tuning.settings.noise, out, tuned, overwrite=True)
     wall_s = time.perf_counter() - begin

@@ -10,11 +10,11 @@ from typing import Any
 
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file
-from palpate.recording import Recording
-from palpate.trajectory import Trajectory
+from palpate.recording.recording import Recording
+from palpate.recording.trajectory import Trajectory
 
 MODULES = {
-    "palpate": "recording_h5",
+    "palpate": "palpate_h5",
     "mit-push": "mit_push",
     "cmu-two-finger": "cmu_two_finger",
     "theseus-json": "theseus_json",

@@ -25,14 +25,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import FileError
 from palpate.files import read_text
-from palpate.formats import derive
 from palpate.formats.sniff import NUMBER, text_start
-from palpate.recording import Recording
-from palpate.sensor import SensorProfile
-from palpate.shapes import Rectangle
+from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle
+from palpate.recording import derived
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import SensorProfile
 
 NAME = "cmu-two-finger"
 DESCRIPTION = "two-finger pushes of a rectangle, CMU PlanarManipulationToolBox log (.txt)"
@@ -76,7 +76,7 @@ def read(path: Path) -> Recording:
     seen = rows[:, 1:4] * metres
     seen[(seen == 0).all(axis=1)] = np.nan
     truth = _at(time + LATENCY, time, seen)
-    gap = derive.gaps(sensor_pose, truth, RECTANGLE, HAND)
+    gap = derived.gaps(sensor_pose, truth, RECTANGLE, HAND)
 
     contact = np.zeros(len(time), np.bool_)
     episode = np.full(len(time), -1, np.int64)
@@ -88,7 +88,7 @@ def read(path: Path) -> Recording:
     for start, end in pairwise(bounds):
         travel = np.hypot(*(sensor_pose[start:end, :2] - sensor_pose[start, :2]).T)
         clear = np.maximum.accumulate(travel) < CLEARANCE
-        flags = derive.contact_flags(np.where(clear, np.inf, gap[start:end]), TOUCH, RELEASE)
+        flags = derived.contact_flags(np.where(clear, np.inf, gap[start:end]), TOUCH, RELEASE)
         contact[start:end] = flags
         episode[start:end][flags] = number
         number += int(flags.any())

@@ -12,8 +12,8 @@ import numpy as np
 from palpate.errors import FileError, SettingError
 from palpate.files import read_text, whole_file
 from palpate.formats.sniff import text_start
-from palpate.recording import Recording
-from palpate.trajectory import Trajectory
+from palpate.recording.recording import Recording
+from palpate.recording.trajectory import Trajectory
 
 NAME = "estimates-csv"
 DESCRIPTION = "palpate estimates with covariance (.csv)"

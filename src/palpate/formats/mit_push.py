@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import FileError
 from palpate.files import NUMBERS, check_rows, checked_array, read_json
-from palpate.formats import derive
 from palpate.formats.sniff import text_start
-from palpate.recording import Recording
-from palpate.sensor import SensorProfile
-from palpate.shapes import Rectangle
+from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle
+from palpate.recording import derived
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import SensorProfile
 
 NAME = "mit-push"
 DESCRIPTION = "point pushes of a square, MIT cpush JSON (.json, .json.gz)"
@@ -75,11 +75,11 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
     sensor_pose = _sensor_pose(center)
 
     pose[np.isnan(pose).any(axis=1)] = np.nan
-    gap = derive.gaps(sensor_pose, pose, SQUARE, TIP)
+    gap = derived.gaps(sensor_pose, pose, SQUARE, TIP)
     untrusted = (
-        derive.impossible(gap)
-        | derive.held(time, pose, center, derive.contact_flags(gap, TOUCH, RELEASE), LONGEST_HOLD)
-        | derive.spikes(pose)
+        derived.impossible(gap)
+        | derived.held(time, pose, center, derived.contact_flags(gap, TOUCH, RELEASE), LONGEST_HOLD)
+        | derived.spikes(pose)
     )
     pose[untrusted] = np.nan
     gap[untrusted] = np.nan
@@ -91,7 +91,7 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
         shape=SQUARE,
         sensor=TIP,
         object_pose=pose[keep],
-        contact=derive.contact_flags(gap[keep], TOUCH, RELEASE),
+        contact=derived.contact_flags(gap[keep], TOUCH, RELEASE),
         contact_derived=True,
         source=f"MIT cpush, {path.name}, read at {TIP.rate:g} Hz",
         frames={

@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import FileError, SettingError
 from palpate.files import NUMBERS, check_rows, checked_array, read_json, whole_file
 from palpate.formats.sniff import text_start
-from palpate.recording import Recording, episode_numbers
-from palpate.sensor import POINT
-from palpate.shapes import Disc, Rectangle, Shape
-from palpate.trajectory import Trajectory
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.recording.recording import Recording, episode_numbers
+from palpate.recording.sensor import POINT
+from palpate.recording.trajectory import Trajectory
 
 NAME = "theseus-json"
 DESCRIPTION = "DIGIT pushes of the Theseus example (.json)"

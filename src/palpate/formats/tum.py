@@ -8,8 +8,8 @@ import numpy as np
 from palpate.errors import FileError
 from palpate.files import read_text, whole_file
 from palpate.formats.sniff import NUMBER, text_start
-from palpate.recording import Recording
-from palpate.trajectory import Trajectory
+from palpate.recording.recording import Recording
+from palpate.recording.trajectory import Trajectory
 
 NAME = "tum"
 DESCRIPTION = "TUM trajectory (.tum, .txt)"

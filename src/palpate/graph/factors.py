@@ -18,10 +18,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
-from palpate.distance_field import DistanceField
-from palpate.sensor import SensorProfile
-from palpate.shapes import Shape
+from palpate.geometry import se2
+from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.shapes import Shape
+from palpate.recording.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

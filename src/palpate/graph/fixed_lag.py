@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from threadpoolctl import ThreadpoolController
 
-from palpate import se2
 from palpate.errors import EstimationError
+from palpate.geometry import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel
 from palpate.graph.noise import GraphNoise
@@ -31,7 +31,7 @@ from palpate.graph.normal_equations import (
 )
 from palpate.graph.pushing import pushing, pushing_angle
 from palpate.graph.smoother import OFFSET_SIGMA, Belief, Known, check_tips, continued, last_pushing_error
-from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, Feeling, RelativePoses, Turn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]

@@ -16,8 +16,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import EstimationError
+from palpate.geometry import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel, Touching
 from palpate.graph.noise import GraphNoise
@@ -33,7 +33,7 @@ from palpate.graph.smoother import (
     continued,
     last_pushing_error,
 )
-from palpate.measurement import ContactDirection, Feeling, Turn
+from palpate.recording.measurements import ContactDirection, Feeling, Turn
 
 Array = NDArray[np.float64]
 RELINEARISE_ABOVE = (2e-3, 2e-3, 5e-3)

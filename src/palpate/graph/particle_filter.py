@@ -22,14 +22,14 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import EstimationError
+from palpate.geometry import se2
 from palpate.graph import factors
 from palpate.graph.factors import ContactModel, as_complex, cross, position, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import ANGLE_STEPS
 from palpate.graph.smoother import DEPTH, FRICTION, LASTING, Belief, Known, check_tips
-from palpate.measurement import Feeling, RelativePoses
+from palpate.recording.measurements import Feeling, RelativePoses
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate import se2
+from palpate.geometry import se2
 from palpate.graph.factors import (
     Array,
     Complex,

@@ -7,12 +7,12 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import SettingError
+from palpate.geometry import se2
 from palpate.graph.factors import ContactModel, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import ANGLE_STEPS, pushing, pushing_angle
-from palpate.measurement import Feeling
+from palpate.recording.measurements import Feeling
 
 Array = NDArray[np.float64]
 SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from palpate.errors import FileError, PalpateError, SettingError
+from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.shapes import Shape
 from palpate.parallel import spread
-from palpate.recording import Recording, write_recording
-from palpate.shapes import Shape
+from palpate.recording.recording import Recording
 from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
 from palpate.simulation.recordings import simulate_recording, simulated_source

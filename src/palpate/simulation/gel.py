@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate import se2
 from palpate.errors import SettingError
-from palpate.shapes import Shape
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
 from palpate.simulation.unit import SensorUnit
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate import se2
 from palpate.errors import EstimationError
+from palpate.geometry import se2
 from palpate.graph.factors import ContactModel, touching
 from palpate.graph.noise import GraphNoise
 from palpate.graph.pushing import pushing

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.files import read_json, read_text
-from palpate.shapes import Disc, Ellipse, Polygon, Rectangle, Shape, shape_from_dict
+from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape, shape_from_dict
 
 Array = NDArray[np.float64]
 

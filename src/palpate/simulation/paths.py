@@ -6,9 +6,9 @@ All start and end at rest and return poses (N, 3) [m, m, rad], one a frame, with
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
-from palpate.sensor import SensorProfile
-from palpate.shapes import Shape
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
+from palpate.recording.sensor import SensorProfile
 from palpate.simulation.places import Touch
 
 Array = NDArray[np.float64]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.polygon import sharp_corners
-from palpate.sensor import SensorProfile
-from palpate.shapes import Disc, Ellipse, Shape
+from palpate.geometry.polygon import sharp_corners
+from palpate.geometry.shapes import Disc, Ellipse, Shape
+from palpate.recording.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 

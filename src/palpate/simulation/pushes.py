@@ -25,10 +25,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate import se2
 from palpate.errors import SettingError
-from palpate.sensor import SensorProfile
-from palpate.shapes import Shape
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
+from palpate.recording.sensor import SensorProfile
 from palpate.simulation.paths import Surroundings
 from palpate.simulation.places import Touch, draw_touch, kinds
 from palpate.simulation.scene import WorldSettings, draw_settings

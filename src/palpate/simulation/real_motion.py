@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import SettingError
-from palpate.recording import Recording
-from palpate.sensor import SensorProfile
-from palpate.shapes import Shape
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

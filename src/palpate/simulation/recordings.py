@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate import se2
-from palpate.images import encode_image
-from palpate.recording import Recording, episode_numbers
-from palpate.sensor import DIGIT
-from palpate.shapes import Shape, shape_to_dict
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape, shape_to_dict
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording, episode_numbers
+from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import render
 from palpate.simulation.pushes import Sequence, draw_sequence, measured
 from palpate.simulation.scene import HEIGHT

@@ -26,11 +26,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import SettingError
-from palpate.images import encode_image
-from palpate.recording import Recording, episode_numbers
-from palpate.sensor import DIGIT
+from palpate.geometry import se2
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording, episode_numbers
+from palpate.recording.sensor import DIGIT
 from palpate.simulation.folder import Outcome, fill_folder
 from palpate.simulation.gel import render
 from palpate.simulation.real_motion import SMOOTH, Contacts, RealMotion, real_contacts, real_motion, runs, sliding

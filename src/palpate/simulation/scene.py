@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
-from palpate.sensor import SensorProfile
-from palpate.shapes import Disc, Ellipse, Rectangle, Shape
+from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
+from palpate.recording.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.sensor import SensorProfile
+from palpate.recording.sensor import SensorProfile
 from palpate.simulation import backdrop
 
 Image = NDArray[np.float32]

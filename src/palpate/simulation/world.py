@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate import se2
 from palpate.errors import SettingError
-from palpate.sensor import SensorProfile
-from palpate.shapes import Shape
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
+from palpate.recording.sensor import SensorProfile
 from palpate.simulation.scene import WorldSettings, build_model, load_mujoco
 
 Array = NDArray[np.float64]

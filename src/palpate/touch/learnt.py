@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
-from palpate.measurement import ContactDirection, Feeling, RelativePoses, Turn
-from palpate.recording import Frame
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import ContactDirection, Feeling, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.difference import Difference, difference, reduced
 from palpate.touch.model import TouchModel

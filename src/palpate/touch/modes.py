@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 from palpate.errors import SettingError
-from palpate.sensor import SensorProfile
+from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
 from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
 from palpate.touch.model import SHIPPED, TouchModel

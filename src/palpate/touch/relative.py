@@ -6,9 +6,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
-from palpate.measurement import Feeling, RelativePoses
-from palpate.recording import Frame
+from palpate.geometry import se2
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import Feeling, RelativePoses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]

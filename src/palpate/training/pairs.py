@@ -5,8 +5,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from palpate import se2
 from palpate.errors import SettingError
+from palpate.geometry import se2
 from palpate.training.samples import Samples
 
 Indices = NDArray[np.int_]

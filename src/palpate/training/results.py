@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
+from palpate.geometry import se2
 from palpate.touch.model import KINDS, Spread
 from palpate.touch.relative import BACK
 from palpate.training.features import Features, PairModels, kind_of_pairs, told_by_pair

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import se2
 from palpate.errors import FileError
 from palpate.formats import load_recording
+from palpate.geometry import se2
+from palpate.geometry.polygon import sharp_corners
+from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.graph import factors
 from palpate.parallel import spread
-from palpate.polygon import sharp_corners
-from palpate.recording import Recording
-from palpate.sensor import SensorProfile
-from palpate.shapes import Disc, Ellipse, Shape
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import background_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.ellipse import ellipse_features

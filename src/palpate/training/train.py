@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from palpate.errors import FileError, SettingError
-from palpate.sensor import SensorProfile
+from palpate.recording.sensor import SensorProfile
 from palpate.touch.model import ModelSettings, TouchModel, write_model
 from palpate.training import figures
 from palpate.training.export import exported, restore

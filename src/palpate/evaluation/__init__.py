@@ -1,1 +1,0 @@
-"""How well a recording was tracked, and what a recording is worth."""

@@ -1,0 +1,167 @@
+"""Planar poses as arrays: x [m], y [m], theta [rad] along the last axis.
+
+Every function takes any leading axes and broadcasts them. `world_T_object` maps object coordinates to world
+coordinates. A tangent vector has the order x, y, theta and sits on the right: T exp(xi).
+
+Formulas: J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in robotics", 2018,
+example 3 and appendix C, written with the half angle h = theta / 2, which needs no series for exp and log:
+V(theta) = sin(h) / h R(h), and sin(h) / h is accurate for every h but zero.
+"""
+
+import math
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_TAU = 2.0 * math.pi
+_TINY = 1e-300
+_SERIES_BELOW = 0.1  # [rad]; here the series below are exact to rounding and the closed forms lose three digits
+
+
+@overload
+def wrap(angle: float) -> float: ...
+@overload
+def wrap(angle: Array) -> Array: ...
+def wrap(angle: Any) -> Any:
+    """Return the same angle [rad] in (-pi, pi], without rounding where the angle is already there."""
+    if isinstance(angle, float):
+        wrapped = math.remainder(angle, _TAU)
+        return math.pi if wrapped == -math.pi else wrapped
+    rest = np.fmod(np.asarray(angle, dtype=np.float64), _TAU)
+    return rest - _TAU * (rest > math.pi) + _TAU * (rest <= -math.pi)
+
+
+def compose(a: ArrayLike, b: ArrayLike) -> Array:
+    """Return a b: with a = world_T_object and b = object_T_sensor this is world_T_sensor."""
+    ax, ay, a_theta = _split(a)
+    bx, by, b_theta = _split(b)
+    cos, sin = np.cos(a_theta), np.sin(a_theta)
+    return _join(ax + cos * bx - sin * by, ay + sin * bx + cos * by, wrap(a_theta + b_theta))
+
+
+def inverse(a: ArrayLike) -> Array:
+    """Return a^-1."""
+    x, y, theta = _split(a)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return _join(-cos * x - sin * y, sin * x - cos * y, wrap(-theta))
+
+
+def between(a: ArrayLike, b: ArrayLike) -> Array:
+    """Return a^-1 b, the pose of b seen from a."""
+    ax, ay, a_theta = _split(a)
+    bx, by, b_theta = _split(b)
+    cos, sin = np.cos(a_theta), np.sin(a_theta)
+    x, y = bx - ax, by - ay
+    return _join(cos * x + sin * y, cos * y - sin * x, wrap(b_theta - a_theta))
+
+
+def transform(pose: ArrayLike, points: ArrayLike) -> Array:
+    """Return points (..., 2) [m], given in the frame of the pose, in its parent frame."""
+    x, y, theta = _split(pose)
+    px, py = _split(points)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return _join(x + cos * px - sin * py, y + sin * px + cos * py)
+
+
+def exp(xi: ArrayLike) -> Array:
+    """Return the pose reached by the constant body velocity xi in unit time."""
+    vx, vy, omega = _split(xi)
+    half = 0.5 * omega
+    sin = np.sin(half)
+    chord = _chord(half, sin)
+    a, b = chord * np.cos(half), chord * sin
+    return _join(a * vx - b * vy, b * vx + a * vy, wrap(omega))
+
+
+def log(pose: ArrayLike) -> Array:
+    """Return the tangent vector xi with exp(xi) = pose and its angle in (-pi, pi]."""
+    x, y, theta = _split(pose)
+    theta = wrap(theta)
+    half = 0.5 * theta
+    cot = _half_cot(half)
+    return _join(cot * x + half * y, cot * y - half * x, theta)
+
+
+def rotation(theta: ArrayLike) -> Array:
+    """Return the rotation matrices (..., 2, 2) by theta [rad]."""
+    cos, sin = np.cos(theta), np.sin(theta)
+    out = np.empty((*np.shape(theta), 2, 2))
+    out[..., 0, 0] = out[..., 1, 1] = cos
+    out[..., 0, 1] = -sin
+    out[..., 1, 0] = sin
+    return out
+
+
+def adjoint(pose: ArrayLike) -> Array:
+    """Return the matrices Ad (..., 3, 3) with T exp(xi) T^-1 = exp(Ad xi)."""
+    x, y, theta = _split(pose)
+    return _affine(np.cos(theta), np.sin(theta), y, -x)
+
+
+def right_jacobian_inverse(xi: ArrayLike) -> Array:
+    """Return J^-1 (..., 3, 3) with log(T exp(d)) = log(T) + J^-1 d to first order in d, at xi = log(T)."""
+    vx, vy, omega = _split(xi)
+    half = 0.5 * omega
+    cot = _half_cot(half)
+    square = half * half
+    series = half / 6.0 * (1.0 + square / 15.0 * (1.0 + square * (2.0 / 21.0) * (1.0 + square / 10.0)))
+    e = _choose(omega, series, (1.0 - cot) * omega / (omega * omega + _TINY))
+    return _affine(cot, half, e * vx + 0.5 * vy, e * vy - 0.5 * vx)
+
+
+def _split(array: ArrayLike) -> tuple[Any, ...]:
+    """Return the parts along the last axis; for one pose Python floats, on which arithmetic is far faster."""
+    array = np.asarray(array, dtype=np.float64)
+    if array.ndim == 1:
+        return tuple(array.tolist())
+    return tuple(array[..., i] for i in range(array.shape[-1]))
+
+
+def _join(*parts: Any) -> Array:
+    """Return the parts, all of one shape after broadcasting the first, along a new last axis."""
+    first = parts[0]
+    if isinstance(first, float):
+        return np.array(parts)
+    out = np.empty((*first.shape, len(parts)))
+    for i, part in enumerate(parts):
+        out[..., i] = part
+    return out
+
+
+def _affine(cos: Any, sin: Any, x: Any, y: Any) -> Array:
+    """Return the matrices [[cos, -sin, x], [sin, cos, y], [0, 0, 1]]."""
+    if isinstance(x, float):
+        return np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]])
+    out = np.zeros((*x.shape, 3, 3))
+    out[..., 0, 0] = out[..., 1, 1] = cos
+    out[..., 0, 1] = -sin
+    out[..., 1, 0] = sin
+    out[..., 0, 2] = x
+    out[..., 1, 2] = y
+    out[..., 2, 2] = 1.0
+    return out
+
+
+def _chord(half: Any, sin: Any) -> Any:
+    """Return sin(h) / h, which is the chord of an arc over its length."""
+    if isinstance(half, float):
+        return sin / half if half else 1.0
+    zero = half == 0.0
+    return (sin + zero) / (half + zero)
+
+
+def _half_cot(half: Any) -> Any:
+    """Return h / tan(h)."""
+    if isinstance(half, float):
+        return half / math.tan(half) if half else 1.0
+    zero = half == 0.0
+    return (half + zero) / (np.tan(half) + zero)
+
+
+def _choose(omega: Any, series: Any, closed: Any) -> Any:
+    if isinstance(omega, float):
+        return series if abs(omega) < _SERIES_BELOW else closed
+    return np.where(np.abs(omega) < _SERIES_BELOW, series, closed)

@@ -1,0 +1,265 @@
+"""Outlines of objects: disc, rectangle, ellipse and polygon, in the object frame, in metres.
+
+All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` and `friction_radius`.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import ShapeError
+from palpate.geometry import polygon
+
+Array = NDArray[np.float64]
+
+
+class _Outline(ABC):
+    """What all shapes share; all but polygons are made of sizes and lie about the origin."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, _size(value, f"{type(self).__name__.lower()} {name}"))
+
+    @property
+    def centroid(self) -> Array:
+        """Centroid of the area (2,) [m]."""
+        return np.zeros(2)
+
+    def friction_radius(self, pressure: str | float = "uniform") -> float:
+        """Return c [m], the ratio of largest friction torque to largest friction force on the support.
+
+        It is the mean distance from the centroid of the pressure: "uniform" over the area, "rim" (all along
+        the outline) or "corner" (equal loads at the corners, where there are any). A number [m] is c itself.
+        """
+        if not isinstance(pressure, str):
+            return _size(pressure, "friction radius")
+        known = self._mean_distances()
+        if pressure not in known:
+            allowed = ", ".join(f'"{name}"' for name in known)
+            name = type(self).__name__.lower()
+            raise ShapeError(f"pressure of a {name} is {pressure!r}; allowed: {allowed} or a radius [m]")
+        return known[pressure]
+
+    @abstractmethod
+    def _mean_distances(self) -> dict[str, float]:
+        """The friction radius [m] of each kind of pressure that the shape can have."""
+
+
+class _Cornered(_Outline):
+    """What rectangle and polygon share."""
+
+    @property
+    @abstractmethod
+    def corners(self) -> Array:
+        """Corners (N, 2) [m], counter-clockwise."""
+
+    def outline(self, count: int = 200) -> Array:
+        """Return about `count` points (N, 2) [m], counter-clockwise: the corners and points between them."""
+        return polygon.points_along(self.corners, count)
+
+    def _mean_distances(self) -> dict[str, float]:
+        return polygon.mean_distances(self.corners)
+
+
+@dataclass(frozen=True)
+class Disc(_Outline):
+    """A disc about the origin."""
+
+    radius: float
+    """Radius [m]."""
+
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return math.pi * self.radius**2
+
+    def outline(self, count: int = 200) -> Array:
+        """Return `count` points (count, 2) [m], counter-clockwise, equally spaced."""
+        angle = np.arange(polygon.checked_count(count)) * (2.0 * math.pi / count)
+        return self.radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
+        points = np.asarray(points, dtype=np.float64)
+        return np.hypot(points[..., 0], points[..., 1]) - self.radius
+
+    def _mean_distances(self) -> dict[str, float]:
+        return {"uniform": 2.0 / 3.0 * self.radius, "rim": self.radius}
+
+
+@dataclass(frozen=True)
+class Rectangle(_Cornered):
+    """A rectangle about the origin, its sides along the axes."""
+
+    size_x: float
+    """Full length along x [m]."""
+    size_y: float
+    """Full length along y [m]."""
+
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return self.size_x * self.size_y
+
+    @property
+    def corners(self) -> Array:
+        """Corners (4, 2) [m], counter-clockwise."""
+        return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (0.5 * self.size_x, 0.5 * self.size_y)
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
+        points = np.asarray(points, dtype=np.float64)
+        beyond_x = np.abs(points[..., 0]) - 0.5 * self.size_x
+        beyond_y = np.abs(points[..., 1]) - 0.5 * self.size_y
+        outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
+        return outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
+
+
+@dataclass(frozen=True)
+class Ellipse(_Outline):
+    """An ellipse about the origin, its axes along x and y."""
+
+    size_x: float
+    """Full axis along x [m]."""
+    size_y: float
+    """Full axis along y [m]."""
+
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return 0.25 * math.pi * self.size_x * self.size_y
+
+    def outline(self, count: int = 200) -> Array:
+        """Return `count` points (count, 2) [m] on the ellipse, counter-clockwise, evenly spaced along it."""
+        from scipy.special import ellipeinc
+
+        a, b = 0.5 * self.size_x, 0.5 * self.size_y
+        angle = np.linspace(0.0, 2.0 * math.pi, 32 * polygon.checked_count(count) + 1)
+        arc = ellipeinc(angle, 1.0 - (a / b) ** 2)  # arc length over b, for the point (a cos, b sin)
+        angle = np.interp(np.arange(count) * (arc[-1] / count), arc, angle)
+        return np.stack((a * np.cos(angle), b * np.sin(angle)), axis=-1)
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """Return the distance (...) [m] of points (..., 2) from the outline, negative inside.
+
+        Follows D. Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid", with
+        Newton steps: the function is convex and the start lies left of its root, so they cannot overshoot.
+        """
+        points = np.abs(np.asarray(points, dtype=np.float64))
+        flat = self.size_x >= self.size_y
+        long, short = (0.5 * self.size_x, 0.5 * self.size_y) if flat else (0.5 * self.size_y, 0.5 * self.size_x)
+        p = points[..., 0 if flat else 1] / short
+        # A point on the long axis may have two nearest points; a shift far below rounding picks one.
+        q = np.maximum(points[..., 1 if flat else 0] / short, 1e-20)
+        r = (long / short) ** 2
+        # The nearest point is (r p / (u + r - 1), q / u); u is 1 on the outline and smaller inside.
+        scaled = p * long / short
+        u = np.maximum(q, scaled - (r - 1.0))
+        for _ in range(100):
+            s, t = scaled / (u + (r - 1.0)), q / u
+            step = 0.5 * (s * s + t * t - 1.0) / (s * s / (u + (r - 1.0)) + t * t / u)
+            u = u + step
+            if np.all(np.abs(step) <= 1e-15 * u):
+                break
+        return short * (u - 1.0) * np.hypot(p / (u + (r - 1.0)), q / u)
+
+    def _mean_distances(self) -> dict[str, float]:
+        from scipy.integrate import quad
+        from scipy.special import ellipe
+
+        a, b = 0.5 * self.size_x, 0.5 * self.size_y
+        quarter = b * float(ellipe(1.0 - (a / b) ** 2))
+        m = b / a
+
+        def moment(t: float) -> float:
+            return math.hypot(math.cos(t), m * math.sin(t)) * math.hypot(math.sin(t), m * math.cos(t))
+
+        rim = a**2 * quad(moment, 0.0, 0.5 * math.pi, epsabs=0.0, epsrel=1e-9)[0] / quarter
+        # Stretched to the unit disc, the mean over the area becomes perimeter / (3 pi).
+        return {"uniform": 4.0 * quarter / (3.0 * math.pi), "rim": rim}
+
+
+@dataclass(frozen=True, init=False)
+class Polygon(_Cornered):
+    """A simple polygon, convex or not, where the object frame puts it."""
+
+    vertices: tuple[tuple[float, float], ...]
+    """Corners (x, y) [m], counter-clockwise, the first not repeated at the end."""
+
+    def __init__(self, vertices: ArrayLike) -> None:
+        """Take corners (N, 2) [m] in either order, closed or not; raise ShapeError if they are no outline."""
+        object.__setattr__(self, "vertices", polygon.checked_vertices(vertices))
+
+    @property
+    def corners(self) -> Array:
+        """Corners (N, 2) [m], counter-clockwise."""
+        return np.array(self.vertices)
+
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return polygon.area_and_centroid(self.corners)[0]
+
+    @property
+    def centroid(self) -> Array:
+        """Centroid of the area (2,) [m]."""
+        return polygon.area_and_centroid(self.corners)[1]
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
+        points = np.asarray(points, dtype=np.float64)
+        x, y = points[..., 0], points[..., 1]
+        square = np.full(x.shape, np.inf)
+        inside = np.zeros(x.shape, dtype=bool)
+        # Edge by edge: memory stays that of the points, which may be a fine grid.
+        for (ax, ay), (bx, by) in zip(self.vertices, self.vertices[1:] + self.vertices[:1], strict=True):
+            ex, ey = bx - ax, by - ay
+            along = np.clip(((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey), 0.0, 1.0)
+            square = np.minimum(square, (x - ax - along * ex) ** 2 + (y - ay - along * ey) ** 2)
+            left = (x - ax) * ey < (y - ay) * ex
+            inside ^= ((ay > y) != (by > y)) & (left == (ey > 0.0))
+        return np.where(inside, -1.0, 1.0) * np.sqrt(square)
+
+
+Shape = Disc | Rectangle | Ellipse | Polygon
+_SHAPES: dict[str, type[Shape]] = {
+    "disc": Disc,
+    "rectangle": Rectangle,
+    "ellipse": Ellipse,
+    "polygon": Polygon,
+}
+
+
+def shape_to_dict(shape: Shape) -> dict[str, Any]:
+    """Return the shape as plain data for JSON, for example {"type": "disc", "radius": 0.088}."""
+    data = asdict(shape)
+    if isinstance(shape, Polygon):
+        data["vertices"] = [list(vertex) for vertex in shape.vertices]
+    return {"type": type(shape).__name__.lower(), **data}
+
+
+def shape_from_dict(data: Mapping[str, Any]) -> Shape:
+    """Return the shape that `shape_to_dict` wrote; raise ShapeError on a wrong type or field."""
+    if not isinstance(data, Mapping):
+        raise ShapeError(f"a shape must be an object with fields, not {data!r}")
+    values = dict(data)
+    name = values.pop("type", None)
+    if not isinstance(name, str) or name not in _SHAPES:
+        raise ShapeError(f"shape type is {name!r}; allowed: {', '.join(_SHAPES)}")
+    kind = _SHAPES[name]
+    needed = {field.name for field in fields(kind)}
+    if values.keys() != needed:
+        raise ShapeError(f"a {name} has the fields {sorted(needed)}, not {sorted(values)}")
+    return kind(**values)
+
+
+def _size(value: Any, what: str) -> float:
+    if not isinstance(value, Real) or isinstance(value, bool) or not 0.0 < float(value) < math.inf:
+        raise ShapeError(f"{what} is {value!r}; it must be a finite length above 0 [m]")
+    return float(value)

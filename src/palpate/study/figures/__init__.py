@@ -1,0 +1,34 @@
+"""The figures of a study, from its trials."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from palpate.study.figures import final_errors, over_time
+from palpate.study.figures.samples import Samples
+from palpate.study.figures.sheet import Key, Sheet, Tile, render
+from palpate.study.figures.step_time import step_time_sheet
+from palpate.study.figures.trajectories import trajectory_sheet
+from palpate.study.trial import Trial
+
+__all__ = ["Key", "Sheet", "Tile", "render", "study_sheets"]
+
+
+def study_sheets(trials: Sequence[Trial], results: Mapping[str, Any]) -> list[Sheet]:
+    """The figures of trials, those that their data allow; `results` is the content of `results.json`."""
+    if not trials:
+        return []
+    samples = Samples(trials)
+    sheets = [
+        over_time.translation_sheet(samples),
+        over_time.rotation_sheet(samples),
+        final_errors.box_sheet(trials, final_errors.TRANSLATION),
+        final_errors.box_sheet(trials, final_errors.ROTATION),
+        step_time_sheet(trials),
+        trajectory_sheet(trials, results.get("recordings", {})),
+        over_time.nees_sheet(samples),
+        over_time.coverage_sheet(samples),
+        *over_time.sigma_sheets(samples),
+        final_errors.slid_sheet(trials),
+        *(final_errors.against_sheets(trials, results["against"]) if results.get("against") else ()),
+    ]
+    return [sheet for sheet in sheets if sheet]

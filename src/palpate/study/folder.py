@@ -1,0 +1,125 @@
+"""The folder of a study while it grows: every trial that is done, and what they were made with, so that it can go on.
+
+study.json                      settings, and the recordings that were read
+trials/METHOD/RECORDING.npz     see `evaluation.trial`
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import palpate
+from palpate.errors import FileError, SettingError
+from palpate.files import read_json, whole_file
+from palpate.study.job import Job, Outcome, StudySettings
+from palpate.study.trial import Method, Trial, read_trial, write_trial
+from palpate.touch.model import TouchModel
+
+FORMAT, VERSION = "palpate-study", 1
+
+
+class StudyFolder:
+    """The folder of a study; all files in it are whole at any time."""
+
+    def __init__(self, path: Path, settings: StudySettings, model: TouchModel, resume: bool = False) -> None:
+        """Open a new folder or, with `resume`, one with trials that were made with the same settings.
+
+        Raises FileError where that is not possible, SettingError where they were made with others.
+        """
+        self.path = path
+        made_with = {
+            "palpate": palpate.__version__,
+            "noise": asdict(settings.noise),
+            "pressure": settings.pressure,
+            "first_pose": settings.first_pose,
+            "model": model.hash,
+        }
+        self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
+        self._recordings: dict[str, dict[str, Any]] = {}
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            if any(path.iterdir()):
+                self._go_on(resume)
+        except OSError as error:
+            raise FileError(f"{path}: cannot be the folder of a study ({error.strerror})") from error
+
+    def kept(self, job: Job) -> dict[Method, Trial]:
+        """Return the trials of a job that are there already; SettingError if its recording has changed since."""
+        if job.name not in self._recordings:
+            return {}
+        if self._recordings[job.name]["file"] != _signature(job.path):
+            raise SettingError(f"{job.path}: has changed since it was tracked for {self.path}; take another folder")
+        found: dict[Method, Trial] = {}
+        for method in job.methods:
+            path = self._trial(job.name, method)
+            if path.exists():
+                try:
+                    found[method] = read_trial(path)
+                except FileError:  # cut off by a broken copy or a failed disk
+                    continue
+        return found
+
+    def add(self, outcome: Outcome) -> None:
+        """Write what became of a job. Raises FileError."""
+        if outcome.facts is not None:  # these first, for without them nobody knows what trials were made from
+            self._recordings[outcome.job.name] = {"file": _signature(outcome.job.path), "facts": outcome.facts}
+            self._write()
+        for trial in outcome.trials:
+            write_trial(trial, self._trial(trial.recording, trial.method))
+
+    def facts(self, name: str) -> dict[str, Any] | None:
+        """Return what is known of a recording; see `study_job.Outcome`."""
+        found = self._recordings.get(name)
+        return None if found is None else found["facts"]
+
+    def _trial(self, name: str, method: Method) -> Path:
+        return self.path / "trials" / str(method).replace(", ", "+") / f"{name}.npz"
+
+    def _go_on(self, resume: bool) -> None:
+        if not resume:
+            raise FileError(f"{self.path}: is not empty; --resume goes on with a study, --out names another folder")
+        earlier = read_study(self.path)
+        if different := next(_differences(earlier["made_with"], self._made_with), None):
+            raise SettingError(f"{self.path}: was made with other settings ({different}); take another folder")
+        self._recordings = earlier["recordings"]
+        for part in self.path.rglob(".*.part"):  # of a process that was killed in the middle of writing
+            part.unlink(missing_ok=True)
+
+    def _write(self) -> None:
+        content = {"format": FORMAT, "version": VERSION, "made_with": self._made_with, "recordings": self._recordings}
+        try:
+            with whole_file(self.path / "study.json", overwrite=True) as part:
+                part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise FileError(f"{self.path}: cannot be written ({error.strerror})") from error
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """Return the content of `study.json`; FileError where the folder is no study's."""
+    path = folder / "study.json"
+    if not path.is_file():
+        raise FileError(f"{folder}: is not the folder of a study: there is no study.json in it")
+    found = read_json(path)
+    if found.get("format") != FORMAT or found.get("version") != VERSION:
+        said = f"{found.get('format')!r} of version {found.get('version')!r}"
+        raise FileError(f"{path}: format is {said}, expected {FORMAT!r} of version {VERSION}")
+    if not all(isinstance(found.get(name), dict) for name in ("made_with", "recordings")):
+        raise FileError(f"{path}: lacks made_with or recordings; it is damaged")
+    return found
+
+
+def _signature(path: Path) -> list[int]:
+    """What changes when the file does: its size [bytes] and when it was written [ns]."""
+    stat = path.stat()
+    return [stat.st_size, stat.st_mtime_ns]
+
+
+def _differences(old: dict[str, Any], new: dict[str, Any], within: str = "") -> Iterator[str]:
+    for key in {**new, **old}:
+        before, after = old.get(key), new.get(key)
+        if isinstance(before, dict) and isinstance(after, dict):
+            yield from _differences(before, after, f"{key} ")
+        elif before != after:
+            yield f"{within}{key} was {before!r}, is {after!r}"

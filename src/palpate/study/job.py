@@ -1,0 +1,184 @@
+"""One recording of a study, tracked in every way that is asked for."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import FileError, PalpateError, SettingError, ShapeError
+from palpate.formats import load_recording
+from palpate.geometry.shapes import shape_to_dict
+from palpate.graph.noise import GraphNoise
+from palpate.graph.smoother import SmootherName
+from palpate.recording.recording import Recording
+from palpate.study.files import group_of
+from palpate.study.trial import Method, Trial
+from palpate.touch.model import TouchModel
+from palpate.touch.modes import Tactile
+from palpate.tracker import TrackerSettings
+from palpate.tracking.findings import trusted_truth
+from palpate.tracking.run import Run, track
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """How to track the recordings of a study."""
+
+    methods: tuple[Method, ...]
+    """Ways to track, in the order of tables."""
+    noise: GraphNoise = GraphNoise()
+    """Standard deviations of the factors."""
+    pressure: str | float = "uniform"
+    """How the objects press on the table, or c [m]."""
+    first_pose: tuple[float, float, float] | None = None
+    """world_T_object [m, m, rad] at the start of recordings without ground truth; None leaves them out."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A recording to track."""
+
+    name: str
+    """Its file, as seen from the folder of the study."""
+    path: Path
+    """Its file."""
+    methods: tuple[Method, ...]
+    """Ways in which to track it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job."""
+
+    job: Job
+    """What was to be done."""
+    facts: dict[str, Any] | None = None
+    """Of the recording: group, shape, source, frames, seconds, images, truth; None where it cannot be read."""
+    trials: tuple[Trial, ...] = ()
+    """Those that went to the end."""
+    skipped: dict[Method, str] = field(default_factory=dict)
+    """Why the recording cannot be tracked in this way."""
+    failed: dict[Method, str] = field(default_factory=dict)
+    """Why tracking did not go to the end."""
+    broken: str | None = None
+    """Why the recording cannot be read."""
+
+
+def do_job(job: Job, settings: StudySettings, model: TouchModel) -> Outcome:
+    """Track one recording in its ways; what goes wrong is told and not raised, so that the study goes on."""
+    try:
+        recording = load_recording(job.path)
+    except Exception as error:
+        return Outcome(job, broken=_said(error, job))
+    known = bool(trusted_truth(recording).any())
+    trials: list[Trial] = []
+    skipped: dict[Method, str] = {}
+    failed: dict[Method, str] = {}
+    for method in job.methods:
+        tactile, smoother = cast(Tactile, method.tactile), cast(SmootherName, method.smoother)
+        how = TrackerSettings(tactile, smoother, settings.noise, settings.pressure)
+        try:
+            with _quiet():
+                run = track(recording, how, None if known else settings.first_pose, model=model)
+        except FileError as error:  # an image in the middle of it
+            return Outcome(job, broken=_said(error, job))
+        except (SettingError, ShapeError) as error:
+            skipped[method] = _said(error, job)
+        except Exception as error:
+            failed[method] = _said(error, job)
+        else:
+            trials.append(trial_of(run, job.name, method))
+    facts = {
+        "group": group_of(job.name),
+        "shape": shape_to_dict(recording.shape),
+        "source": recording.source,
+        "frames": len(recording),
+        "seconds": float(recording.time[-1] - recording.time[0]),
+        "images": recording.image is not None,
+        "truth": known,
+    }
+    return Outcome(job, facts, tuple(trials), skipped, failed)
+
+
+def trial_of(run: Run, name: str, method: Method) -> Trial:
+    """Return what a study keeps of a run.
+
+    Its summary is the run's and, of the frames with ground truth, `inside_95`: share of poses in the 95 % region from
+    the first contact on; `final_inside_95`: whether the last one is; `slid_mm`: way that contacts slid in all.
+    """
+    recording, truth = run.recording, run.truth
+    way = slid(recording)
+    assert run.online.covariance is not None and run.online.contact is not None
+    trial = Trial(
+        recording=name,
+        group=group_of(name),
+        method=method,
+        time=run.online.time,
+        truth=np.full((len(recording), 3), np.nan) if truth is None else truth,
+        pose=run.online.pose,
+        covariance=run.online.covariance,
+        contact=run.online.contact,
+        sensor_pose=recording.sensor_pose,
+        slid=way,
+        step_ms=run.step_ms,
+        summary=run.summary,
+    )
+    inside = inside_95(since_contact(trial))
+    more = {
+        "inside_95": float(np.mean(inside)) if len(inside) else None,
+        "final_inside_95": bool(inside[-1]) if len(inside) else None,
+        "slid_mm": float(way[-1]) * 1e3 if np.isfinite(way[-1]) else None,
+    }
+    return replace(trial, summary={**run.summary, **more})
+
+
+def slid(recording: Recording) -> Array:
+    """Return the way (N,) [m] that contacts have slid along the sensor up to each frame, back and forth both counted.
+
+    It comes from the simulation's slip [m/s]; NaN where that is not known.
+    """
+    slip = recording.extra.get("slip")
+    if slip is None or slip.shape != recording.time.shape or recording.contact is None:
+        return np.full(len(recording), np.nan)
+    interval = np.diff(recording.time, prepend=recording.time[0])
+    return np.cumsum(np.where(recording.contact, np.abs(slip) * interval, 0.0))
+
+
+def since_contact(trial: Trial) -> Array:
+    """Return the NEES (M,) of all frames with truth from the first contact on; before it the pose is as good as given.
+
+    Those that never touch have none.
+    """
+    found = trial.nees[np.maximum.accumulate(trial.contact)]
+    return found[np.isfinite(found)]
+
+
+def inside_95(nees: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether each true pose is in the 95 % region of its estimate, from the NEES (N,)."""
+    from scipy.special import chdtri  # as scipy.stats.chi2.isf, without the second that importing that takes
+
+    return np.asarray(nees) < chdtri(3, 0.05)
+
+
+def _said(error: Exception, job: Job) -> str:
+    """What an error says, on one line, without the name of the file."""
+    words = " ".join(str(error).split()).removeprefix(f"{job.path}: ")
+    return words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep warnings of the tracker back: its statuses, which the summary counts, say the same."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)

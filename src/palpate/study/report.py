@@ -1,0 +1,141 @@
+"""The report of a study: its figures, and one page that holds them, to be opened anywhere."""
+
+import base64
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.errors import FileError
+from palpate.files import whole_file
+from palpate.study.comparison import MM_PER_DEG, SAME_DEG, SAME_MM
+from palpate.study.figures import Key, Sheet, render, study_sheets
+from palpate.study.figures.methods import groups_of, main_method, methods_of
+from palpate.study.results import ALL
+from palpate.study.trial import Trial
+
+TEMPLATE = Path(__file__).with_name("report.html.j2")
+_SOURCES = 3
+"""Kinds of sources of a group that are shown."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture on the page."""
+
+    alt: str
+    """What it shows."""
+    data: str
+    """A PNG as a data URI."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure on the page."""
+
+    name: str
+    """Of its file in figures/, without the ending."""
+    title: str
+    """What it is about."""
+    caption: str
+    """What to see in it."""
+    legend: tuple[Key, ...]
+    """What lines and dots stand for."""
+    pictures: tuple[Picture, ...]
+    """One beside the other as there is room."""
+    small: bool
+    """Whether four pictures fit beside each other on a wide page, not three."""
+
+
+def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial]) -> None:
+    """Write figures/*.png and report.html to a folder; FileError where that is not possible.
+
+    `results` is the content of `results.json`. The page needs no other file.
+    """
+    try:
+        (folder / "figures").mkdir(parents=True, exist_ok=True)
+        figures = [_figure(sheet, folder / "figures") for sheet in study_sheets(trials, results)]
+        with whole_file(folder / "report.html", overwrite=True) as part:
+            part.write_text(_page(results, trials, figures), encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{error.filename or folder}: cannot be written ({error.strerror})") from error
+
+
+def _figure(sheet: Sheet, folder: Path) -> Figure:
+    whole, pictures = render(sheet)
+    with whole_file(folder / f"{sheet.name}.png", overwrite=True) as part:
+        part.write_bytes(whole)
+    shown = tuple(
+        Picture(tile.alt, f"data:image/png;base64,{base64.b64encode(picture).decode()}")
+        for tile, picture in zip(sheet.tiles, pictures, strict=True)
+    )
+    return Figure(sheet.name, sheet.title, sheet.caption, sheet.legend, shown, sheet.width < 4.0)
+
+
+def _page(results: Mapping[str, Any], trials: Sequence[Trial], figures: Sequence[Figure]) -> str:
+    import jinja2
+
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters |= {"fixed": _fixed, "percent": _percent, "plain": _plain}
+    methods = methods_of(trials)
+    table = results["table"]
+    groups = [group for group in groups_of(trials) if group in table]
+    return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+        **{"against": None, **results, "settings": dict(_flat(results["settings"]))},
+        same=(SAME_MM, SAME_DEG, MM_PER_DEG),
+        all=ALL,
+        groups=[ALL, *groups] if len(groups) > 1 else groups,
+        methods=[str(method) for method in methods],
+        main=str(main_method(methods)) if methods else None,
+        figures=figures,
+        origins=_origins(results["recordings"]),
+    )
+
+
+def _origins(recordings: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """What the recordings of each group say about where they come from."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for facts in recordings.values():
+        groups.setdefault(facts["group"], []).append(facts)
+    found = []
+    for group, members in sorted(groups.items()):
+        # Sources that differ in numbers only, such as the seed, are of one kind.
+        kinds = {re.sub(r"\d+", "0", facts["source"]): facts["source"] for facts in reversed(members)}
+        sources = list(kinds.values())[::-1]
+        found.append(
+            {
+                "group": group,
+                "recordings": len(members),
+                "minutes": sum(facts["seconds"] for facts in members) / 60.0,
+                "images": sum(facts["images"] for facts in members),
+                "truth": sum(facts["truth"] for facts in members),
+                "sources": sources[:_SOURCES],
+                "more": len(sources) - _SOURCES if len(sources) > _SOURCES else 0,
+            }
+        )
+    return found
+
+
+def _fixed(value: float | None, digits: int = 1) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.0f} %"
+
+
+def _plain(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Settings within settings as `noise.contact`."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value

@@ -1,0 +1,278 @@
+"""What can be wrong with a recording, each kind found by a function of its own.
+
+Limits follow from physics and from how well robot and motion capture agree in undisturbed real runs.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.geometry import se2
+from palpate.recording import derived
+from palpate.recording.recording import Recording
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Kind = Literal[
+    "time gap",
+    "rate",
+    "drop-out",
+    "jump",
+    "knock",
+    "untouched motion",
+    "contact lost",
+    "overlap",
+    "stand-off",
+    "image",
+]
+
+GAP = 3.0
+"""Median intervals after which frames are missing rather than late."""
+RATE = 0.05
+"""Share by which the median rate may differ from the sensor profile's."""
+EDGE = 0.2
+"""[s] at either end of a recording where unknown truth breaks nothing: systems do not start and stop
+together."""
+MERGE = 0.2
+"""[s] between two findings of a kind below which they are one: as long as a hand acts or a marker
+flickers."""
+FASTER = 2.0
+"""Times the sensor's motion from which on a push does not explain the object's. A quasi-static push by a
+force at distance d from the centre moves no point faster than (R d + c^2) / (d^2 + c^2) times the contact,
+where R is the farthest point of the outline and c the friction radius. Its largest value over d, (1 + sqrt(1
++ (R/c)^2)) / 2, is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
+NOISE = 1e-3
+"""[m] more than that in one interval count as motion; a camera makes less than 0.9 mm of an object at
+rest."""
+MOVED = 3e-3
+"""[m] Motion without cause that something else must have made: twice the 1.4 mm by which robot and motion
+capture disagree in undisturbed runs."""
+LOST = 1.0
+"""[s] An untouched stretch that is shorter, and in which the sensor goes on forwards, is within a push."""
+RETREAT = 1e-3
+"""[m] Motion against the sensor's x axis that counts as letting go."""
+MISFIT = 2e-3
+"""[m] Gap or overlap in contact that is worth a word: undisturbed runs keep within 1.4 mm."""
+MISFIT_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a recording."""
+
+    kind: Kind
+    start: float
+    """Time of the first frame that shows it [s]."""
+    end: float
+    """Time of the last one [s]."""
+    sentence: str
+    """What it is, for people."""
+    breaks: bool = False
+    """Whether motion capture or contact is broken by it."""
+
+
+def trusted_truth(recording: Recording) -> Flags:
+    """The frames (N,) whose ground truth is known and does not jump away and back."""
+    if recording.object_pose is None:
+        return np.zeros(len(recording), np.bool_)
+    return np.isfinite(recording.object_pose[:, 0]) & ~derived.spikes(recording.object_pose)
+
+
+def contact_runs(recording: Recording) -> list[tuple[int, int]]:
+    """First and last frame of each unbroken contact; one also ends where the episode number changes."""
+    if recording.contact is None:
+        return []
+    number = np.zeros(len(recording), np.int64) if recording.episode is None else recording.episode
+    change = np.append(True, (np.diff(recording.contact) != 0) | (np.diff(number) != 0))
+    first = np.flatnonzero(change)
+    last = np.append(first[1:], len(recording)) - 1
+    return [(int(a), int(b)) for a, b in zip(first, last, strict=True) if recording.contact[a]]
+
+
+def find_all(recording: Recording) -> list[Finding]:
+    """Everything that is wrong with a recording, in order of time."""
+    searches = (
+        _rate,
+        _time_gaps,
+        _images,
+        _drop_outs,
+        _jumps,
+        _knocks,
+        _untouched_motion,
+        _contact_lost,
+        _misfits,
+    )
+    found = [finding for search in searches for finding in search(recording)]
+    return sorted(found, key=lambda finding: (finding.start, finding.end))
+
+
+def _rate(recording: Recording) -> Iterator[Finding]:
+    if len(recording) < 3:
+        return
+    rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
+    if abs(rate / wanted - 1.0) > RATE:
+        sentence = f"frames come at {rate:.1f} Hz, the sensor profile says {wanted:.1f} Hz"
+        yield _finding(recording, "rate", 0, -1, sentence)
+
+
+def _time_gaps(recording: Recording) -> Iterator[Finding]:
+    step = np.diff(recording.time)
+    touching = {frame for first, last in contact_runs(recording) for frame in range(first, last)}
+    for frame in time_gaps(recording.time).tolist():
+        held = frame in touching
+        sentence = f"no frames for {step[frame]:.2f} s" + (" during contact" if held else "")
+        yield _finding(recording, "time gap", frame, frame + 1, sentence, breaks=held)
+
+
+def _images(recording: Recording) -> Iterator[Finding]:
+    for frame in range(len(recording)) if recording.image is not None else ():
+        try:
+            recording[frame]
+        except FileError as error:
+            yield _finding(recording, "image", frame, frame, str(error))
+
+
+def _drop_outs(recording: Recording) -> Iterator[Finding]:
+    time, truth = recording.time, recording.object_pose
+    if truth is None or np.isnan(truth).all():
+        return
+    unknown = np.isnan(truth[:, 0])
+    for first, last in _merged(time, flag_runs(unknown)):
+        count = int(unknown[first : last + 1].sum())
+        frames = "1 frame" if count == 1 else f"{count} frames within {_seconds(recording, first, last)}"
+        sentence = f"ground truth is unknown in {frames}"
+        inner = time[last] > time[0] + EDGE and time[first] < time[-1] - EDGE
+        yield _finding(recording, "drop-out", first, last, sentence, breaks=inner)
+
+
+def _jumps(recording: Recording) -> Iterator[Finding]:
+    """Poses that are away and back; a jump that stays is found with the knocks."""
+    if recording.object_pose is None:
+        return
+    for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
+        sentence = "ground truth jumps away and back; these frames are not scored"
+        yield _finding(recording, "jump", first, last, sentence, breaks=True)
+
+
+def _knocks(recording: Recording) -> Iterator[Finding]:
+    """Motion in contact that pushing does not explain.
+
+    A hand takes several frames to move an object: that is a knock. All of it between two neighbouring frames
+    is a jump of the motion capture.
+    """
+    if recording.contact is None or recording.object_pose is None:
+        return
+    known = np.flatnonzero(trusted_truth(recording))
+    if len(known) < 2:
+        return
+    touched = recording.contact[known][:-1] | recording.contact[known][1:]
+    motion = _step_lengths(recording.object_pose[known], recording.shape.outline(40))
+    tips = np.array(recording.sensor.tips)
+    path = np.append(0.0, np.cumsum(_step_lengths(recording.sensor_pose, tips)))
+    excess = motion - FASTER * np.diff(path[known])
+    fast = touched & (excess > NOISE)
+    starts = recording.time[known[:-1]]
+    for first, last in _merged(starts, flag_runs(fast)):
+        if excess[first : last + 1][fast[first : last + 1]].sum() < MOVED:
+            continue
+        before, after = int(known[first]), int(known[last + 1])
+        moved = _motion(recording.object_pose[before], recording.object_pose[after])
+        pushed = f"while the sensor moves {(path[after] - path[before]) * 1e3:.1f} mm"
+        if after == before + 1:
+            sentence = f"ground truth jumps by {moved} between two frames {pushed}"
+            yield _finding(recording, "jump", before, after, sentence, breaks=True)
+        else:
+            seconds = _seconds(recording, before, after)
+            sentence = f"something else moves the object: by {moved} in {seconds} {pushed}"
+            yield _finding(recording, "knock", before, after, sentence)
+
+
+def _untouched_motion(recording: Recording) -> Iterator[Finding]:
+    if recording.contact is None or recording.object_pose is None:
+        return
+    trusted, outline = trusted_truth(recording), recording.shape.outline(40)
+    for first, last in flag_runs(~recording.contact):
+        known = first + np.flatnonzero(trusted[first : last + 1])
+        if not len(known):
+            continue
+        points = se2.transform(recording.object_pose[known][:, None], outline)
+        away = np.linalg.norm(points - points[0], axis=-1).max(axis=-1)
+        if away.max() > MOVED:
+            moved = _motion(recording.object_pose[known[0]], recording.object_pose[known[np.argmax(away)]])
+            sentence = f"the object moves by {moved} while nothing touches it"
+            yield _finding(recording, "untouched motion", first, last, sentence, breaks=True)
+
+
+def _contact_lost(recording: Recording) -> Iterator[Finding]:
+    number = recording.episode
+    for (_, lost), (found, _) in pairwise(contact_runs(recording)):
+        if found == lost + 1 or (number is not None and number[lost] != number[found]):
+            continue
+        seconds = recording.time[found] - recording.time[lost]
+        ahead = se2.between(recording.sensor_pose[lost], recording.sensor_pose[lost : found + 1])[:, 0]
+        if seconds < LOST and ahead.min() > -RETREAT:
+            sentence = f"contact is lost for {seconds:.2f} s in a push, the sensor does not retreat"
+            yield _finding(recording, "contact lost", lost, found, sentence, breaks=True)
+
+
+def _misfits(recording: Recording) -> Iterator[Finding]:
+    if recording.contact is None or recording.object_pose is None:
+        return
+    gap = derived.gaps(recording.sensor_pose, recording.object_pose, recording.shape, recording.sensor)
+    gap[~(trusted_truth(recording) & recording.contact)] = np.nan
+    kinds: tuple[tuple[Kind, str, Flags], ...] = (
+        ("overlap", "the sensor overlaps the true outline by up to", gap < -MISFIT),
+        ("stand-off", "the sensor touches but stands off the true outline by up to", gap > MISFIT),
+    )
+    for kind, words, wrong in kinds:
+        for first, last in _merged(recording.time, flag_runs(wrong)):
+            inside = wrong[first : last + 1]
+            if inside.sum() >= MISFIT_FRAMES:
+                worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
+                yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
+
+
+def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
+    return Finding(kind, float(recording.time[first]), float(recording.time[last]), sentence, breaks)
+
+
+def time_gaps(time: Array) -> NDArray[np.intp]:
+    """The frames after which others are missing, from times (N,) [s]."""
+    step = np.diff(time)
+    return np.flatnonzero(step > GAP * np.median(step)) if len(step) else np.empty(0, np.intp)
+
+
+def flag_runs(flags: Flags) -> list[tuple[int, int]]:
+    """First and last index of each run of true flags (N,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
+    return [(int(start), int(end) - 1) for start, end in edges.reshape(-1, 2)]
+
+
+def _merged(time: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The runs, those less than MERGE apart as one."""
+    merged: list[tuple[int, int]] = []
+    for first, last in runs:
+        if merged and time[first] - time[merged[-1][1]] < MERGE:
+            first = merged.pop()[0]
+        merged.append((first, last))
+    return merged
+
+
+def _step_lengths(pose: Array, points: Array) -> Array:
+    """The farthest (N-1,) [m] that any of points (P, 2) [m] on a body of poses (N, 3) moves in each step."""
+    steps = np.diff(se2.transform(pose[:, None], points), axis=0)
+    return np.linalg.norm(steps, axis=-1).max(axis=-1)
+
+
+def _motion(before: Array, after: Array) -> str:
+    x, y, theta = se2.between(before, after)
+    return f"{np.hypot(x, y) * 1e3:.1f} mm and {abs(np.degrees(theta)):.1f} degrees"
+
+
+def _seconds(recording: Recording, first: int, last: int) -> str:
+    return f"{recording.time[last] - recording.time[first]:.2f} s"

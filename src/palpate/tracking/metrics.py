@@ -1,0 +1,100 @@
+"""Figures of merit of a tracked trajectory. Frames without trusted truth are NaN and left out."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.geometry import se2
+from palpate.recording.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
+
+
+def translation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
+    """Distances (N,) [m] between estimated and true poses (N, 3)."""
+    difference = np.asarray(pose)[..., :2] - np.asarray(truth)[..., :2]
+    return np.hypot(difference[..., 0], difference[..., 1])
+
+
+def rotation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
+    """Signed angles (N,) [rad] from true to estimated poses (N, 3), in (-pi, pi]."""
+    return se2.wrap(np.asarray(pose, dtype=np.float64)[..., 2] - np.asarray(truth)[..., 2])
+
+
+def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
+    """Normalised estimation error squared (N,): d^T covariance^-1 d with d = log(estimate^-1 truth).
+
+    The covariance (N, 3, 3) is that of the right tangent space at the estimate, as d is. The mean over
+    independent frames is 3 if the covariance is right. NaN where the covariance is singular.
+    """
+    d = se2.log(se2.between(pose, truth))
+    covariance = np.asarray(covariance, dtype=np.float64)
+    usable = np.isfinite(d).all(axis=-1) & (np.linalg.det(covariance) > 0.0)
+    found = np.full(len(d), np.nan)
+    d = d[usable]
+    found[usable] = np.einsum("ni,ni->n", d, np.linalg.solve(covariance[usable], d[..., None])[..., 0])
+    return found
+
+
+def rms(errors: ArrayLike) -> float | None:
+    """Root mean square of errors (N,), NaN left out; None if there are none."""
+    return None if (known := _known(errors)) is None else float(np.sqrt(np.mean(known**2)))
+
+
+def percentiles(values: ArrayLike) -> dict[str, float]:
+    """The 50th, 95th and 99th percentile and the largest of values (N,)."""
+    values = np.asarray(values, dtype=np.float64)
+    return {name: float(np.percentile(values, share)) for name, share in PERCENTILES.items()}
+
+
+def summarise(
+    trajectory: Trajectory,
+    truth: Array | None,
+    step_ms: ArrayLike,
+    *,
+    tactile: str,
+    smoother: str,
+    wall_s: float,
+    episodes: int,
+) -> dict[str, Any]:
+    """Return the content of `summary.json`.
+
+    `truth` (N, 3) is NaN where it is not known or not trusted. Final errors are those of the last frame with
+    truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None.
+    """
+    if truth is None:
+        truth = np.full((len(trajectory), 3), np.nan)
+    translation = translation_errors(trajectory.pose, truth) * 1e3
+    rotation = np.degrees(rotation_errors(trajectory.pose, truth))
+    scored = np.flatnonzero(np.isfinite(translation))
+    last = int(scored[-1]) if len(scored) else None
+    consistency = None
+    if trajectory.covariance is not None:
+        consistency = _known(nees(trajectory.pose, trajectory.covariance, truth))
+    return {
+        "frames": len(trajectory),
+        "contact_frames": 0 if trajectory.contact is None else int(np.sum(trajectory.contact)),
+        "episodes": episodes,
+        "tactile": tactile,
+        "smoother": smoother,
+        "wall_s": float(wall_s),
+        "step_ms": percentiles(step_ms),
+        "translation_rmse_mm": rms(translation),
+        "rotation_rmse_deg": rms(rotation),
+        "final_translation_error_mm": None if last is None else float(translation[last]),
+        "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
+        "nees_mean": None if consistency is None else float(np.mean(consistency)),
+        "statuses": dict(Counter(trajectory.status or ())),
+        "scored_frames": len(scored),
+        "final_scored_time_s": None if last is None else float(trajectory.time[last]),
+    }
+
+
+def _known(values: ArrayLike) -> Array | None:
+    values = np.asarray(values, dtype=np.float64)
+    known = values[np.isfinite(values)]
+    return known if len(known) else None

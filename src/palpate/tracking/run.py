@@ -1,0 +1,130 @@
+"""Tracking a whole recording."""
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import SettingError
+from palpate.recording.recording import Recording
+from palpate.recording.trajectory import Trajectory
+from palpate.touch.background import Background
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.tracker import Estimate, Tracker, TrackerSettings
+from palpate.tracking.findings import trusted_truth
+from palpate.tracking.metrics import summarise
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A tracked recording."""
+
+    recording: Recording
+    """What was tracked."""
+    settings: TrackerSettings
+    """How."""
+    model: TouchModel | None
+    """What felt, where touch was learnt."""
+    background: Background | None
+    """What the untouched sensor looks like, where it was given and not taken from the first frames."""
+    first_pose: Array
+    """world_T_object that tracking began with, (3,) [m, m, rad]."""
+    online: Trajectory
+    """The estimate at each frame from all frames up to it, with covariance, contact and status."""
+    smoothed: Trajectory
+    """The poses as all frames of their contact leave them."""
+    step_ms: Array
+    """Time of each `Tracker.update` (N,) [ms], the reading and decoding of the frame left out."""
+    wall_s: float
+    """Time of it all [s]."""
+    truth: Array | None
+    """Ground truth that the run is scored by, (N, 3); NaN where it is not known or jumps away and back."""
+    summary: dict[str, Any]
+    """See `metrics.summarise`; of the online estimates."""
+
+
+def track(
+    recording: Recording,
+    settings: TrackerSettings | None = None,
+    first_pose: ArrayLike | None = None,
+    progress: Callable[[int], None] | None = None,
+    model: TouchModel | None = None,
+    background: Background | None = None,
+) -> Run:
+    """Track the object of a recording; `progress` is called after each frame with the number done.
+
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`
+    and `background` are the Tracker's.
+    Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
+    cannot go on.
+    """
+    begin = time.perf_counter()
+    settings = settings or TrackerSettings()
+    first = _first_pose(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
+    _check(recording, settings)
+    if model is None and settings.tactile.startswith("learnt"):
+        model = TouchModel(SHIPPED)
+    tracker = Tracker(recording.shape, recording.sensor, first, settings, model, background)
+    estimates: list[Estimate] = []
+    step_ms = np.empty(len(recording))
+    for index, frame in enumerate(recording):
+        start = time.perf_counter()
+        estimates.append(tracker.update(frame))
+        step_ms[index] = (time.perf_counter() - start) * 1e3
+        if progress:
+            progress(index + 1)
+    contact = np.array([estimate.contact for estimate in estimates])
+    online = Trajectory(
+        time=np.array([estimate.time for estimate in estimates]),
+        pose=np.array([estimate.pose for estimate in estimates]),
+        covariance=np.array([estimate.covariance for estimate in estimates]),
+        contact=contact,
+        status=tuple(estimate.status for estimate in estimates),
+    )
+    smoothed = tracker.smoothed()
+    wall_s = time.perf_counter() - begin
+    truth = recording.object_pose
+    if truth is not None:
+        truth = np.where(trusted_truth(recording)[:, None], truth, np.nan)
+    summary = summarise(
+        online,
+        truth,
+        step_ms,
+        tactile=settings.tactile,
+        smoother=settings.smoother,
+        wall_s=wall_s,
+        episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
+    )
+    return Run(recording, settings, model, background, first, online, smoothed, step_ms, wall_s, truth, summary)
+
+
+def _check(recording: Recording, settings: TrackerSettings) -> None:
+    name = recording.file or "the recording"
+    if recording.contact is None and recording.image is None:
+        raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
+    if settings.tactile.startswith("learnt") and recording.image is None:
+        raise SettingError(f"{name}: has no images, which tactile {settings.tactile} needs")
+    known = recording.object_pose is not None and not np.isnan(recording.object_pose).all()
+    if settings.tactile == "oracle" and not known:
+        raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
+
+
+def _first_pose(recording: Recording) -> Array:
+    name = recording.file or "the recording"
+    known = trusted_truth(recording)
+    if recording.object_pose is None or not known.any():
+        raise SettingError(
+            f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
+            "--first-pose X Y THETA, in Python first_pose"
+        )
+    first = int(np.argmax(known))
+    if recording.contact is not None and recording.contact[:first].any():
+        logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, first)
+    return recording.object_pose[first]

@@ -1,0 +1,1 @@
+"""Settings learnt from recordings with ground truth."""

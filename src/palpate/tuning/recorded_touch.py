@@ -1,0 +1,167 @@
+"""What the images of a recording say, read once, so that it can be tracked as often as one likes.
+
+It depends on no setting of the graph, and half of the time of tracking goes into reading it from them.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.formats import load_recording
+from palpate.parallel import spread
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import Feeling, RelativePoses
+from palpate.recording.recording import Recording
+from palpate.recording.trajectory import Trajectory
+from palpate.touch.background import Background
+from palpate.touch.detector import ContactDetector
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.modes import Tactile, make_touch
+from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracking.findings import trusted_truth
+
+Array = NDArray[np.float64]
+_ANY = (1.0, 1.0, 1.0)  # noise of modes without images, which are not recorded beforehand
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedTouch:
+    """A recording with ground truth, and what its N images say."""
+
+    recording: Recording
+    """Without images; contact is what they tell."""
+    truth: Array
+    """world_T_object (N, 3) [m, m, rad]; NaN where it is not known or jumps away and back."""
+    feelings: tuple[Feeling, ...] | None
+    """What each frame says, nothing out of contact; None for a mode that needs no images."""
+
+
+def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | None = None) -> RecordedTouch:
+    """Record what all frames say, by default with the model that comes with palpate.
+
+    Raises SettingError where ground truth, or what tells contact or the mode needs, is missing, or where nothing is
+    touched while truth is known; EstimationError and FileError on images that cannot be used.
+    """
+    name = recording.file or "the recording"
+    known = trusted_truth(recording)
+    learnt = tactile.startswith("learnt")
+    if recording.object_pose is None or not known.any():
+        raise SettingError(f"{name}: has no ground truth, which noise is learned from")
+    if learnt and recording.image is None:
+        raise SettingError(f"{name}: has no images, which tactile {tactile} needs")
+    if recording.contact is None and recording.image is None:
+        raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
+    contact, feelings = recording.contact, None
+    if recording.image is not None:
+        felt = list(_frame_by_frame(recording, tactile, (model or TouchModel(SHIPPED)) if learnt else None))
+        contact = np.array([touched for touched, _ in felt])
+        feelings = tuple(feeling for _, feeling in felt) if learnt else None
+    assert contact is not None
+    if not (contact & known).any():
+        raise SettingError(f"{name}: is never in contact where ground truth is known, so there is nothing to score")
+    truth = np.where(known[:, None], recording.object_pose, np.nan)
+    return RecordedTouch(replace(recording, image=None, contact=contact), truth, feelings)
+
+
+def record_touch_of_files(
+    files: Mapping[str, Path],
+    tactile: Tactile,
+    model: TouchModel | None = None,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[dict[str, RecordedTouch], dict[str, str]]:
+    """Record the touch of recordings by their names, and say of those that cannot be used why, both in the order given.
+
+    `progress` is called with the number done. Raises FileError where none can be used.
+    """
+    found: dict[str, RecordedTouch] = {}
+    left_out: dict[str, str] = {}
+    work = partial(_record_touch_of_file, tactile=tactile, model=model)
+    for done, (name, result) in enumerate(spread(work, list(files.items()), workers), 1):
+        if isinstance(result, str):
+            left_out[name] = result
+        else:
+            found[name] = result
+        if progress:
+            progress(done)
+    if not found:
+        raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
+    in_order = [name for name in files if name in found]
+    return {name: found[name] for name in in_order}, {name: left_out[name] for name in files if name in left_out}
+
+
+def _record_touch_of_file(
+    item: tuple[str, Path], tactile: Tactile, model: TouchModel | None
+) -> tuple[str, RecordedTouch | str]:
+    name, path = item
+    try:
+        return name, record_touch(load_recording(path), tactile, model)
+    except PalpateError as error:
+        return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
+
+
+def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
+    """Track from the first known truth and return the online estimates, as `run.track` has them.
+
+    Only where the tracker begins anew within a contact may they differ: no pairs with its new first frame are recorded.
+    Raises EstimationError where the estimator cannot go on.
+    """
+    recording = recorded.recording
+    first = recorded.truth[int(np.argmax(np.isfinite(recorded.truth[:, 0])))]
+    touch = None if recorded.feelings is None else _Remembered(recording.time, recorded.feelings)
+    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch)
+    estimates = [tracker.update(frame) for frame in recording]
+    return Trajectory(
+        time=recording.time,
+        pose=np.array([estimate.pose for estimate in estimates]),
+        covariance=np.array([estimate.covariance for estimate in estimates]),
+        contact=recording.contact,
+        status=tuple(estimate.status for estimate in estimates),
+    )
+
+
+class _Remembered:
+    """Says again what was recorded."""
+
+    def __init__(self, time: Array, feelings: tuple[Feeling, ...]) -> None:
+        self._feelings = dict(zip(time.tolist(), feelings, strict=True))
+        self._age = -1
+
+    def feel(self, frame: Frame) -> Feeling:
+        """See Touch."""
+        self._age += 1
+        feeling = self._feelings[frame.time]
+        relative = feeling.relative
+        if relative is None or (relative.back <= self._age).all():
+            return feeling
+        # The tracker began anew within a contact; what lies before is none of this one's.
+        kept = relative.back <= self._age
+        rest = RelativePoses(relative.back[kept], relative.pose[kept], relative.covariance[kept])
+        return replace(feeling, relative=rest)
+
+    def lift(self) -> None:
+        """See Touch."""
+        self._age = -1
+
+
+def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | None) -> Iterator[tuple[bool, Feeling]]:
+    """Whether each frame is in contact, and what it says if the mode reads images."""
+    detector = ContactDetector()
+
+    def background() -> Background:
+        assert detector.background is not None  # known before any contact is
+        return detector.background
+
+    touch = make_touch(tactile, recording.sensor, _ANY, _ANY, model, background)
+    touching = False
+    for frame in recording:
+        assert frame.image is not None
+        was, touching = touching, detector.update(frame.image)
+        if was and not touching:
+            touch.lift()
+        yield touching, touch.feel(frame) if touching and model is not None else Feeling()

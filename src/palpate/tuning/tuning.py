@@ -1,0 +1,311 @@
+"""Learns how much each factor is to be believed from recordings with ground truth.
+
+What is made small is the negative log likelihood of the true poses under the online estimates (see `likelihood`), for
+each recording the mean over its frames of contact and the value at its end, half each, and the mean of all recordings.
+
+Why this and not another loss:
+
+- The tracking error says nothing of covariances: without kernels all standard deviations could be ten times larger and
+  no estimate would move. One lost push rules the mean, and a median of few recordings jumps.
+- LEO (Sodhi et al., CoRL 2021) learns from the energy of the whole graph: that of the true trajectory less the mean
+  energy of trajectories drawn from the graph's own Gaussian, which has a gradient. It is a likelihood too, but of the
+  graph: of smoothed paths, of what one window holds, without the covariance that strain adds and without what the
+  tracker does between contacts. Here it is of what users get, frame by frame, and for five to ten numbers no gradient
+  is needed.
+
+An evaluation tracks all recordings anew, which takes seconds; COBYQA, which models the score by a quadratic within a
+region of trust, gets by with few of them. On logarithms, for noise is a matter of factors.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import EstimationError, FileError, SettingError
+from palpate.graph.noise import GraphNoise
+from palpate.parallel import spread
+from palpate.study.job import inside_95
+from palpate.touch.modes import TELL_DIRECTION, Tactile
+from palpate.tracker import TrackerSettings
+from palpate.tracking.metrics import nees, rms, rotation_errors, translation_errors
+from palpate.tuning.likelihood import negative_log_likelihood
+from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
+
+Array = NDArray[np.float64]
+
+HELD_OUT = 4
+"""Every fourth recording is not tuned on but judged by."""
+LOST = 50.0
+"""Score of a recording that the estimator gives up, and the most that one can have: it is that of an estimate 60 mm off
+that tells 0.1 mm and 1 mrad."""
+
+_ALL = get_args(Tactile)
+_BY_IMAGE = ("learnt", "learnt-turn", "learnt-direction")
+_FIRST_STEP, _LAST_STEP = 0.7, 0.02  # logarithms: a factor of 2, and 2 %
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that can be tuned."""
+
+    lowest: float
+    """Allowed from here."""
+    highest: float
+    """Allowed to here."""
+    usual: tuple[str, ...] = _ALL
+    """Tactile modes in which it is tuned if nothing else is asked for."""
+    components: tuple[int, ...] = ()
+    """Of a vector, those that one factor scales; its value is that of the first of them."""
+
+
+PARAMETERS = {
+    "tactile": Parameter(1e-4, 1.0, ("oracle",), (2,)),
+    "constant": Parameter(1e-3, 10.0, ("constant",), (2,)),
+    "sticking": Parameter(1e-7, 1e-2, ()),
+    "sticking_share": Parameter(1e-3, 10.0),
+    "sliding_share": Parameter(1e-3, 100.0),
+    "cone_margin": Parameter(1e-3, 0.5),
+    "cone_width": Parameter(1e-3, 0.5, ()),
+    "cone_share": Parameter(1e-3, 10.0),
+    "sticking_kernel": Parameter(0.1, 100.0),
+    "turning": Parameter(1e-9, 1e-3, ()),
+    "turning_share": Parameter(1e-3, 10.0),
+    "turning_kernel": Parameter(0.1, 100.0, ()),
+    "friction_ratio": Parameter(0.01, 2.0, _ALL, (1,)),
+    "friction_center": Parameter(0.01, 1.0),
+    "grip": Parameter(0.01, 1.0, _ALL, (1,)),
+    "depth": Parameter(1e-5, 1e-2, (), (1,)),
+    "direction_bias": Parameter(1e-4, 0.1, ()),
+    "direction_share": Parameter(1e-2, 100.0, TELL_DIRECTION),
+    "turn_share": Parameter(1e-2, 1000.0, tuple(set(_BY_IMAGE) - {"learnt-direction"})),
+    "contact": Parameter(1e-5, 1e-2, ()),
+    "contact_kernel": Parameter(0.1, 100.0, ()),
+    "feeling_kernel": Parameter(0.1, 100.0, ()),
+    "sensor": Parameter(1e-6, 1e-2, (), (0, 1, 2)),
+    "rest": Parameter(1e-8, 1e-2, (), (0, 1, 2)),
+    "pressure": Parameter(1e-3, 1.0, ()),
+}
+"""What can be tuned: fields of GraphNoise, and pressure, which is c [m], for one object. Not first_pose, which ground
+truth gives exactly. The floors `sticking` and `turning` count while nothing moves, `rest` while nothing touches. What
+`sensor` is the robot knows, and what `contact` and `depth` are the laboratory: how well outline, gel and motion capture
+agree is what a simulation knows too well."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How recordings are tracked with some settings."""
+
+    score: float
+    """What tuning makes small [nats]."""
+    translation_rmse_mm: float | None
+    """Online, median of the recordings; None if all are given up."""
+    rotation_rmse_deg: float | None
+    """The same."""
+    inside_95: float | None
+    """Share of the true poses, from the first contact on, that are inside the 95 % region."""
+    given_up: int
+    """Recordings in which the estimator could not go on."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The best settings so far."""
+
+    settings: TrackerSettings
+    """How to track best."""
+    values: dict[str, tuple[float, float]]
+    """Each parameter at the start and now."""
+    before: Judgement
+    """Of the recordings tuned on, at the start."""
+    after: Judgement
+    """The same, now."""
+    evaluations: int
+    """How often they were tracked."""
+    held_out: tuple[Judgement, Judgement] | None = None
+    """Before and after of the recordings left out; None while tuning, or if there are none."""
+
+
+class _Spent(Exception):
+    """All evaluations are used up."""
+
+
+def check_parameters(
+    settings: TrackerSettings, parameters: Sequence[str] = (), evaluations: int = 1
+) -> tuple[str, ...]:
+    """Return what is tuned, by default what is usual in the tactile mode; a kernel that is off stays off.
+
+    Raises SettingError on a parameter that is not known or off, and on fewer than 1 evaluations.
+    """
+    if evaluations < 1:
+        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
+    for name in parameters:
+        if name != "pressure":
+            _value(settings, name)
+    return tuple(dict.fromkeys(parameters)) or tuple(
+        name
+        for name in _allowed()
+        if settings.tactile in PARAMETERS[name].usual and getattr(settings.noise, name) is not None
+    )
+
+
+def tune(
+    recordings: Sequence[RecordedTouch],
+    settings: TrackerSettings,
+    parameters: Sequence[str] = (),
+    evaluations: int = 100,
+    workers: int = 1,
+    progress: Callable[[Tuning], None] | None = None,
+) -> Tuning:
+    """Tune the parameters (see `check_parameters`), beginning with these settings.
+
+    `progress` is called after each evaluation. Touch has been recorded in the mode of the settings; of four or more
+    recordings, every fourth is held out. The same input gives the same result. Raises SettingError also where there
+    are no recordings, and where c is to be tuned for several objects.
+    """
+    from scipy.optimize import minimize
+
+    names = check_parameters(settings, parameters, evaluations)
+    if not recordings:
+        raise SettingError("there are no recordings to tune on")
+    start = _with_radius(settings, recordings) if "pressure" in names else settings
+    begin = np.array([_value(start, name) for name in names])
+    learning = [recorded for index, recorded in enumerate(recordings) if index % HELD_OUT != HELD_OUT - 1]
+    held_out = list(recordings[HELD_OUT - 1 :: HELD_OUT])
+    before = judge(learning, start, workers)
+    best = Tuning(start, _values(names, start, start), before, before, 1)
+    if progress:
+        progress(best)
+    low, high = np.log([(PARAMETERS[name].lowest, PARAMETERS[name].highest) for name in names]).T
+    first = np.clip(np.log(np.maximum(begin, 1e-300)), low, high)
+
+    def cost(logarithms: Array) -> float:
+        nonlocal best
+        tried = start
+        for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
+            tried = _with_value(tried, name, value)
+        if tried == start:
+            return before.score
+        if best.evaluations == evaluations:
+            raise _Spent
+        found = judge(learning, tried, workers)
+        if found.score < best.after.score:
+            best = replace(best, settings=tried, values=_values(names, start, tried), after=found)
+        best = replace(best, evaluations=best.evaluations + 1)
+        if progress:
+            progress(best)
+        return found.score
+
+    options = {"initial_tr_radius": _FIRST_STEP, "final_tr_radius": _LAST_STEP}
+    with suppress(_Spent):
+        minimize(cost, first, method="COBYQA", bounds=np.stack([low, high], axis=1), options=options)
+    if held_out:
+        sides = (judge(held_out, start, workers), judge(held_out, best.settings, workers))
+        best = replace(best, held_out=sides)
+    return best
+
+
+def judge(recordings: Sequence[RecordedTouch], settings: TrackerSettings, workers: int = 1) -> Judgement:
+    """Track all recordings, in so many processes, and say how well."""
+    found = dict(spread(partial(_judged, settings=settings), list(enumerate(recordings)), workers))
+    each = [found[index] for index in range(len(recordings))]  # in their order, for sums depend on it
+    done = [one for one in each if one is not None]
+    score = float(np.mean([LOST if one is None else one.score for one in each]))
+    if not done:
+        return Judgement(score, None, None, None, len(each))
+    return Judgement(
+        score,
+        float(np.median([one.translation for one in done])) * 1e3,
+        float(np.degrees(np.median([one.rotation for one in done]))),
+        float(np.mean(np.concatenate([one.inside for one in done]))),
+        len(each) - len(done),
+    )
+
+
+@dataclass(frozen=True)
+class _One:
+    """How one recording is tracked."""
+
+    score: float
+    translation: float  # RMSE [m]
+    rotation: float  # RMSE [rad]
+    inside: NDArray[np.bool_]  # whether each true pose from the first contact on is in the 95 % region
+
+
+def _judged(numbered: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[int, _One | None]:
+    index, recorded = numbered
+    try:
+        with _quiet():
+            online = track_recorded(recorded, settings)
+    except (EstimationError, FileError):  # the latter where an estimate is not finite
+        return index, None
+    contact, covariance = recorded.recording.contact, online.covariance
+    assert contact is not None and covariance is not None
+    score = negative_log_likelihood(online.pose, covariance, recorded.truth)
+    known = np.isfinite(recorded.truth[:, 0])
+    both = 0.5 * (score[known & contact].mean() + score[known][-1])
+    inside = inside_95(nees(online.pose, covariance, recorded.truth)[known & np.maximum.accumulate(contact)])
+    translation = rms(translation_errors(online.pose, recorded.truth))
+    rotation = rms(rotation_errors(online.pose, recorded.truth))
+    assert translation is not None and rotation is not None
+    return index, _One(min(float(both), LOST), translation, rotation, inside)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Settings that are tried may be bad ones; nobody needs to hear what the tracker says of each."""
+    logger = logging.getLogger("palpate.tracker")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def _allowed() -> list[str]:
+    noise = {field.name for field in fields(GraphNoise)}
+    return [name for name in PARAMETERS if name in noise or name == "pressure"]
+
+
+def _value(settings: TrackerSettings, name: str) -> float:
+    """The value of a parameter; SettingError where it has none."""
+    if name not in _allowed():
+        raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(_allowed())}")
+    value: Any = settings.pressure if name == "pressure" else getattr(settings.noise, name)
+    if value is None:
+        raise SettingError(f"parameter {name!r} is off in the settings that tuning starts from; it stays so")
+    return float(value[PARAMETERS[name].components[0]] if PARAMETERS[name].components else value)
+
+
+def _with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSettings:
+    """The settings with another value of a parameter, in four digits."""
+    if name == "pressure":
+        return replace(settings, pressure=_rounded(value))
+    changed: Any = _rounded(value)
+    if components := PARAMETERS[name].components:
+        factor = value / _value(settings, name)
+        vector = getattr(settings.noise, name)
+        changed = tuple(_rounded(v * factor) if index in components else v for index, v in enumerate(vector))
+    return replace(settings, noise=replace(settings.noise, **{name: changed}))
+
+
+def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
+    return {name: (_value(start, name), _value(now, name)) for name in names}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _with_radius(settings: TrackerSettings, recordings: Sequence[RecordedTouch]) -> TrackerSettings:
+    """The settings with c in metres."""
+    shapes = [recorded.recording.shape for recorded in recordings]
+    if any(shape != shapes[0] for shape in shapes):
+        raise SettingError("parameter 'pressure' is c [m] of one object, and the recordings are of several")
+    return replace(settings, pressure=shapes[0].friction_radius(settings.pressure))

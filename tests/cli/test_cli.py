@@ -1,0 +1,304 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, get_args
+
+import h5py
+import numpy as np
+import pytest
+from recording_samples import pushed, trajectory
+
+from palpate import formats
+from palpate.cli import demo, main
+from palpate.cli import track as track_command
+from palpate.formats.palpate_h5 import write_recording
+from palpate.graph.smoother import SmootherName
+from palpate.tracker import TrackerSettings
+from palpate.tracking.run_folder import FILES
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    """Every test works in a folder of its own that holds push.h5 and blind.h5, which has no ground truth."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    recording = pushed()
+    write_recording(recording, "push.h5")
+    with h5py.File("blind.h5", "w") as blind, h5py.File("push.h5") as push:
+        for name, value in push.attrs.items():
+            blind.attrs[name] = value
+        for name in ("time", "sensor_pose", "contact"):
+            push.copy(name, blind)
+
+
+def palpate(*words: str) -> int:
+    """Return the exit code of the command line."""
+    try:
+        return main.main(words)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+
+
+def failure(capsys: Any, *words: str) -> str:
+    """Return the one line with which a command fails."""
+    assert palpate(*words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("palpate: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_track_leaves_a_run_and_shows_a_table(capsys):
+    assert palpate("track", "push.h5", "--tactile", "oracle") == 0
+    out = capsys.readouterr().out
+    assert "final translation error" in out and "mm" in out
+    assert str(Path("runs/push/figure.png")) in out
+    assert sorted(path.name for path in Path("runs/push").iterdir()) == sorted(FILES)
+
+
+def test_track_json_is_the_summary_and_nothing_else(capsys):
+    assert palpate("track", "push.h5", "--json", "--out", "here", "--smoother", "isam2") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == json.loads(Path("here/summary.json").read_text())
+    assert (found["frames"], found["tactile"], found["smoother"]) == (40, "none", "isam2")
+
+
+def test_options_reach_the_tracker(capsys):
+    options = ("--noise", "published", "--pressure", "0.03", "--first-pose", "0.001", "0", "3")
+    assert palpate("track", "blind.h5", *options) == 0
+    settings = json.loads(Path("runs/blind/settings.json").read_text())
+    assert settings["noise_preset"] == "published"
+    assert settings["pressure"] == 0.03
+    assert settings["first_pose"] == [0.001, 0.0, 3.0]
+    assert "-" in capsys.readouterr().out  # scores that are not there
+
+
+def test_several_files_get_a_folder_and_a_row_each(capsys):
+    write_recording(pushed(30), "other.h5")
+    assert palpate("track", "push.h5", "other.h5", "--out", "all") == 0
+    out = capsys.readouterr().out
+    assert all(word in out for word in ("push", "other", "median"))
+    assert sorted(path.name for path in Path("all").iterdir()) == ["other", "push"]
+    assert palpate("track", "push.h5", "other.h5", "--json", "--out", "again") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [run["frames"] for run in found["runs"]] == [40, 30]
+    assert found["failed"] == []
+
+
+def test_one_broken_file_among_several_does_not_stop_the_others(capsys):
+    Path("broken.h5").write_text("no")
+    assert palpate("track", "broken.h5", "push.h5", "missing.h5", "--json") == 3
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [run["file"] for run in found["runs"]] == ["push.h5"]
+    assert [failed["file"] for failed in found["failed"]] == ["broken.h5", "missing.h5"]
+    assert [line.split(":")[1].strip() for line in err.splitlines()] == ["broken.h5", "missing.h5"]
+    assert sorted(path.name for path in Path("runs").iterdir()) == ["push"]
+
+
+def test_files_of_one_name_are_not_mixed_up(capsys):
+    Path("sub").mkdir()
+    write_recording(pushed(), "sub/push.h5")
+    assert "would both go to" in failure(capsys, "track", "push.h5", "sub/push.h5")
+    assert not Path("runs").exists()
+
+
+def test_force_replaces_a_run(capsys):
+    assert palpate("track", "push.h5") == 0
+    capsys.readouterr()
+    before = Path("runs/push/summary.json").read_text()
+    assert "already exists" in failure(capsys, "track", "push.h5", "--smoother", "isam2")
+    assert Path("runs/push/summary.json").read_text() == before
+    assert palpate("track", "push.h5", "--smoother", "isam2", "--force") == 0
+    assert json.loads(Path("runs/push/summary.json").read_text())["smoother"] == "isam2"
+
+
+@pytest.mark.parametrize("command", ["track", "info"])
+def test_bad_files_are_one_line(capsys, command):
+    whole = Path("push.h5").read_bytes()
+    Path("truncated.h5").write_bytes(whole[: len(whole) // 2])
+    Path("empty.h5").write_bytes(b"")
+    Path("text.h5").write_text("not a recording")
+    Path("newer.h5").write_bytes(whole)
+    with h5py.File("newer.h5", "a") as file:
+        file.attrs["version"] = 99
+    formats.write(trajectory(), "poses.tum")
+    assert "missing.h5: no such file" in failure(capsys, command, "missing.h5")
+    assert "truncated.h5: is truncated" in failure(capsys, command, "truncated.h5")
+    assert "empty.h5: is empty" in failure(capsys, command, "empty.h5")
+    assert "text.h5: is in no known format" in failure(capsys, command, "text.h5")
+    assert "newer.h5: has version 99" in failure(capsys, command, "newer.h5")
+    assert "poses.tum: holds a trajectory" in failure(capsys, command, "poses.tum")
+    assert not Path("runs").exists()
+
+
+def test_what_tracking_lacks_is_said(capsys):
+    assert "--first-pose X Y THETA" in failure(capsys, "track", "blind.h5")
+    oracle = failure(capsys, "track", "blind.h5", "--tactile", "oracle", "--first-pose", "0", "0", "0")
+    assert "no ground truth" in oracle
+    assert "no FILE" in failure(capsys, "track")
+    for bad in ("soft", "-0.1", "nan"):
+        line = failure(capsys, "track", "push.h5", "--pressure", bad)
+        assert "uniform, rim, corner or a friction radius" in line
+
+
+@pytest.mark.parametrize(
+    ("option", "names"),
+    [
+        ("--tactile", ["none", "constant", "oracle"]),
+        ("--smoother", ["fixed-lag", "isam2"]),
+        ("--noise", ["palpate", "published"]),
+    ],
+)
+def test_unknown_option_values_name_the_allowed_ones(capsys, option, names):
+    assert palpate("track", "push.h5", option, "magic") == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "magic" in err and all(f"'{name}'" in err for name in names)
+
+
+def test_unknown_commands_and_options_fail(capsys):
+    assert palpate("trak") == 2
+    assert "info" in capsys.readouterr().err
+    assert palpate("track", "push.h5", "--smother", "isam2") == 2
+    assert "--smoother" in capsys.readouterr().err
+
+
+def test_option_values_are_those_of_the_library():
+    annotations = TrackerSettings.__dataclass_fields__
+    assert annotations["tactile"].default in get_args(track_command.Tactile)
+    assert set(get_args(track_command.SmootherName)) == set(get_args(SmootherName))
+
+
+def test_debug_shows_the_traceback():
+    with pytest.raises(formats.FileError):
+        main.main(["track", "missing.h5", "--debug"])
+
+
+def test_interrupt_is_130(monkeypatch):
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(formats, "load_recording", interrupted)
+    assert palpate("info", "push.h5") == 130
+
+
+def test_other_exceptions_keep_their_traceback(monkeypatch):
+    def bug(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(formats, "load_recording", bug)
+    with pytest.raises(ZeroDivisionError):
+        main.main(["info", "push.h5"])
+
+
+def test_info_shows_what_a_recording_holds(capsys):
+    assert palpate("info", "push.h5") == 0
+    out = capsys.readouterr().out
+    assert "rectangle, size x 200 mm, size y 100 mm" in out
+    assert "40" in out and "30.0" in out and "unbroken" in out
+
+
+def test_info_json(capsys):
+    assert palpate("info", "push.h5", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["format"], found["frames"], found["contact"]) == ("palpate", 40, "measured")
+    assert found["shape"] == {"type": "rectangle", "size_x": 0.2, "size_y": 0.1}
+    assert [contact["start"] for contact in found["contacts"]] == pytest.approx([5 / 30, 32 / 30])
+
+
+def test_convert(capsys):
+    assert palpate("convert", "push.h5", "truth.tum") == 0
+    assert "truth.tum" in capsys.readouterr().out
+    found: Any = formats.read("truth.tum")
+    assert np.allclose(found.pose, pushed().object_pose, atol=1e-8)
+    assert palpate("convert", "push.h5", "copy.h5", "--from", "palpate", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "in": "push.h5",
+        "out": "copy.h5",
+        "holds": "recording",
+        "frames": 40,
+    }
+
+
+def test_convert_overwrites_only_with_force(capsys):
+    Path("there.tum").write_text("old")
+    assert "already exists; --force" in failure(capsys, "convert", "push.h5", "there.tum")
+    assert Path("there.tum").read_text() == "old"
+    assert palpate("convert", "push.h5", "there.tum", "--force") == 0
+    capsys.readouterr()
+    assert len(formats.read("there.tum")) == 40  # pyright: ignore[reportArgumentType]
+    assert ".xyz" in failure(capsys, "convert", "push.h5", "a.xyz")
+    assert "allowed are" in failure(capsys, "convert", "push.h5", "b.tum", "--from", "magic")
+    assert "trajectory" in failure(capsys, "convert", "there.tum", "c.h5")
+
+
+def test_demo_runs_twice_and_says_how_to_make_its_recording(capsys, monkeypatch):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    monkeypatch.setattr(demo, "SECONDS", 3.0)
+    assert palpate("demo") == 0
+    out = capsys.readouterr().out
+    assert "final translation error" in out and str(Path("demo-run/figure.png")) in out
+    assert palpate("demo", "--json") == 0
+    found, settings = json.loads(capsys.readouterr().out), json.loads(Path("demo-run/settings.json").read_text())
+    assert (found["frames"], found["tactile"]) == (90, demo.TACTILE)
+    (command,) = (line.split() for line in out.splitlines() if "palpate simulate" in line)
+    assert palpate("simulate", "same", *command[3:], "--seconds", "3") == 0
+    (recording,) = Path("same").iterdir()
+    assert formats.load_recording(recording).source == settings["source"]
+
+
+def test_demo_without_mujoco_is_one_line(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert "MuJoCo, which is not installed: pip install palpate[sim]" in failure(capsys, "demo")
+    assert not Path("demo-run").exists()
+
+
+def test_demo_spares_folders_that_are_no_run(capsys):
+    Path("demo-run").mkdir()
+    Path("demo-run/notes.txt").write_text("mine")
+    assert "not replaced" in failure(capsys, "demo")
+
+
+def run_process(*words: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "palpate.cli.main", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
+def test_the_real_process():
+    done = run_process("track", "push.h5", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["frames"] == 40
+    failed = run_process("track", "missing.h5")
+    assert (failed.returncode, failed.stdout, failed.stderr) == (2, "", "palpate: missing.h5: no such file\n")
+
+
+HEAVY = ["scipy", "shapely", "cv2", "h5py", "gtsam", "matplotlib", "mujoco", "rerun", "joblib", "distributed"]
+HEAVY += ["torch", "onnx", "onnxruntime", "onnxscript"]
+
+
+@pytest.mark.parametrize("words", ["import palpate", "help"])
+def test_import_and_help_load_nothing_heavy(words):
+    statements = {
+        "import palpate": "import palpate",
+        "help": "from palpate.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass",
+    }
+    code = f"import sys\n{statements[words]}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+def test_public_names_are_there():
+    import palpate as package
+
+    assert package.__version__
+    for name in getattr(package, "__all__", ()):
+        assert getattr(package, name) is not None
+
+
+def test_a_reader_that_has_seen_enough_gets_no_traceback():
+    command = f"{sys.executable} -m palpate.cli.main info push.h5 --json | true"
+    found = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True, timeout=60)
+    assert found.stderr == ""

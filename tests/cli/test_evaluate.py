@@ -1,0 +1,265 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+from typing import Any, get_args
+
+import h5py
+import pytest
+from recording_samples import pushed
+
+from palpate.cli import evaluate as evaluate_command
+from palpate.cli import main
+from palpate.errors import EstimationError
+from palpate.formats.palpate_h5 import write_recording
+from palpate.study import job as study_job
+from palpate.study.results import ALL
+from palpate.touch.modes import Tactile
+from palpate.tracking.run import track
+
+FAST = ("--tactile", "none", "constant", "--tactile", "oracle")
+REPORT = "palpate.study.report"
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    """Every test works in a folder of its own, where `recordings` holds two."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    Path("recordings").mkdir()
+    write_recording(pushed(20), "recordings/disc-1.h5")
+    write_recording(pushed(40), "recordings/edges-1.h5")
+
+
+@pytest.fixture(autouse=True)
+def reports(monkeypatch) -> list[Any]:
+    """Draw no figures, which takes seconds, and return what they would have been drawn from."""
+    given: list[Any] = []
+    module: Any = types.ModuleType(REPORT)
+    module.write_report = lambda *args: given.append(args)
+    monkeypatch.setitem(sys.modules, REPORT, module)
+    return given
+
+
+def palpate(*words: str) -> int:
+    """Return the exit code of the command line."""
+    try:
+        return main.main(["evaluate", *words])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+
+
+def failure(capsys: Any, *words: str) -> str:
+    """Return the one line with which a command fails."""
+    assert palpate(*words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("palpate: ") and err.count("\n") == 1
+    return err
+
+
+def results(folder: str = "out") -> Any:
+    return json.loads(Path(folder, "results.json").read_text())
+
+
+def test_the_modes_are_those_of_the_tracker():
+    assert set(evaluate_command.TACTILES) == set(get_args(Tactile))
+    assert len(evaluate_command.TACTILES) == len(get_args(Tactile))
+
+
+def test_a_study_leaves_tables_and_a_report(capsys, reports):
+    assert palpate("recordings", "--out", "out", *FAST) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert all(word in out for word in ("none", "constant", "oracle", "6 trials", str(Path("out/report.html"))))
+    found = results()
+    assert found["settings"]["methods"] == ["none", "constant", "oracle"]
+    assert found["command"] == "palpate evaluate recordings --out out --tactile none constant oracle"
+    assert list(found["table"]) == ["disc", "edges", ALL]
+    ((folder, given, trials),) = reports
+    assert (folder, len(trials)) == (Path("out"), 6)
+    assert json.loads(json.dumps(given)) == found
+    assert len(Path("out/sequences.csv").read_text().splitlines()) == 7
+
+
+def test_the_page_is_drawn_from_what_was_found(monkeypatch):
+    monkeypatch.delitem(sys.modules, REPORT)
+    assert palpate("recordings", "--out", "out", "--tactile", "none", "oracle") == 0
+    page = Path("out/report.html").read_text()
+    assert "oracle" in page and "edges" in page
+    assert list(Path("out/figures").glob("*.png"))
+
+
+def test_all_modes_unless_told_and_what_lacks_images_is_no_failure(capsys):
+    assert palpate("recordings", "--out", "out", "--json") == 0
+    out, err = capsys.readouterr()
+    printed = json.loads(out)
+    assert err == ""
+    assert (printed["study"]["trials"], printed["study"]["skipped"]) == (6, 10)
+    assert list(printed["table"][ALL]) == ["none", "constant", "oracle"]
+    assert printed["table"] == results()["table"]
+    assert {each["reason"] for each in results()["skipped"] if each["method"] == "learnt-turn"} == {
+        "has no images, which tactile learnt-turn needs"
+    }
+
+
+def test_images_are_felt():
+    recordings = pytest.importorskip("palpate.simulation.recordings")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    shapes = pytest.importorskip("palpate.simulation.objects").SHAPES
+    made = recordings.simulate_recording(shapes["disc"], "disc", 3, 3.0)
+    Path("images").mkdir()
+    write_recording(made, "images/disc-3.h5")
+    assert palpate("images", "--out", "out", "--tactile", "learnt", "oracle") == 0
+    row = results()["table"]["disc"]["learnt"]
+    assert row["sequences"] == 1 and row["final_mm"]["worst"] < 10.0
+    assert results()["recordings"]["disc-3.h5"]["images"]
+
+
+def test_smoothers_multiply(capsys):
+    words = ("--tactile", "none", "--smoother", "isam2", "fixed-lag", "--smoother", "isam2")
+    assert palpate("recordings", "--out", "out", *words) == 0
+    assert results()["settings"]["methods"] == ["none, isam2", "none"]
+    assert Path("out/trials/none+isam2/disc-1.h5.npz").exists()
+
+
+def test_options_reach_the_tracker():
+    words = ("--noise", "published", "--pressure", "0.03", "--first-pose", "0", "0", "3", "--tactile", "none")
+    with h5py.File("recordings/blind-1.h5", "w") as blind, h5py.File("recordings/disc-1.h5") as push:
+        for name, value in push.attrs.items():
+            blind.attrs[name] = value
+        for name in ("time", "sensor_pose", "contact"):
+            push.copy(name, blind)
+    assert palpate("recordings", "--out", "out", *words) == 0
+    found = results()
+    settings = found["settings"]
+    assert (settings["noise_preset"], settings["pressure"]) == ("published", 0.03)
+    assert settings["first_pose"] == [0.0, 0.0, 3.0]
+    assert found["command"].endswith("--tactile none --noise published --pressure 0.03 --first-pose 0.0 0.0 3.0")
+    assert found["table"]["blind"]["none"]["unscored"] == 1
+    assert not found["recordings"]["blind-1.h5"]["truth"]
+
+
+def test_broken_and_failed_ones_are_named_and_counted(capsys, monkeypatch, reports):
+    def stumble(recording: Any, settings: Any, *args: Any, **options: Any) -> Any:
+        if len(recording) == 40 and settings.tactile != "none":
+            raise EstimationError("frame at 0.300 s: cannot be solved")
+        return track(recording, settings, *args, **options)
+
+    monkeypatch.setattr(study_job, "track", stumble)
+    Path("recordings/bad.h5").write_text("not HDF5")
+    assert palpate("recordings", "--out", "out", *FAST, "--json") == 3
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("palpate: recordings/bad.h5: ")
+    assert lines[1] == "palpate: recordings/edges-1.h5 by constant, oracle: frame at 0.300 s: cannot be solved"
+    printed, found = json.loads(out), results()
+    assert printed["broken"] == found["broken"] and found["broken"][0]["recording"] == "bad.h5"
+    assert [each["method"] for each in found["failed"]] == ["constant", "oracle"]
+    assert (found["study"]["broken"], found["study"]["failed"], len(reports[0][2])) == (1, 2, 4)
+
+
+def test_nothing_but_broken_ones(capsys, reports):
+    Path("bad").mkdir()
+    Path("bad/one.h5").write_text("not HDF5")
+    assert palpate("bad", "--out", "out", *FAST) == 3
+    assert "1 broken" in capsys.readouterr().out
+    assert results()["table"] == {} and reports == []
+
+
+def test_nothing_that_can_be_tracked(capsys):
+    said = failure(capsys, "recordings", "--out", "out", "--tactile", "learnt", "learnt-turn")
+    assert "nothing in it can be tracked in these ways; the first reason: disc-1.h5 has no images" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("nowhere",), "nowhere: no such folder of recordings"),
+        (("empty",), "empty: holds no recordings"),
+        (("recordings", "--workers", "0"), "workers is 0; allowed is 1 or more"),
+        (("recordings", "--noise", "loud"), "noise is 'loud'"),
+        (("recordings", "--pressure", "flat"), "--pressure is 'flat'"),
+        (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder; a touch model"),
+        (("recordings", "--model", "m", "--tactile", "none"), "--model m is of no use with --tactile none"),
+        (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
+        (("recordings", "--first-pose", "nan", "0", "0"), "first pose is (nan, 0.0, 0.0)"),
+        (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
+    ],
+)
+def test_bad_input_is_one_line(capsys, words, said):
+    Path("empty").mkdir()
+    assert said in failure(capsys, *words, "--out", "out")
+    assert not Path("out/results.json").exists()
+
+
+def test_unknown_mode(capsys):
+    assert palpate("recordings", "--out", "out", "--tactile", "smell") == 2
+    assert "smell" in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+def test_a_report_is_not_overwritten_but_resumed(capsys):
+    assert palpate("recordings", "--out", "recordings/out", *FAST) == 0
+    capsys.readouterr()
+    assert "recordings/out: is not empty; --resume goes on" in failure(capsys, "recordings", "--out", "recordings/out")
+    stamp = Path("recordings/out/trials/none/disc-1.h5.npz").stat().st_mtime_ns
+    write_recording(pushed(30), "recordings/disc-2.h5")
+    assert palpate("recordings", "--out", "recordings/out", *FAST, "--resume") == 0
+    assert "9 trials, 6 kept" in capsys.readouterr().out
+    assert Path("recordings/out/trials/none/disc-1.h5.npz").stat().st_mtime_ns == stamp
+
+
+def test_against_an_earlier_study(capsys, reports):
+    assert palpate("recordings", "--out", "old", *FAST) == 0
+    capsys.readouterr()
+    assert palpate("recordings", "--out", "new", *FAST, "--noise", "published", "--against", "old") == 0
+    assert "worse" in capsys.readouterr().out
+    found = results("new")
+    assert found["command"].endswith("--against old")
+    assert found["against"]["folder"] == "old" and set(found["against"]["methods"]) == {"none", "constant", "oracle"}
+    change = found["against"]["methods"]["oracle"]
+    assert change["sequences"] == change["better"] + change["worse"] + change["same"] == 2
+    assert change["final_mm"]["before"] == pytest.approx(results("old")["table"][ALL]["oracle"]["final_mm"]["median"])
+    assert change["final_mm"]["after"] == pytest.approx(found["table"][ALL]["oracle"]["final_mm"]["median"])
+    assert reports[-1][1]["against"] == found["against"]
+    Path("others").mkdir()
+    write_recording(pushed(20), "others/else-1.h5")
+    said = failure(capsys, "others", "--out", "none", *FAST, "--against", "old")
+    assert "--against old: has no recording and method in common" in said
+    assert not Path("none").exists()
+
+
+def test_an_interrupt_leaves_what_can_be_resumed():
+    for index in range(60):
+        write_recording(pushed(100), f"recordings/more-{index}.h5")
+    words = ("evaluate", "recordings", "--out", "out", *FAST, "--workers", "2")
+    code = (
+        "import sys, types; module = types.ModuleType('palpate.study.report'); "
+        "module.write_report = print; sys.modules[module.__name__] = module; "
+        "from palpate.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    )
+    environment = os.environ | {"PYTHONWARNINGS": "error"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *words], start_new_session=True, stderr=subprocess.PIPE, env=environment, text=True
+    )
+    until = time.monotonic() + 60
+    while len(list(Path("out").rglob("*.npz"))) < 6 and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert not list(Path("out").rglob(".*.part"))
+    there = {path: path.stat().st_mtime_ns for path in Path("out").rglob("*.npz")}
+    assert 6 <= len(there) < 186 and not Path("out/results.json").exists()
+    for path in list(Path("recordings").glob("more-*"))[4:]:  # enough is enough
+        if not any(Path("out/trials", mode, f"{path.name}.npz") in there for mode in ("none", "constant", "oracle")):
+            path.unlink()
+    assert palpate("recordings", "--out", "out", *FAST, "--resume") == 0
+    assert results()["study"]["kept"] == len(there)
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in there.items())

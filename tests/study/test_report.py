@@ -1,0 +1,226 @@
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from study_samples import drawn_results, drawn_trials
+
+from palpate.errors import FileError
+from palpate.study.comparison import compare
+from palpate.study.figures import study_sheets
+from palpate.study.report import write_report
+from palpate.study.trial import Method, Trial
+
+METHODS = [Method("none", "fixed-lag"), Method("learnt", "fixed-lag"), Method("learnt", "isam2")]
+GROUPS = ["disc", "rectangle-near-corners", "mit"]
+
+
+def study(count: int = 4) -> tuple[list[Trial], dict[str, Any]]:
+    """Return a study compared with one in which all errors were a millimetre larger."""
+    trials = drawn_trials(GROUPS, METHODS, count, seconds=6.0)
+    results = drawn_results(trials)
+    before = {
+        (trial.recording, trial.method): {
+            "final_mm": trial.summary["final_translation_error_mm"] + 1.0,
+            "final_deg": trial.summary["final_rotation_error_deg"],
+            "rmse_mm": trial.summary["translation_rmse_mm"],
+            "rmse_deg": trial.summary["rotation_rmse_deg"],
+        }
+        for trial in trials
+    }
+    return trials, {**results, "against": compare(Path("old"), before, trials)}
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    trials, results = study()
+    write_report(folder, results, trials)
+    return folder
+
+
+class Page(HTMLParser):
+    """What a page holds: its tags with attributes, and its words."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.said: list[str] = []
+        self.feed(text)
+        self.words = re.sub(r"\s+", " ", " ".join(self.said))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "link", "img", "br", "line", "rect", "circle"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.said.append(data)
+
+    def all(self, tag: str, attribute: str) -> list[str]:
+        return [
+            attributes[attribute] or "" for found, attributes in self.tags if found == tag and attribute in attributes
+        ]
+
+
+@pytest.fixture(scope="module")
+def page(report: Path) -> Page:
+    text = (report / "report.html").read_text(encoding="utf-8")
+    assert text.startswith("<!DOCTYPE html>")
+    page = Page(text)
+    assert page.open == []
+    return page
+
+
+def test_page_needs_nothing_but_itself(page):
+    sources = page.all("img", "src")
+    assert sources and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert all(
+        target.startswith("#") or target == "data:," for target in page.all("a", "href") + page.all("link", "href")
+    )
+    assert not [tag for tag, _ in page.tags if tag in ("script", "iframe", "object")]
+    assert "url(" not in page.words and "@import" not in page.words
+
+
+def test_contents_lead_somewhere(page):
+    names = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(set(names)) == len(names)
+    assert {target[1:] for target in page.all("a", "href")} <= set(names)
+
+
+def test_figures_are_on_the_page_and_in_files(report, page):
+    trials, results = study()
+    sheets = study_sheets(trials, results)
+    assert sorted(path.name for path in (report / "figures").iterdir()) == sorted(
+        f"{sheet.name}.png" for sheet in sheets
+    )
+    assert page.all("figure", "id") == [sheet.name for sheet in sheets]
+    assert page.all("img", "alt") == [tile.alt for sheet in sheets for tile in sheet.tiles]
+    assert {"slid", "against-rotation"} < set(page.all("figure", "id"))
+
+
+def test_headline_has_median_and_worst_of_each_group(page):
+    trials, results = study()
+    mit = [trial.summary for trial in trials if (trial.group, trial.method) == ("mit", METHODS[1])]
+    mm, deg = (sorted(each[f"final_{name}"] for each in mit) for name in ("translation_error_mm", "rotation_error_deg"))
+    # Of four the median is the mean of the middle ones.
+    median = f"{(mm[1] + mm[2]) / 2:.1f} mm, {(deg[1] + deg[2]) / 2:.1f}°"
+    words = page.words
+    assert f"{median} ({mm[3]:.0f}, {deg[3]:.0f})" in words
+    inside = results["table"]["disc"]["none"]["inside_95"]
+    assert f"{100 * inside:.0f} % (" in words
+    assert "12 recordings, 3 ways to track, 36 runs in 90.0 minutes with 2 workers on 2 cores." in words
+    assert "all groups 12 sequences" in words
+
+
+def test_what_went_wrong_is_told(page):
+    _, results = study()
+    words = page.words
+    assert results["lost"]
+    for lost in results["lost"]:
+        assert f"{lost['recording']} {lost['final_mm']:.1f} mm, {lost['final_deg']:.1f}°" in words
+    assert "is truncated or damaged (<bad> & worse)" in words  # and so escaped
+    assert "a.json.gz: has no images" in words
+    assert "frame 7: cannot be solved" in words
+    assert "palpate evaluate recordings --out report" in words
+    assert "noise.sensor [0.0001]" in words
+
+
+def test_origins_are_told_once_for_each_kind(page):
+    words = page.words
+    assert words.count("simulated by palpate: MuJoCo, disc") == 1
+    assert words.count("MIT cpush") == 1
+
+
+def test_the_other_study_is_compared(page):
+    _, results = study()
+    change = results["against"]["methods"]["learnt, isam2"]
+    assert (change["better"], change["worse"], change["same"]) == (12, 0, 0)
+    words = page.words
+    medians = change["final_mm"]
+    assert f"learnt, isam2 12 12 0 0 {medians['before']:.2f} → {medians['after']:.2f}" in words
+
+
+def test_study_in_which_nothing_went_to_its_end(tmp_path):
+    write_report(tmp_path, drawn_results([]), [])
+    assert "nothing to show" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_report_without_truth_and_method_without_runs(tmp_path):
+    trials = drawn_trials(["disc"], METHODS[:2], 2, seconds=2.0)
+    blind = drawn_trials(["mit"], METHODS[:1], 1, seconds=2.0)
+    blind[0].truth[:] = float("nan")
+    blind[0].summary.update(
+        scored_frames=0, final_translation_error_mm=None, final_rotation_error_deg=None, final_inside_95=None
+    )
+    blind[0].summary.update(translation_rmse_mm=None, rotation_rmse_deg=None, inside_95=None)
+    write_report(tmp_path, drawn_results([*trials, *blind]), [*trials, *blind])
+    assert "mit" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_report_that_cannot_be_written(tmp_path):
+    (tmp_path / "figures").write_text("in the way", encoding="utf-8")
+    with pytest.raises(FileError, match=r"figures: cannot be written"):
+        write_report(tmp_path, drawn_results([]), [])
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Any]:
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        lacking = "no chromium and chromedriver to open the report in: apt-get install chromium chromium-driver"
+        if os.environ.get("CI") == "true" and shutil.which("apt-get"):
+            pytest.fail(lacking)
+        pytest.skip(lacking)
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    # No sandbox: root cannot have one, and the page is our own. The rest keeps Chromium from calling home.
+    quiet = "no-first-run disable-background-networking disable-component-update disable-sync disable-quic"
+    for flag in f"headless no-sandbox disable-gpu disable-dev-shm-usage {quiet}".split():
+        options.add_argument(f"--{flag}")
+    options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
+    service = Service(driver)
+    chrome = webdriver.Chrome(options=options, service=service)
+    try:
+        yield chrome
+    finally:
+        chrome.quit()
+
+
+@pytest.mark.parametrize(("width", "height", "mobile", "narrowest"), [(1280, 800, False, 260), (390, 844, True, 300)])
+def test_report_in_a_browser(report, page, browser, width, height, mobile, narrowest):
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get((report / "report.html").as_uri())
+    assert browser.get_log("browser") == []
+    assert browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)") == []
+    shown = browser.execute_script("return [...document.images].map(i => [i.naturalWidth, i.clientWidth])")
+    assert len(shown) == len(page.all("img", "src"))
+    assert all(natural > 0 and narrowest <= client <= natural * 1.1 for natural, client in shown)
+    overflow = browser.execute_script("return document.scrollingElement.scrollWidth - innerWidth")
+    assert overflow <= 0
+    beyond = browser.execute_script(
+        "return [...document.querySelectorAll('h1, h2, h3, p, figcaption, li, .key, .scroll, .pictures')]"
+        ".filter(e => e.getBoundingClientRect().right > innerWidth).map(e => e.textContent.slice(0, 40))"
+    )
+    assert beyond == []
+    small = browser.execute_script(
+        "return [...document.querySelectorAll('p, td, th, figcaption, li, .key')]"
+        ".filter(e => parseFloat(getComputedStyle(e).fontSize) < 13).length"
+    )
+    assert small == 0

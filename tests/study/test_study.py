@@ -1,0 +1,442 @@
+import dataclasses
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import pushed
+
+from palpate.errors import EstimationError, FileError, SettingError
+from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.shapes import Disc
+from palpate.graph.noise import PUBLISHED, GraphNoise
+from palpate.study import job as study_job
+from palpate.study import study as study_module
+from palpate.study.comparison import check_common, compare, read_scores
+from palpate.study.files import find_recordings, group_of
+from palpate.study.job import StudySettings, do_job, inside_95, since_contact, slid, trial_of
+from palpate.study.results import ALL, results_of, table, write_results
+from palpate.study.study import DIED, run_study
+from palpate.study.trial import Method, Trial, read_trial
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.tracker import TrackerSettings
+from palpate.tracking.run import track
+
+NONE, ORACLE, LEARNT = (Method(tactile, "fixed-lag") for tactile in ("none", "oracle", "learnt"))
+SETTINGS = StudySettings((NONE, ORACLE))
+NAMES = ("disc-1.h5", "disc-2.h5", "edges-1.h5", "edges-2.h5")
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    """Every test works in a folder of its own, where `recordings` holds NAMES."""
+    monkeypatch.chdir(tmp_path)
+    Path("recordings").mkdir()
+    for index, name in enumerate(NAMES):
+        write_recording(pushed(20 + index), Path("recordings") / name)
+
+
+def study(settings: StudySettings = SETTINGS, out: str = "out", **options: Any) -> Any:
+    return run_study(find_recordings(Path("recordings")), Path(out), settings, **options)
+
+
+def contents(folder: str) -> dict[str, Any]:
+    """Return the files of a folder and when they were written."""
+    return {str(p.relative_to(folder)): p.stat().st_mtime_ns for p in Path(folder).rglob("*") if p.is_file()}
+
+
+def dies(job: Any, settings: Any, model: Any) -> Any:
+    """Do a job, but one takes the process with it."""
+    if job.name == "disc-2.h5":
+        os._exit(9)
+    return do_job(job, settings, model)
+
+
+def dies_once(job: Any, settings: Any, model: Any) -> Any:
+    """Do a job, but the first process that is at one of them dies."""
+    died = job.path.parent / "died"
+    if job.name == "disc-2.h5" and not died.exists():
+        died.touch()
+        os._exit(9)
+    return do_job(job, settings, model)
+
+
+def stumbles(*given: Any, **options: Any) -> Any:
+    """Track, but recordings of 21 frames cannot be tracked to the end by the oracle, and those of 22 show a fault."""
+    recording, settings, *_ = given
+    if len(recording) == 21 and settings.tactile == "oracle":
+        raise EstimationError("frame at 0.300 s: the graph\n cannot be solved")
+    if len(recording) == 22:
+        raise ZeroDivisionError("division by zero")
+    return track(*given, **options)
+
+
+def trial(final_mm: float, method: Method = NONE, group: str = "disc", name: str = "", **summary: Any) -> Trial:
+    """Return a trial of four frames, from the second on in contact and off by `final_mm`, sigma 1 mm and 1 mrad."""
+    pose = np.zeros((4, 3))
+    pose[1:, 0] = final_mm * 1e-3
+    told = {
+        "scored_frames": 4,
+        "final_translation_error_mm": final_mm,
+        "final_rotation_error_deg": 1.0,
+        "translation_rmse_mm": 0.5 * final_mm,
+        "rotation_rmse_deg": 0.5,
+        "final_inside_95": final_mm < 2.7,
+        "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm},
+    }
+    return Trial(
+        recording=name or f"{group}-{final_mm:g}.h5",
+        group=group,
+        method=method,
+        time=np.arange(4.0),
+        truth=np.zeros((4, 3)),
+        pose=pose,
+        covariance=np.broadcast_to(1e-6 * np.eye(3), (4, 3, 3)),
+        contact=np.array([False, True, True, False]),
+        sensor_pose=np.zeros((4, 3)),
+        slid=np.zeros(4),
+        step_ms=np.ones(4),
+        summary=told | summary,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "group"),
+    [
+        ("rectangle-edges-1100000.h5", "rectangle-edges"),
+        ("disc_12.hdf5", "disc"),
+        ("run 3.json.gz", "run"),
+        ("t-edges.h5", "t-edges"),
+        ("0007.h5", "0007"),
+        ("mit/StraightLine3.json.gz", "mit"),
+        ("real/cmu/log-1.txt", "real/cmu"),
+    ],
+)
+def test_group_is_the_folder_or_the_name_without_its_number(name, group):
+    assert group_of(name) == group
+
+
+def test_recordings_are_found_in_folders_and_told_from_other_files(shared_data):
+    mit = next((shared_data / "mit_point_push").glob("*.gz"))
+    cmu = next((shared_data / "cmu_two_finger").glob("*.txt"))
+    for source, copy in ((mit, "mit/a.json.gz"), (cmu, "cmu/b.txt")):
+        (Path("recordings") / copy).parent.mkdir()
+        shutil.copy(source, Path("recordings") / copy)
+    for name in ("notes.txt", "model.npz", ".hidden.h5", "x.csv", ".git/y.h5", "out/z.h5"):
+        path = Path("recordings") / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("something")
+    (Path("recordings") / "settings.json").write_text('{"seed": 1}')
+    (Path("recordings") / "path.tum").write_text("0 0 0 0 0 0 0 1\n")
+    found = find_recordings(Path("recordings"), leave_out=Path("recordings/out"))
+    assert list(found) == ["cmu/b.txt", *NAMES, "mit/a.json.gz"]
+    for name in ("cut.json", "empty.json", "no.h5"):  # these are named as broken
+        (Path("recordings") / name).write_text("" if name == "empty.json" else '{"q_sliderJS')
+    found = find_recordings(Path("recordings"))
+    assert {"cut.json", "empty.json", "no.h5", "out/z.h5"} < set(found)
+
+
+def test_a_folder_without_recordings_is_an_error():
+    Path("other").mkdir()
+    with pytest.raises(FileError, match="other: holds no recordings"):
+        find_recordings(Path("other"))
+    with pytest.raises(FileError, match="nowhere: no such folder"):
+        find_recordings(Path("nowhere"))
+
+
+def test_a_study_tracks_each_recording_in_each_way_as_track_does():
+    done: list[int] = []
+    found = study(progress=done.append)
+    assert done == [2, 4, 6, 8]
+    assert [(each.recording, each.method) for each in found.trials] == [(n, m) for n in NAMES for m in SETTINGS.methods]
+    assert (found.kept, found.skipped, found.failed, found.broken) == (0, {}, {}, {})
+    facts = {"group": "edges", "frames": 23, "images": False, "truth": True, "source": ""}
+    assert facts.items() < found.recordings["edges-2.h5"].items()
+    assert found.recordings["edges-2.h5"]["seconds"] == pytest.approx(22 / 30)
+    assert found.recordings["edges-2.h5"]["shape"]["type"] == "rectangle"
+    alone: Any = track(pushed(23), TrackerSettings(tactile="oracle"))
+    last = found.trials[-1]
+    assert np.array_equal(last.pose, alone.online.pose) and np.array_equal(last.truth, alone.recording.object_pose)
+    assert np.array_equal(last.covariance, alone.online.covariance)
+    assert last.summary["translation_rmse_mm"] == alone.summary["translation_rmse_mm"]
+    kept = read_trial(Path("out/trials/oracle/edges-2.h5.npz"))
+    assert np.array_equal(kept.pose, last.pose) and kept.summary == last.summary
+    assert sorted(path.name for path in Path("out").iterdir()) == ["study.json", "trials"]
+
+
+def test_two_workers_find_what_one_finds():
+    one, two = study(out="one"), study(out="two", workers=2)
+    assert [trial.recording for trial in one.trials] == [trial.recording for trial in two.trials]
+    for here, there in zip(one.trials, two.trials, strict=True):
+        assert np.array_equal(here.pose, there.pose) and np.array_equal(here.covariance, there.covariance)
+    assert one.recordings == two.recordings
+
+
+def test_what_a_recording_lacks_is_skipped_and_told():
+    blind = dataclasses.replace(pushed(20), object_pose=None)
+    write_recording(blind, "recordings/blind-1.h5")
+    methods = (NONE, ORACLE, LEARNT)
+    found = study(StudySettings(methods))
+    reasons = {method.tactile: why for (name, method), why in found.skipped.items() if name == "blind-1.h5"}
+    assert set(reasons) == {"none", "oracle", "learnt"}
+    assert reasons["none"].startswith("has no ground truth to start from")
+    assert found.skipped["disc-1.h5", LEARNT] == "has no images, which tactile learnt needs"
+    assert len(found.trials) == 8 and found.failed == found.broken == {}
+    # With a first pose it is tracked, though not scored; the others go on from their ground truth.
+    found = study(StudySettings(methods, first_pose=(0.0, 0.0, 3.0)), out="posed")
+    reasons = {method.tactile: why for (name, method), why in found.skipped.items() if name == "blind-1.h5"}
+    assert set(reasons) == {"oracle", "learnt"} and reasons["oracle"].startswith("has no ground truth, which")
+    alone = next(each for each in found.trials if each.recording == "blind-1.h5")
+    assert alone.pose[0].tolist() == [0.0, 0.0, 3.0] and np.isnan(alone.truth).all()
+    assert alone.summary["final_inside_95"] is alone.summary["inside_95"] is None
+    assert not found.recordings["blind-1.h5"]["truth"]
+    rows = table(found.trials, methods)
+    assert (rows["blind"]["none"]["sequences"], rows["blind"]["none"]["unscored"]) == (0, 1)
+    assert rows["blind"]["none"]["final_mm"] == {"median": None, "p75": None, "worst": None}
+    assert (rows[ALL]["none"]["sequences"], rows[ALL]["none"]["unscored"]) == (4, 1)
+    first = next(each for each in found.trials if each.recording == "disc-1.h5")
+    assert np.array_equal(first.pose[0], pushed(20).object_pose[0])
+
+
+def test_broken_recordings_do_not_stop_the_others():
+    cut = Path("recordings/disc-2.h5")
+    cut.write_bytes(cut.read_bytes()[:5000])
+    Path("recordings/edges-0.h5").write_text("")
+    found = study()
+    assert set(found.broken) == {"disc-2.h5", "edges-0.h5"} and len(found.trials) == 6
+    assert found.broken["edges-0.h5"] == "is empty" and "truncated or damaged" in found.broken["disc-2.h5"]
+    assert "disc-2.h5" not in found.recordings
+
+
+def test_failures_of_tracking_are_told_for_each_way(monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(study_job, "track", stumbles)
+        found = study()
+    assert found.failed == {
+        ("disc-2.h5", ORACLE): "frame at 0.300 s: the graph cannot be solved",
+        ("edges-1.h5", NONE): "ZeroDivisionError: division by zero",
+        ("edges-1.h5", ORACLE): "ZeroDivisionError: division by zero",
+    }
+    assert len(found.trials) == 5
+    again = study(resume=True)  # what failed is tried again
+    assert (again.failed, again.kept, len(again.trials)) == ({}, 5, 8)
+
+
+def test_an_interrupted_study_goes_on_where_it_was():
+    def stop(done: int) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        study(progress=stop)
+    before = contents("out")
+    assert len(before) == 5  # study.json and two trials of two recordings
+    Path("out/trials/none/.disc-1.h5.npz.01234567.part").write_bytes(b"half")
+    Path("out/trials/oracle/disc-2.h5.npz").write_bytes(b"cut")
+    with pytest.raises(FileError, match=r"out: is not empty; --resume goes on"):
+        study()
+    done: list[int] = []
+    found = study(resume=True, progress=done.append)
+    assert (found.kept, len(found.trials), done) == (3, 8, [4, 6, 8])
+    after = contents("out")
+    unchanged = {name for name in before if after[name] == before[name]}
+    assert unchanged == {"trials/none/disc-1.h5.npz", "trials/oracle/disc-1.h5.npz", "trials/none/disc-2.h5.npz"}
+    assert len(after) == 9
+    # More ways and recordings may come later; what is there stays.
+    write_recording(pushed(30), "recordings/new-1.h5")
+    found = study(StudySettings((NONE, Method("constant", "fixed-lag"))), resume=True)
+    assert (found.kept, len(found.trials), len(found.recordings)) == (4, 10, 5)
+
+
+def test_a_study_goes_on_with_the_same_settings_and_files_only():
+    study()
+    noise = GraphNoise(contact=2e-3)
+    with pytest.raises(SettingError, match=r"out: was made with other settings \(noise contact was 0.001, is 0.002\)"):
+        study(dataclasses.replace(SETTINGS, noise=noise), resume=True)
+    with pytest.raises(SettingError, match=r"pressure was 'uniform', is 0.03"):
+        study(dataclasses.replace(SETTINGS, pressure=0.03), resume=True)
+    write_recording(pushed(40), "recordings/disc-1.h5", overwrite=True)
+    with pytest.raises(SettingError, match=r"disc-1.h5: has changed since it was tracked for out"):
+        study(resume=True)
+    Path("other").mkdir()
+    Path("other/thing").touch()
+    with pytest.raises(FileError, match="other: is not the folder of a study"):
+        study(out="other", resume=True)
+    Path("other/study.json").write_text('{"format": "palpate-study", "version": 2}')
+    with pytest.raises(FileError, match=r"format is 'palpate-study' of version 2, expected"):
+        study(out="other", resume=True)
+    Path("other/study.json").write_text('{"format": "palpate-study", "version": 1}')
+    with pytest.raises(FileError, match=r"study.json: lacks made_with or recordings"):
+        study(out="other", resume=True)
+    with pytest.raises(FileError, match=r"thing: cannot be the folder of a study"):
+        study(out="other/thing")
+
+
+def test_settings_that_cannot_be():
+    with pytest.raises(SettingError, match="workers is 0"):
+        study(workers=0)
+    with pytest.raises(SettingError, match=r"first pose is .*nan"):
+        study(dataclasses.replace(SETTINGS, first_pose=(0.0, float("nan"), 0.0)))
+    assert not Path("out").exists()
+
+
+def test_settings_reach_the_tracker():
+    settings = StudySettings((Method("constant", "isam2"),), PUBLISHED, 0.03)
+    found = study(settings)
+    alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, 0.03))
+    assert np.array_equal(found.trials[0].pose, alone.online.pose)
+    assert Path("out/trials/constant+isam2/disc-1.h5.npz").exists()
+    write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.h5")
+    found = study(StudySettings((NONE,), pressure="corner"), out="corner")
+    assert "pressure of a disc is 'corner'" in found.skipped["round-1.h5", NONE]
+
+
+def test_a_worker_that_dies_takes_its_recording_only(monkeypatch, caplog):
+    monkeypatch.setattr(study_module, "do_job", dies)
+    found = study(workers=2)
+    assert found.failed == {("disc-2.h5", NONE): DIED, ("disc-2.h5", ORACLE): DIED}
+    assert [trial.recording for trial in found.trials] == [name for name in NAMES if name != "disc-2.h5" for _ in "ab"]
+    assert "a process died" in caplog.text
+    assert not list(Path("out").rglob(".*.part"))
+
+
+def test_a_worker_that_dies_once_costs_nothing(monkeypatch):
+    monkeypatch.setattr(study_module, "do_job", dies_once)
+    found = study(workers=2)
+    assert found.failed == {} and len(found.trials) == 8 and Path("recordings/died").exists()
+
+
+def test_a_cluster_finds_the_same_and_may_lose_workers(monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install palpate[sim]")
+    import dask.config
+
+    here = study(out="here")
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
+    quiet = {"silence_logs": "CRITICAL"}
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(**options, **quiet) as cluster,
+    ):
+        there = study(out="there", dask=cluster.scheduler_address)
+        monkeypatch.setattr(study_module, "do_job", dies)
+        lost = study(out="lost", dask=cluster.scheduler_address)
+    assert [trial.recording for trial in there.trials] == [trial.recording for trial in here.trials]
+    assert all(np.array_equal(a.pose, b.pose) for a, b in zip(here.trials, there.trials, strict=True))
+    assert set(lost.failed) == {("disc-2.h5", NONE), ("disc-2.h5", ORACLE)} and len(lost.trials) == 6
+
+
+def test_slid_is_the_way_in_contact_back_and_forth():
+    recording = dataclasses.replace(
+        pushed(20),
+        time=np.arange(20) / 10,
+        contact=np.arange(20) >= 2,
+        extra={"slip": np.array([5.0, 5.0, 0.01, -0.02, *np.zeros(16)])},
+    )
+    # 0.1 s at 10 mm/s one way, then 0.1 s at 20 mm/s back.
+    assert slid(recording)[:6] == pytest.approx([0.0, 0.0, 0.001, 0.003, 0.003, 0.003])
+    found = trial_of(track(recording), "a.h5", NONE)
+    assert found.summary["slid_mm"] == pytest.approx(3.0)
+    assert np.isnan(slid(pushed(20))).all()
+    assert trial_of(track(pushed(20)), "a.h5", NONE).summary["slid_mm"] is None
+
+
+def test_inside_95_is_of_frames_since_the_first_contact():
+    # Sigma 1 mm: 2 mm is a NEES of 4, 3 mm one of 9; 95 % of chi-squared with 3 degrees of freedom lies below 7.815.
+    assert inside_95([7.814, 7.816]).tolist() == [True, False]
+    assert since_contact(trial(2.0)) == pytest.approx([4.0, 4.0, 4.0])
+    untouched = dataclasses.replace(trial(2.0), contact=np.zeros(4, bool))
+    assert len(since_contact(untouched)) == 0
+    run = track(pushed(20), TrackerSettings(tactile="oracle"))
+    found = trial_of(run, "a.h5", ORACLE)
+    inside = found.nees[5:] < 7.8147  # contact begins at frame 5
+    assert found.summary["inside_95"] == pytest.approx(inside.mean())
+    assert found.summary["final_inside_95"] is bool(inside[-1])
+
+
+def test_table_by_hand():
+    trials = [trial(mm) for mm in (1.0, 2.0, 3.0, 60.0)] + [trial(4.0, group="edges"), trial(9.0, ORACLE)]
+    rows = table(trials, (NONE, ORACLE))
+    assert list(rows) == ["disc", "edges", ALL] and list(rows["disc"]) == ["none", "oracle"]
+    row = rows["disc"]["none"]
+    assert row["sequences"] == 4 and row["lost"] == 1
+    # A quarter of the way from 3 to 60 mm is 17.25 mm.
+    assert row["final_mm"] == pytest.approx({"median": 2.5, "p75": 17.25, "worst": 60.0})
+    assert row["final_deg"] == pytest.approx({"median": 1.0, "p75": 1.0, "worst": 1.0})
+    assert (row["rmse_mm"], row["rmse_deg"]) == pytest.approx((1.25, 0.5))
+    # NEES of 1, 4, 9 and 3600, three frames each; the first two are inside.
+    assert row["nees"] == pytest.approx({"median": 6.5, "mean": 903.5})
+    assert (row["inside_95"], row["final_inside_95"]) == (0.5, 0.5)
+    assert row["step_ms"] == pytest.approx({"p50": 2.5, "p95": 5.0})
+    assert rows[ALL]["none"]["sequences"] == 5 and rows[ALL]["none"]["final_mm"]["median"] == pytest.approx(3.0)
+    assert list(rows["edges"]) == ["none"]
+    assert table([], (NONE,)) == {}
+    turned = trial(1.0, final_rotation_error_deg=31.0)
+    assert table([turned], (NONE,))["disc"]["none"]["lost"] == 1
+
+
+def test_results_hold_everything_as_plain_data():
+    Path("recordings/edges-0.h5").write_text("")
+    settings = StudySettings((NONE, LEARNT))
+    found = study(settings)
+    found.trials[0].summary["final_translation_error_mm"] = 51.0
+    results = results_of(found, settings, TouchModel(SHIPPED), Path("recordings"), 1, "palpate evaluate")
+    write_results(Path("out"), results, found.trials)
+    read = json.loads(Path("out/results.json").read_text())
+    assert read == json.loads(json.dumps(results))
+    counts = {"recordings": 4, "trials": 4, "skipped": 4, "failed": 0, "broken": 1, "kept": 0}
+    assert counts.items() < read["study"].items()
+    assert [(each["recording"], each["method"], each["final_mm"]) for each in read["lost"]] == [
+        ("disc-1.h5", "none", 51.0)
+    ]
+    assert read["broken"] == [{"recording": "edges-0.h5", "error": "is empty"}]
+    assert read["skipped"][0]["method"] == "learnt"
+    assert (read["settings"]["noise_preset"], read["settings"]["noise"]["contact"]) == ("palpate", 1e-3)
+    lines = Path("out/sequences.csv").read_text().splitlines()
+    assert len(lines) == 5 and lines[0].startswith("recording,group,tactile,smoother,lost,frames")
+    assert lines[1].startswith("disc-1.h5,disc,none,fixed-lag,True,20")
+
+
+def test_comparison_by_hand():
+    def finals(mm: float, deg: float, name: str) -> Trial:
+        return trial(mm, name=name, final_rotation_error_deg=deg, translation_rmse_mm=mm / 4)
+
+    before = {
+        (f"{name}.h5", NONE): {"final_mm": mm, "final_deg": deg, "rmse_mm": mm / 4, "rmse_deg": 0.5}
+        for name, mm, deg in (("a", 4.0, 1.0), ("b", 4.0, 1.0), ("c", 4.0, 1.0), ("d", 4.0, 1.0), ("gone", 9.0, 9.0))
+    }
+    after = [finals(3.0, 1.5, "a.h5"), finals(4.09, 0.91, "b.h5"), finals(4.0, 3.0, "c.h5"), finals(9.0, 1.0, "d.h5")]
+    after.append(finals(1.0, 1.0, "new.h5"))
+    found = compare(Path("old"), before, after)
+    change = found["methods"]["none"]
+    # a: a millimetre better, half a degree worse; b: the same; c and d: 2 degrees and 5 mm worse.
+    assert [change[key] for key in ("sequences", "better", "same", "worse")] == [4, 1, 1, 2]
+    assert [each["recording"] for each in change["improved"]] == ["a.h5"]
+    assert [each["recording"] for each in change["worsened"]] == ["d.h5", "c.h5"]
+    assert change["improved"][0]["change"] == pytest.approx(-0.5)
+    assert change["final_mm"] == pytest.approx({"before": 4.0, "after": 4.045})
+    assert change["rmse_mm"] == pytest.approx({"before": 1.0, "after": 1.01125})
+    assert len(found["sequences"]) == 4 and found["folder"] == "old"
+
+
+def test_scores_are_those_that_a_study_wrote():
+    found = study()
+    with pytest.raises(FileError, match="out: holds a study that is not done"):
+        read_scores(Path("out"))
+    results = results_of(found, SETTINGS, TouchModel(SHIPPED), Path("recordings"), 1, "")
+    write_results(Path("out"), results, found.trials)
+    scores = read_scores(Path("out"))
+    assert len(scores) == 8
+    summary = found.trials[0].summary
+    assert scores["disc-1.h5", NONE]["final_mm"] == summary["final_translation_error_mm"]
+    check_common(Path("out"), scores, ["disc-1.h5", "x.h5"], [NONE])
+    for names, methods in ((["x.h5"], [NONE]), (["disc-1.h5"], [LEARNT])):
+        with pytest.raises(SettingError, match="--against out: has no recording and method in common"):
+            check_common(Path("out"), scores, names, methods)
+    with pytest.raises(FileError, match="recordings: is not the folder of a study"):
+        read_scores(Path("recordings"))
+    Path("out/sequences.csv").write_text("recording,tactile\na,b\n")
+    with pytest.raises(FileError, match=r"sequences.csv: is not a table of sequences"):
+        read_scores(Path("out"))

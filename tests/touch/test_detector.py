@@ -1,0 +1,227 @@
+"""Contact from images: simulated touches, shares made by hand, drifting light and real sensors."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import SettingError
+from palpate.recording.images import decode_image, encode_image
+from palpate.recording.sensor import DIGIT
+from palpate.simulation.gel import ball_overlap, touch_image
+from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.touch.background import Background, background_of, check_image
+from palpate.touch.detector import END, FIRST_FRAMES, START, ContactDetector
+
+
+@pytest.fixture(scope="module")
+def units() -> list[SensorUnit]:
+    return [draw_unit(DIGIT, seed) for seed in range(100, 104)]
+
+
+def seen(unit: SensorUnit, depth: float, rng: np.random.Generator) -> np.ndarray:
+    """What a camera sees of a ball of 4 mm radius pressed in by a depth [m], through JPEG."""
+    overlap = ball_overlap(unit, 0.004, (0.002, -0.003), depth) if depth else None
+    return decode_image(encode_image(touch_image(unit, overlap, rng=rng)), "jpeg", (320, 240))
+
+
+def grey(level: float = 100.0, size: tuple[int, int] = (60, 60)) -> np.ndarray:
+    return np.full((*size, 3), level, np.uint8)
+
+
+def marked(cells: int) -> np.ndarray:
+    """A grey image of 60 x 60 px, of whose 30 x 30 cells of 2 x 2 px some are brighter."""
+    image = grey()
+    for index in range(cells):
+        row, column = 2 * (index // 30), 2 * (index % 30)
+        image[row : row + 2, column : column + 2] = 150
+    return image
+
+
+def still(level: float = 100.0) -> Background:
+    return Background(grey(level).astype(np.float32), np.zeros((60, 60, 3), np.float32))
+
+
+def test_a_ball_is_felt_from_a_fifth_of_a_millimetre_on_and_gone_when_it_is(units):
+    rng = np.random.default_rng(0)
+    for unit in units:
+        detector = ContactDetector()
+        depths = [0.0] * 20 + [2e-4] * 3 + [0.0] * 3 + [8e-4] * 3 + [0.0] * 3
+        felt = [detector.update(seen(unit, depth, rng)) for depth in depths]
+        assert felt == [depth > 0.0 for depth in depths]
+
+
+def test_first_frames_are_taken_as_untouched():
+    rng = np.random.default_rng(0)
+    images = [rng.integers(90, 110, (60, 60, 3)).astype(np.uint8) for _ in range(FIRST_FRAMES)]
+    detector = ContactDetector()
+    for image in images:
+        assert detector.background is None
+        assert detector.update(image) is False
+    found, expected = detector.background, np.array(images, float)
+    assert found is not None and found.mean.dtype == found.deviation.dtype == np.float32
+    assert np.allclose(found.mean, expected.mean(axis=0), atol=1e-4)
+    assert np.allclose(found.deviation, expected.std(axis=0, ddof=1), atol=1e-4)
+
+
+def test_shares_are_of_cells_and_the_end_lies_below_the_start():
+    # Of 900 cells, 4 are 0.44 %, 5 are 0.56 %, 9 are 1 % and 10 are 1.1 %.
+    assert START == 0.01 and END == 0.005
+    detector = ContactDetector(still())
+    sequence = [(0, False), (9, False), (10, True), (9, True), (5, True), (4, False), (9, False), (900 // 3, True)]
+    for cells, touched in sequence:
+        assert detector.update(marked(cells)) is touched
+        assert detector.share == pytest.approx(cells / 900)
+
+
+def test_four_deviations_of_a_cell_and_never_less_than_four_levels():
+    # Pixels of 10 levels are cells of 10 here: 2 x 2 px share their noise. Changes of 39 and 41 are 3.9 and 4.1.
+    noisy = Background(still().mean, np.full((60, 60, 3), 10.0, np.float32))
+    for background, change, touched in ((noisy, 39, False), (noisy, 41, True), (still(), 3, False), (still(), 5, True)):
+        image = grey()
+        image[:20] += change
+        assert ContactDetector(background).update(image) is touched
+
+
+def test_a_brighter_light_is_no_touch_and_fading_during_one_leaves_none_behind():
+    rng = np.random.default_rng(1)
+    gel = rng.uniform(40.0, 160.0, (60, 60, 3))
+    untouched = Background(gel.astype(np.float32), np.zeros((60, 60, 3), np.float32))
+    touch = np.zeros((60, 60, 1))
+    touch[20:30, 20:30] = 40.0
+    detector = ContactDetector(untouched)
+
+    def image(light: np.ndarray, touched: bool) -> np.ndarray:
+        return np.rint(light * gel + touched * touch).astype(np.uint8)
+
+    assert not detector.update(image(np.array([1.1, 0.9, 1.05]), False))
+    for fade in np.linspace(1.0, 0.8, 60):
+        assert detector.update(image(np.array([fade, 1.0, 2.0 - fade]), True))
+    assert not detector.update(image(np.array([0.8, 1.0, 1.2]), False))
+
+
+def test_follows_a_slow_drift_of_one_side():
+    # 20 levels from left to right, over 20 s: five times what would be taken for a touch.
+    ramp = np.linspace(-1.0, 1.0, 60)[:, None] * 20.0
+    detector = ContactDetector(still())
+    for part in np.linspace(0.0, 1.0, 600):
+        assert not detector.update(np.rint(grey() + part * ramp).astype(np.uint8))
+    followed = detector.background
+    # It lags 3 s behind a drift of 1 level/s at the edge.
+    assert followed is not None and np.abs(followed.mean - grey() - ramp).max() < 4.0
+    sudden = ContactDetector(still())
+    assert sudden.update(np.rint(grey() + ramp).astype(np.uint8))
+
+
+def test_a_resting_touch_is_not_swallowed():
+    detector = ContactDetector(still())
+    assert all(detector.update(marked(20)) for _ in range(1000))
+    assert detector.background is not None and (detector.background.mean == 100.0).all()
+    assert not detector.update(marked(0))
+
+
+def test_deviation_follows_too():
+    rng = np.random.default_rng(2)
+    detector = ContactDetector(still())
+    for _ in range(450):
+        detector.update((grey() + rng.normal(0.0, 3.0, (60, 60, 3))).astype(np.uint8))
+    assert detector.background is not None
+    assert np.sqrt((detector.background.deviation**2).mean()) == pytest.approx(3.0, rel=0.05)
+
+
+def test_takes_well_under_a_millisecond(units):
+    rng = np.random.default_rng(0)
+    images = [touch_image(units[0], None, rng=rng) for _ in range(FIRST_FRAMES)]
+    detector, took = ContactDetector(), []
+    for image in images * 6:
+        begin = time.perf_counter()
+        detector.update(image)
+        took.append(time.perf_counter() - begin)
+    assert np.median(took[FIRST_FRAMES:]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.zeros((320, 240, 3), np.float32), "float32"),
+        (np.zeros((240, 320, 3), np.uint8), "turned by a quarter"),
+        (np.zeros((3, 320, 240), np.uint8), "channels first"),
+        (np.zeros((320, 240), np.uint8), r"\(320, 240\)"),
+        ([1, 2, 3], "list"),
+    ],
+)
+def test_other_images_are_refused(image, words):
+    with pytest.raises(SettingError, match=words) as error:
+        check_image(image, 320, 240)
+    assert "uint8 (320, 240, 3)" in str(error.value)
+    level = np.full((320, 240, 3), 100.0, np.float32)
+    detector = ContactDetector(Background(level, level))
+    with pytest.raises(SettingError):
+        detector.update(image)
+
+
+def test_images_must_not_change_their_size():
+    detector = ContactDetector()
+    detector.update(grey())
+    with pytest.raises(SettingError, match=r"found uint8 \(62, 60, 3\); expected uint8 \(60, 60, 3\)"):
+        detector.update(grey(size=(62, 60)))
+
+
+def test_swapped_channels_are_told_from_a_background(units):
+    rng = np.random.default_rng(3)
+    for unit in units:
+        background = background_of(touch_image(unit, None, rng=rng) for _ in range(FIRST_FRAMES))
+        image = touch_image(unit, ball_overlap(unit, 0.004, (0.0, 0.0), 1e-3), rng=rng)
+        assert ContactDetector(background).update(image)
+        with pytest.raises(SettingError, match="found BGR, expected RGB"):
+            ContactDetector(background).update(image[..., ::-1])
+    assert not ContactDetector(still()).update(grey())  # grey is the same both ways
+
+
+def read(file: Path) -> np.ndarray:
+    import cv2
+
+    return np.ascontiguousarray(np.asarray(cv2.imread(str(file)), np.uint8)[..., ::-1])
+
+
+def test_real_untouched_gels_give_no_alarm(shared_data):
+    """Each real image with camera noise, JPEG at two qualities, flicker, and light that drifts by 5 % and sideways."""
+    import cv2
+
+    files = sorted((shared_data / "digit_backgrounds").glob("*.jpg"))
+    assert len(files) == 17
+    rng = np.random.default_rng(4)
+    noise = rng.normal(size=4 * 320 * 240 * 3).astype(np.float32)
+    frames = 80
+    for number, file in enumerate(files):
+        gel = read(file).astype(np.float32)
+        levels, quality = (1.0, 2.0, 3.0)[number % 3], (95, 80)[number % 2]
+        side = np.linspace(-0.02, 0.02, 240)[:, None] * rng.choice([-1.0, 1.0], 3)
+        drift = 0.05 * rng.choice([-1.0, 1.0], 3)
+        detector = ContactDetector()
+        for part in np.linspace(0.0, 0.5, frames):  # the first half of 160 frames
+            light = (1.0 + part * (drift + side) + rng.normal(0.0, 0.003)).astype(np.float32)
+            start = int(rng.integers(3 * gel.size))
+            image = np.clip(np.rint(gel * light + levels * noise[start : start + gel.size].reshape(gel.shape)), 0, 255)
+            done, data = cv2.imencode(".jpg", image.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])
+            assert done
+            assert not detector.update(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)), file.name
+
+
+def test_every_real_press_on_a_marked_gel_is_felt(shared_data):
+    folder = shared_data / "gelslim_presses"
+    untouched = read(folder / "no_contact.jpg")
+    presses = sorted(folder.glob("press_*.jpg"))
+    assert len(presses) == 12
+    rng = np.random.default_rng(5)
+
+    def noisy(image: np.ndarray) -> np.ndarray:
+        return np.clip(np.rint(image + rng.normal(0.0, 2.0, image.shape)), 0, 255).astype(np.uint8)
+
+    detector = ContactDetector()
+    for _ in range(FIRST_FRAMES):
+        detector.update(noisy(untouched))
+    for press in presses:
+        assert not detector.update(noisy(untouched))
+        assert detector.update(noisy(read(press))), press.name

@@ -1,0 +1,146 @@
+"""Patch and ellipse: known places and angles on drawn sensors, and real contacts with marked outlines."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from palpate.errors import SettingError
+from palpate.recording.sensor import DIGIT
+from palpate.simulation.gel import ball_overlap, touch_image
+from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.touch.background import Background
+from palpate.touch.ellipse import ellipse_features, patch_center, patch_outline
+
+
+@pytest.fixture(scope="module")
+def units() -> list[SensorUnit]:
+    return [draw_unit(DIGIT, seed) for seed in range(100, 104)]
+
+
+def untouched(unit: SensorUnit) -> Background:
+    mean = unit.no_contact.astype(np.float32)
+    return Background(mean, np.full(mean.shape, unit.noise, np.float32))
+
+
+def bump(column: float, row: float, major: float, minor: float, angle: float, depth: float = 6e-4) -> np.ndarray:
+    """Overlap (320, 240) [m] with an ellipsoid of full axes [px]; its angle goes from columns to rows [rad]."""
+    x, y = np.arange(240) - column, np.arange(320)[:, None] - row
+    along = (x * math.cos(angle) + y * math.sin(angle)) / (0.5 * major)
+    across = (y * math.cos(angle) - x * math.sin(angle)) / (0.5 * minor)
+    return (depth * np.sqrt(np.maximum(1.0 - along**2 - across**2, 0.0))).astype(np.float32)
+
+
+def drawn(column: float, row: float, major: float, minor: float, angle: float) -> tuple[np.ndarray, Background]:
+    """A flat bright ellipse on grey."""
+    import cv2
+
+    image = np.full((320, 240, 3), 100, np.uint8)
+    axes = (round(major / 2), round(minor / 2))
+    cv2.ellipse(image, (round(column), round(row)), axes, math.degrees(angle), 0, 360, (160, 140, 120), -1)
+    return image, Background(np.full(image.shape, 100.0, np.float32), np.ones(image.shape, np.float32))
+
+
+@pytest.mark.parametrize("angle", [0.2, math.pi / 4, math.pi / 2, 0.6 * math.pi, 0.9 * math.pi])
+def test_features_of_a_drawn_ellipse(angle):
+    image, background = drawn(100, 180, 120, 60, angle)
+    column, row, major, minor, cos, sin = ellipse_features(image, background)
+    assert (column, row) == pytest.approx((100.5 / 240, 180.5 / 320), abs=0.005)
+    assert (major, minor) == pytest.approx((120 / 240, 60 / 240), abs=0.02)
+    assert (cos, sin) == pytest.approx((math.cos(angle), math.sin(angle)), abs=0.03)
+    assert patch_center(image, background) == pytest.approx((100.0, 180.0), abs=1.0)
+
+
+def test_the_angle_of_an_upright_patch_does_not_jump():
+    angles = [math.pi / 2 + turn for turn in (-0.1, -0.02, 0.0, 0.02, 0.1)]
+    features = np.array([ellipse_features(*drawn(120, 160, 160, 60, angle)) for angle in angles])
+    assert (np.abs(features[:, 4] - np.cos(angles)) < 0.03).all() and (features[:, 5] > 0.97).all()
+
+
+def test_balls_are_found_where_they_press(units):
+    rng = np.random.default_rng(0)
+    places = [(0.0, 0.0), (0.003, 0.004), (-0.004, -0.002)]
+    for unit, (y, z) in [(unit, place) for unit in units for place in places]:
+        image = touch_image(unit, ball_overlap(unit, 0.004, (y, z), 8e-4), rng=rng)
+        away = np.hypot(unit.place[0] - y, unit.place[1] - z)
+        row, column = np.unravel_index(int(away.argmin()), away.shape)
+        center = patch_center(image, untouched(unit))
+        assert np.hypot(*(center - (column, row))) < 0.05 * 240
+        assert ellipse_features(image, untouched(unit))[:2] * (240, 320) == pytest.approx(center, abs=6.0)
+
+
+@pytest.mark.parametrize("angle", [math.pi / 2, math.pi / 3, 2 * math.pi / 3])
+def test_ellipsoids_are_found_with_their_angle(units, angle):
+    rng = np.random.default_rng(1)
+    for unit in units:
+        image = touch_image(unit, bump(115, 170, 150, 50, angle), rng=rng)
+        column, row, major, minor, cos, sin = ellipse_features(image, untouched(unit))
+        assert np.hypot(column * 240 - 115, row * 320 - 170) < 0.06 * 240
+        assert 1.3 * minor < major
+        turn = math.atan2(sin, cos) - angle
+        assert abs(math.atan2(math.sin(2 * turn), math.cos(2 * turn)) / 2) < math.radians(12.0)
+
+
+def test_noise_moves_the_centre_by_less_than_a_pixel_and_is_no_patch(units):
+    rng = np.random.default_rng(2)
+    for unit in units:
+        background, overlap = untouched(unit), ball_overlap(unit, 0.004, (0.001, 0.001), 5e-4)
+        clean = patch_center(touch_image(unit, overlap), background)
+        assert np.abs(patch_center(touch_image(unit, overlap, rng=rng), background) - clean).max() < 1.5
+        empty = np.clip(unit.no_contact + rng.normal(0.0, 3.0, unit.no_contact.shape), 0, 255).astype(np.uint8)
+        for image in (unit.no_contact, empty):
+            assert patch_outline(image, background) is None
+            assert np.isnan(ellipse_features(image, background)).all()
+            assert np.isnan(patch_center(image, background)).all()
+
+
+def test_a_brighter_image_is_no_patch():
+    _, background = drawn(0, 0, 1, 1, 0.0)
+    assert patch_outline(np.full((320, 240, 3), 130, np.uint8), background) is None
+
+
+def test_a_ring_is_filled_in_images_of_any_size():
+    import cv2
+
+    for size in (64, 240, 480):
+        image = np.full((size, size, 3), 100, np.uint8)
+        place = (round(0.6 * size), round(0.4 * size))
+        cv2.circle(image, place, size // 5, (180, 180, 180), max(2, size // 20))
+        background = Background(np.full(image.shape, 100.0, np.float32), np.ones(image.shape, np.float32))
+        assert patch_center(image, background) == pytest.approx(place, abs=0.01 * size)
+        column, _, major, minor, _, _ = ellipse_features(image, background)
+        assert (column, major, minor) == pytest.approx((0.6, 0.44, 0.44), abs=0.04)
+
+
+def test_another_size_is_refused():
+    _, background = drawn(0, 0, 1, 1, 0.0)
+    for feature in (patch_outline, patch_center, ellipse_features):
+        with pytest.raises(SettingError, match=r"expected uint8 \(320, 240, 3\)"):
+            feature(np.zeros((240, 320, 3), np.uint8), background)
+
+
+def agreed(images: list[np.ndarray]) -> np.ndarray:
+    """The untouched gel of images touched at different places: at each pixel, what the two say that differ least."""
+    import cv2
+
+    smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.0) for image in images]
+    pairs = list(itertools.combinations(smooth, 2))
+    differ = [cv2.GaussianBlur(np.abs(a - b).sum(axis=-1), (0, 0), 4.0) for a, b in pairs]
+    best = np.argmin(differ, axis=0)[None, ..., None]
+    middle = np.stack([(a + b) / 2.0 for a, b in pairs])
+    return cv2.GaussianBlur(np.take_along_axis(middle, best, axis=0)[0], (0, 0), 3.0)
+
+
+def test_real_contacts_within_a_tenth_of_the_width(shared_data):
+    import cv2
+
+    folder = shared_data / "digit_contacts"
+    images = [np.asarray(cv2.imread(str(folder / f"tile{i}_rgb.png")), np.uint8) for i in range(5)]
+    mean = agreed(images)
+    background = Background(mean, np.ones_like(mean))
+    for index, image in enumerate(images):
+        mask = np.asarray(cv2.imread(str(folder / f"tile{index}_gt.png"), cv2.IMREAD_GRAYSCALE)) > 127
+        rows, columns = np.nonzero(mask)
+        off = patch_center(image, background) - (columns.mean(), rows.mean())
+        assert np.hypot(*off) < 0.1 * 240

@@ -1,0 +1,131 @@
+"""What learnt touch makes of a model, on a stand-in whose answers are known."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.errors import EstimationError, SettingError
+from palpate.recording.frame import Frame
+from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
+from palpate.touch.background import Background
+from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
+from palpate.touch.model import KINDS, Look, Spread, TouchModel
+from palpate.touch.modes import make_touch
+from palpate.touch.relative import BACK, compared_frames
+
+BACKGROUND = Background(np.full((320, 240, 3), 100.0, np.float32), np.ones((320, 240, 3), np.float32))
+SIGMAS = (1.0, 1.0, 0.1)
+
+
+class StandIn:
+    """A model that reads the mean level off an image: 100 + k grey levels are k hundredths of everything."""
+
+    settings = SimpleNamespace(
+        sensor="DIGIT",
+        image_height=320,
+        image_width=240,
+        spread={
+            "direction": Spread(2.0, 3.0),
+            "turn": Spread(0.5, 4.0),
+            "pair": Spread(1.0, 30.0),
+            "linear": Spread(0.01, 5.0),
+        },
+        linear=((0.5, 0.0), (2.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+    )
+    linear = TouchModel.linear
+
+    @staticmethod
+    def level(difference: Any) -> float:
+        return 0.32 * float(difference.mean())
+
+    def look(self, difference: Any) -> Look:
+        level = self.level(difference)
+        return Look((level, 0.01), (2.0 * level, 0.02), np.array([level, 1.0], np.float32))
+
+    def compare(self, earlier: Any, later: Any) -> tuple[Any, Any]:
+        assert earlier.dtype == later.dtype == np.float32
+        return (later - earlier)[:, 0].astype(float), np.full(len(earlier), 0.03)
+
+    def keypoint(self, difference: Any) -> tuple[Any, Any]:
+        return np.array([self.level(difference), 0.0]), np.eye(len(KINDS))[1]
+
+
+def touch(mode: Any, background: Any = lambda: BACKGROUND) -> Any:
+    model: Any = StandIn()
+    return make_touch(mode, DIGIT, SIGMAS, SIGMAS, model, background)
+
+
+def frame(k: int) -> Frame:
+    return Frame(k / 30, np.zeros(3), image=np.full((320, 240, 3), 100 + k, np.uint8))
+
+
+def test_difference_is_of_reduced_images():
+    image = np.zeros((320, 240, 3), np.uint8)
+    image[:, 120:] = 64  # the right half
+    found = difference(image, reduced(np.zeros((320, 240, 3), np.float32)))
+    assert found.shape == (ROWS, COLUMNS, 3) and found.dtype == np.float32
+    assert (found[:, : COLUMNS // 2] == 0.0).all() and (found[:, COLUMNS // 2 :] == 2.0).all()  # 64 / 32 levels
+
+
+@pytest.mark.parametrize(
+    ("mode", "direction", "turn"), [("learnt", 1, 1), ("learnt-direction", 1, 0), ("learnt-turn", 0, 1)]
+)
+def test_images_tell_direction_and_turn(mode, direction, turn):
+    feeling = touch(mode).feel(frame(7))
+    assert feeling.relative is None
+    assert (feeling.direction is not None) == direction
+    assert (feeling.turn is not None) == turn
+    if direction:
+        assert feeling.direction.angle == pytest.approx(0.07)
+        assert feeling.direction.variance == pytest.approx(0.01 * 2.0 * 3.0)
+    if turn:
+        assert feeling.turn.angle == pytest.approx(0.14)
+        assert feeling.turn.variance == pytest.approx(0.02 * 0.5 * 4.0)
+
+
+@pytest.mark.parametrize(("mode", "variance"), [("learnt-pairs", 0.03 * 30.0), ("learnt-linear", 0.01 * 5.0)])
+def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
+    # The ellipse's weight of the linear model is 2 and its sine is told; the stand-in's pairs tell the angle itself.
+    told = (lambda back: np.arcsin(2.0 * 0.01 * back)) if mode == "learnt-linear" else (lambda back: 0.01 * back)
+    felt = touch(mode)
+    assert felt.feel(frame(0)).relative is None
+    for k in range(1, 60):
+        found = felt.feel(frame(k)).relative
+        assert found.back.tolist() == compared_frames(k).tolist()
+        np.testing.assert_allclose(
+            found.pose, np.column_stack([0 * found.back, 0 * found.back, told(found.back)]), atol=1e-6
+        )
+        np.testing.assert_allclose(
+            found.covariance, np.broadcast_to(np.diag([1.0, 1.0, variance]), (len(found.back), 3, 3))
+        )
+    felt.lift()
+    assert felt.feel(frame(60)).relative is None
+    assert felt.feel(frame(61)).relative.back.tolist() == [1]
+    assert BACK[0] > 1
+
+
+def test_a_contact_keeps_the_background_it_began_with():
+    light = [100.0]
+    felt = touch("learnt", lambda: Background(BACKGROUND.mean * np.float32(light[0] / 100.0), BACKGROUND.deviation))
+    assert felt.feel(frame(5)).direction.angle == pytest.approx(0.05)
+    light[0] = 104.0
+    assert felt.feel(frame(5)).direction.angle == pytest.approx(0.05)
+    felt.lift()
+    assert felt.feel(frame(5)).direction.angle == pytest.approx(0.01, rel=1e-4)
+
+
+def test_linear_touch_mixes_kinds_as_likely_as_they_are():
+    kinds = np.array([[0.5, 0.5, 0.0, 0.0, 0.0]])
+    model: Any = StandIn()
+    turned = TouchModel.linear(model, np.array([[0.1, 0.9]]), np.array([0.3, -0.9]), kinds)
+    assert turned == pytest.approx(np.arcsin(0.2 * (0.5 * 0.5 + 0.5 * 2.0)))
+
+
+def test_bad_input_is_named():
+    with pytest.raises(EstimationError, match=r"frame at 0\.100 s has no image"):
+        touch("learnt").feel(Frame(0.1, np.zeros(3)))
+    model: Any = StandIn()
+    with pytest.raises(SettingError, match="'GelSight Mini' has images of 240 x 320 px; the touch model is of 'DIGIT'"):
+        make_touch("learnt", GELSIGHT_MINI, SIGMAS, SIGMAS, model, lambda: BACKGROUND)

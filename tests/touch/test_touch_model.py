@@ -1,0 +1,238 @@
+"""A touch model on disk and what makes feelings of it, with networks that need no training."""
+
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from training_samples import LINEAR, SPREAD, model_settings
+
+from palpate.errors import EstimationError, FileError
+from palpate.recording.frame import Frame
+from palpate.touch.background import Background
+from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
+from palpate.touch.learnt import ImageTouch, PairTouch, View, linear_touch, pair_touch
+from palpate.touch.model import NETWORKS, Look, Spread, TouchModel, fingerprint, write_model
+from palpate.touch.relative import BACK, compared_frames
+
+BYTES = {name: name.encode() for name in NETWORKS}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_model(tmp_path, model_settings(), BYTES)
+    return tmp_path
+
+
+def rewrite(folder, **changes):
+    file = folder / "model.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+def test_what_is_written_is_read(folder):
+    model = TouchModel(folder)
+    assert model.networks == BYTES
+    assert (model.settings.sensor, model.settings.image_height, model.settings.image_width) == ("small", 64, 128)
+    assert dict(model.settings.spread) == SPREAD
+    np.testing.assert_array_equal(model.settings.linear, LINEAR)
+    assert TouchModel(str(folder)).settings.training == {"seed": 0}
+
+
+@pytest.mark.parametrize("name", ["model.json", *(f"{name}.onnx" for name in NETWORKS)])
+def test_a_file_that_is_missing_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(FileError, match=rf"{name}: no such file"):
+        TouchModel(folder)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_an_altered_network_is_found(folder, name):
+    (folder / f"{name}.onnx").write_bytes(b"another")
+    with pytest.raises(FileError, match=r"hash is \w{12}, model.json says \w{12}: altered"):
+        TouchModel(folder)
+
+
+def test_networks_in_each_others_place_are_found(folder):
+    (folder / "touch.onnx").write_bytes(BYTES["pair"])
+    (folder / "pair.onnx").write_bytes(BYTES["touch"])
+    with pytest.raises(FileError, match="altered"):
+        TouchModel(folder)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": "palpate-recording"}, "format is 'palpate-recording', expected 'palpate-touch-model'"),
+        ({"version": 2}, "version is 2, this palpate reads up to 1"),
+        ({"version": "1"}, "version is '1'"),
+        ({"hash": None}, "altered"),
+        ({"settings": {"sensor": "small"}}, "altered"),
+    ],
+)
+def test_altered_settings_are_found(folder, changes, message):
+    rewrite(folder, **changes)
+    with pytest.raises(FileError, match=message):
+        TouchModel(folder)
+
+
+def test_one_altered_number_is_found(folder):
+    file = folder / "model.json"
+    text = file.read_text()
+    assert text.count('"scale": 0.01') == 1
+    file.write_text(text.replace('"scale": 0.01', '"scale": 0.02'))
+    with pytest.raises(FileError, match="altered"):
+        TouchModel(folder)
+
+
+def test_settings_of_another_version_of_palpate(folder):
+    settings = {**vars(model_settings()), "spread": {}, "colour": "red"}
+    write_model(folder, model_settings(), BYTES)
+    plain = json.loads(json.dumps(settings))
+    rewrite(folder, settings=plain, hash=fingerprint(plain, BYTES))
+    with pytest.raises(FileError, match=r"settings do not fit this version .*colour"):
+        TouchModel(folder)
+
+
+def test_what_is_no_model(tmp_path):
+    with pytest.raises(FileError, match=r"no such folder; a touch model is a folder with model\.json in it"):
+        TouchModel(tmp_path / "nothing")
+    (tmp_path / "model.json").write_text("[1]")
+    with pytest.raises(FileError, match="found a JSON list"):
+        TouchModel(tmp_path)
+
+
+def test_linear_by_hand(folder):
+    earlier, later = np.array([[0.1, 0.2], [0.3, -0.1]]), np.array([0.2, 0.1])
+    kinds = np.array([[0.0, 0, 0, 0, 1], [0.5, 0.5, 0, 0, 0]])
+    # Of corners (5, 6): 5 * 0.1 + 6 * -0.1 = -0.1. Half a disc (1, 0), half an ellipse (0, 2): 0.5 * -0.1 + 1 * 0.2.
+    wanted = np.arcsin([-0.1, 0.15])
+    np.testing.assert_allclose(TouchModel(folder).linear(earlier, later, kinds), wanted, atol=1e-12)
+    # 5 * 0.8 is no sine: a quarter turn is the most that can be told.
+    assert TouchModel(folder).linear(np.array([[0.0, 0]]), np.array([0.8, 0]), kinds[:1]) == pytest.approx(np.pi / 2)
+
+
+def test_difference_by_hand():
+    mean = reduced(np.full((320, 240, 3), (90.0, 100.0, 110.0), np.float32))
+    assert mean.shape == (ROWS, COLUMNS, 3) and mean.dtype == np.float32
+    image = np.full((320, 240, 3), (90, 100, 110), np.uint8)
+    image[:160, :, 0] += 32  # in the upper half, red is 32 levels brighter, which makes 1
+    found = difference(image, mean)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found[:16], np.broadcast_to((1.0, 0.0, 0.0), (16, 128, 3)), atol=1e-6)
+    np.testing.assert_allclose(found[16:], 0.0, atol=1e-6)
+
+
+def test_a_cell_is_the_mean_of_its_pixels():
+    image = np.zeros((64, 256, 3), np.float32)
+    image[0, 0], image[62:, 254:] = 8.0, 4.0  # one pixel of the four of the first cell, all of the last
+    assert reduced(image)[0, 0] == pytest.approx(2.0)
+    assert reduced(image)[-1, -1] == pytest.approx(4.0)
+
+
+class Gel:
+    """Tells the background, which may change, and counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.level, self.asked = 100.0, 0
+
+    def __call__(self) -> Background:
+        self.asked += 1
+        return Background(np.full((64, 128, 3), self.level, np.float32), np.ones((64, 128, 3), np.float32))
+
+
+def frame(level: int) -> Frame:
+    return Frame(0.5, np.zeros(3), np.full((64, 128, 3), level, np.uint8))
+
+
+def level_of(seen: Any) -> float:
+    return 32.0 * float(seen.mean())
+
+
+def test_a_view_keeps_the_background_of_a_contact():
+    gel = Gel()
+    view = View(gel)
+    assert gel.asked == 0  # nothing is known of it before the contact
+    assert level_of(view.of(frame(110))) == pytest.approx(10.0)
+    gel.level = 105.0
+    assert level_of(view.of(frame(110))) == pytest.approx(10.0)
+    view.forget()
+    assert level_of(view.of(frame(110))) == pytest.approx(5.0)
+    assert gel.asked == 2
+    with pytest.raises(EstimationError, match=r"frame at 0.500 s has no image"):
+        view.of(Frame(0.5, np.zeros(3)))
+
+
+def stand_in(**changes: Any) -> Any:
+    """A model whose networks tell the level of an image, as yaw in hundredths."""
+    spread = {"direction": Spread(2.0, 3.0), "turn": Spread(5.0, 1.5), "pair": Spread(1.0, 7.0)}
+    spread["linear"] = Spread(0.01, 4.0)
+    settings = model_settings(spread=spread)
+
+    def look(seen: Any) -> Look:
+        level = 0.01 * level_of(seen)
+        return Look((-level, 0.1), (level, 0.2), np.array([level, 1.0], np.float32))
+
+    def compare(earlier: Any, later: Any) -> Any:
+        assert earlier.dtype == later.dtype == np.float32
+        return (later[0] - earlier[:, 0]).astype(float), 0.01 * np.arange(1, len(earlier) + 1)
+
+    def keypoint(seen: Any) -> Any:
+        return np.array([0.01 * level_of(seen), 0.0]), np.array([1.0, 0, 0, 0, 0])
+
+    linear = TouchModel.linear
+    made = SimpleNamespace(settings=settings, look=look, compare=compare, keypoint=keypoint)
+    made.linear = lambda *given: linear(made, *given)  # pyright: ignore[reportArgumentType]
+    return made
+
+
+def test_what_an_image_tells_is_believed_as_far_as_was_measured():
+    gel = Gel()
+    feeling: Any = ImageTouch(stand_in(), View(gel)).feel(frame(110))
+    assert feeling.relative is None
+    assert feeling.direction.angle == pytest.approx(-0.1)
+    assert feeling.direction.variance == pytest.approx(0.1 * 2.0 * 3.0)  # scale and together
+    assert feeling.turn.angle == pytest.approx(0.1)
+    assert feeling.turn.variance == pytest.approx(0.2 * 5.0 * 1.5)
+    only: Any = ImageTouch(stand_in(), View(gel), turn=False).feel(frame(110))
+    assert only.direction is not None and only.turn is None
+    only = ImageTouch(stand_in(), View(gel), direction=False).feel(frame(110))
+    assert only.direction is None and only.turn is not None
+
+
+@pytest.mark.parametrize("make", [pair_touch, linear_touch])
+def test_pairs_tell_the_turn_since_each_earlier_frame(make):
+    gel = Gel()
+    touch = make(stand_in(), View(gel))
+    for age in range(60):
+        relative: Any = touch.feel(frame(100 + age)).relative
+        back = compared_frames(age) if age <= BACK[-1] else BACK
+        if not len(back):
+            assert relative is None
+            continue
+        np.testing.assert_array_equal(relative.back, back)
+        # The level rises by 1 a frame: yaw by 0.01, or the key point by as much, which of discs is the sine.
+        wanted = 0.01 * back if make is pair_touch else np.arcsin(0.01 * back)
+        np.testing.assert_allclose(relative.pose[:, 2], wanted, atol=1e-6)
+        told = 0.07 * np.arange(1, len(back) + 1) if make is pair_touch else np.full(len(back), 0.04)
+        np.testing.assert_allclose(relative.covariance[:, 2, 2], told, rtol=1e-6)
+        assert (relative.covariance[:, [0, 1], [0, 1]] >= 1.0).all()  # nothing is told of x and y, a metre is nothing
+        assert not relative.pose[:, :2].any()
+    touch.lift()
+    assert touch.feel(frame(100)).relative is None  # another contact
+    assert gel.asked == 2
+
+
+def test_pairs_are_asked_with_features_in_the_order_of_back():
+    asked: list[Any] = []
+
+    def compare(earlier: Any, later: Any) -> Any:
+        asked.append((earlier.copy(), later.copy()))
+        return np.zeros(len(earlier)), np.ones(len(earlier))
+
+    touch = PairTouch(View(Gel()), lambda seen: np.array([level_of(seen)]), compare)
+    for age in range(13):
+        touch.feel(frame(100 + age))
+    earlier, later = asked[-1]
+    np.testing.assert_allclose(later, [12.0], atol=1e-5)
+    np.testing.assert_allclose(earlier[:, 0], 12.0 - compared_frames(12), atol=1e-5)

@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+
+from palpate.geometry import se2
+from palpate.recording.trajectory import Trajectory
+from palpate.tracking import metrics
+
+TRUTH = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
+POSE = np.array([[0.003, 0.004, 0.1], [0.0, 0.0, -0.1], [0.0, 0.012, 0.2], [9.0, 9.0, 1.0]])
+
+
+def test_translation_errors_are_distances():
+    # 3-4-5 triangle; 12 mm along y; unknown truth.
+    found = metrics.translation_errors(POSE, TRUTH)
+    assert found == pytest.approx([0.005, 0.0, 0.012, np.nan], nan_ok=True)
+
+
+def test_rotation_errors_go_the_short_way_round():
+    pose = np.array([[0, 0, 3.1], [0, 0, -3.1], [0, 0, 0.2]])
+    truth = np.array([[0, 0, -3.1], [0, 0, 3.1], [0, 0, -0.1]])
+    # 3.1 - (-3.1) = 6.2, less a whole turn of 6.283185 = -0.083185.
+    assert metrics.rotation_errors(pose, truth) == pytest.approx([-0.083185307, 0.083185307, 0.3])
+
+
+def test_rms_leaves_out_what_is_not_known():
+    # sqrt((3^2 + 4^2) / 2) = sqrt(12.5)
+    assert metrics.rms([3.0, np.nan, -4.0]) == pytest.approx(np.sqrt(12.5))
+    assert metrics.rms([np.nan]) is None
+
+
+def test_nees_by_hand():
+    # No rotation error: log is the offset in the estimate's frame. The estimate faces +y, so 2 mm along
+    # world y are 2 mm along its x, where sigma is 1 mm: (2/1)^2 = 4; and 2 mm along world -x are 2 mm along
+    # its y, where sigma is 4 mm: 0.25.
+    quarter = np.pi / 2
+    pose = np.array([[1.0, 2.0, quarter]] * 2)
+    truth = np.array([[1.0, 2.002, quarter], [0.998, 2.0, quarter]])
+    covariance = np.array([np.diag([1e-6, 16e-6, 1.0])] * 2)
+    assert metrics.nees(pose, covariance, truth) == pytest.approx([4.0, 0.25])
+
+
+def test_nees_uses_the_logarithm_not_the_difference():
+    # d = (0.1, 0, pi/2) at the identity: exp gives x = 0.1 sin(pi/2)/(pi/2), y = 0.1 (1 - cos(pi/2))/(pi/2).
+    arm = 0.1 / (np.pi / 2)
+    truth = np.array([[arm, arm, np.pi / 2]])
+    covariance = np.diag([0.1**2, 0.01**2, (np.pi / 4) ** 2])[None]
+    # (0.1/0.1)^2 + 0 + 2^2 = 5
+    assert metrics.nees(np.zeros((1, 3)), covariance, truth) == pytest.approx([5.0])
+
+
+def test_mean_nees_of_matching_covariances_is_three():
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(3, 3)) * 0.02
+    pose = rng.normal(size=(4000, 3))
+    truth = se2.compose(pose, se2.exp(rng.normal(size=(4000, 3)) @ root.T))
+    found = metrics.nees(pose, np.broadcast_to(root @ root.T, (4000, 3, 3)), truth)
+    # chi-square with 3 degrees of freedom: variance 6, so the mean of 4000 is within 4 sqrt(6/4000) = 0.155.
+    assert np.mean(found) == pytest.approx(3.0, abs=0.155)
+
+
+def test_nees_is_unknown_for_unknown_truth_and_singular_covariance():
+    covariance = np.array([np.eye(3), np.zeros((3, 3))])
+    truth = np.array([[np.nan] * 3, [0.0, 0.0, 0.0]])
+    assert np.isnan(metrics.nees(np.zeros((2, 3)), covariance, truth)).all()
+
+
+def test_percentiles():
+    # Of 1 .. 101 the q-th percentile is 1 + q.
+    found = metrics.percentiles(np.arange(1, 102))
+    assert found == {"p50": 51.0, "p95": 96.0, "p99": 100.0, "max": 101.0}
+
+
+def summary(truth):
+    trajectory = Trajectory(
+        time=np.array([0.0, 0.1, 0.2, 0.3]),
+        pose=POSE,
+        covariance=np.array([np.eye(3)] * 4),
+        contact=np.array([False, True, True, False]),
+        status=("resting", "tracking", "tracking", "resting"),
+    )
+    step_ms = [1.0] * 4
+    return metrics.summarise(trajectory, truth, step_ms, tactile="none", smoother="isam2", wall_s=1.5, episodes=1)
+
+
+KEYS = [
+    *("frames", "contact_frames", "episodes", "tactile", "smoother", "wall_s", "step_ms"),
+    *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
+    *("nees_mean", "statuses", "scored_frames", "final_scored_time_s"),
+]
+
+
+def test_summary_scores_the_frames_with_truth():
+    found = summary(TRUTH)
+    assert list(found) == KEYS
+    # sqrt((5^2 + 0 + 12^2) / 3) = sqrt(169 / 3)
+    assert found["translation_rmse_mm"] == pytest.approx(np.sqrt(169 / 3))
+    # sqrt((0.1^2 + 0.1^2 + 0.2^2) / 3) = sqrt(0.02) rad
+    assert found["rotation_rmse_deg"] == pytest.approx(np.degrees(np.sqrt(0.02)))
+    # The last frame has no truth; the one before is 12 mm and 0.2 rad off.
+    assert found["final_translation_error_mm"] == pytest.approx(12.0)
+    assert found["final_rotation_error_deg"] == pytest.approx(np.degrees(0.2))
+    assert found["final_scored_time_s"] == 0.2
+    assert found["scored_frames"] == 3
+    assert (found["frames"], found["contact_frames"], found["episodes"]) == (4, 2, 1)
+    assert found["statuses"] == {"resting": 2, "tracking": 2}
+    assert found["step_ms"] == {"p50": 1.0, "p95": 1.0, "p99": 1.0, "max": 1.0}
+
+
+def test_summary_without_truth_has_no_scores():
+    found = summary(None)
+    assert list(found) == KEYS
+    assert found["scored_frames"] == 0
+    assert all(found[key] is None for key in KEYS if key.endswith(("_mm", "_deg", "_mean", "_time_s")))

@@ -1,0 +1,180 @@
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import RADIUS, SHAPES, contact_rows, frames, in_two_contacts, noisy, pushed, sensor, tips_of
+from tracker_samples import AS_DRAWN, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
+
+from palpate.geometry import se2
+from palpate.graph.noise import PUBLISHED, GraphNoise
+from palpate.graph.smoother import DEPTH
+from palpate.tracker import Tracker
+from palpate.tracking.metrics import rotation_errors, translation_errors
+
+Array = np.ndarray
+
+
+@pytest.mark.parametrize("radius", [0.0, RADIUS])
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_noise_free_pushes_are_tracked(name, smoother, radius):
+    o, e, contact = in_two_contacts(name, 40, radius)
+    tracker, found = track(name, frames(o, e, contact), o[0], settings("oracle", smoother), radius)
+    # At its first step nothing but its angle tells whether the contact sticks.
+    assert translation_errors(poses(found), o).max() < 0.4e-3
+    assert translation_errors(poses(found)[2:], o[2:]).max() < 0.1e-3
+    assert np.abs(rotation_errors(poses(found), o)).max() < math.radians(0.3)
+    assert np.abs(rotation_errors(poses(found)[2:], o[2:])).max() < math.radians(0.01)
+    assert statuses(found) == ["tracking" if touched else "resting" for touched in contact]
+    assert [estimate.contact for estimate in found] == contact.tolist()
+    for estimate in found:
+        np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
+        assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+    smoothed = tracker.smoothed()
+    np.testing.assert_allclose(smoothed.time, np.arange(len(o)) / 30)
+    assert smoothed.contact is not None
+    assert smoothed.contact.tolist() == contact.tolist()
+    assert translation_errors(smoothed.pose, o).max() < 0.2e-3
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("tactile", ["none", "oracle"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_published_settings_run(name, tactile, smoother):
+    o, e, contact = in_two_contacts(name, 45)
+    tracker, found = track(name, frames(o, e, contact), o[0], settings(tactile, smoother, PUBLISHED))
+    assert "indeterminate" not in statuses(found)
+    assert len(tracker.smoothed()) == len(o)
+    if tactile == "oracle":
+        assert translation_errors(poses(found), o).max() < 0.5e-3
+        assert np.abs(rotation_errors(poses(found), o)).max() < math.radians(0.1)
+
+
+def test_a_turned_world_turns_the_estimates():
+    o, e, contact = in_two_contacts("concave", 30)
+    e = noisy(e, (1e-4, 1e-4, 1e-3), np.random.default_rng(1))
+    for smoother in SMOOTHERS:
+        _, found = track("concave", frames(o, e, contact), o[0], settings("oracle", smoother))
+        # The first pose lands at +-pi and on either side of it, and anywhere.
+        for turn in (math.pi, math.pi - 1e-4, -math.pi + 1e-4, 2.2):
+            world = np.array([0.3, -0.2, turn])
+            seen = frames(se2.compose(world, o), se2.compose(world, e), contact)
+            _, turned = track("concave", seen, se2.compose(world, o[0]), settings("oracle", smoother))
+            difference = se2.log(se2.between(se2.compose(world, poses(found)), poses(turned)))
+            np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+            assert statuses(turned) == statuses(found)
+            for a, b in zip(found, turned, strict=True):
+                np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_two_tips_hold_the_object(smoother):
+    profile = sensor(0.004, ((0.0, 0.02), (0.0, -0.02)))
+    g = np.array([-0.2363 / 2, 0.01, 0.0])
+    moves = np.tile([1e-3, 1e-4, 0.01], (60, 1))
+    e = [np.array([0.0, 0.0, 2.0])]
+    for move in moves:
+        e.append(se2.compose(e[-1], se2.exp(move)))
+    o = se2.compose(np.array(e), se2.inverse(g))
+    tracker = Tracker(SHAPES["rectangle"], profile, o[0], settings("none", smoother))
+    found = [tracker.update(frame) for frame in frames(o, np.array(e))]
+    # Each step of 0.01 rad rolls either tip by 0.004 (0.01)^2 / 2 = 2e-7 m at most: 12 micrometres in all.
+    assert translation_errors(poses(found), o).max() < 5e-5
+    assert np.abs(rotation_errors(poses(found), o)).max() < math.radians(0.1)
+    # Two points on a side tell the yaw without touch: 1 mm of contact over 40 mm, and better with time.
+    assert yaw_deviations(found)[-1] < 2e-2
+
+
+def test_an_untouched_object_rests():
+    first = np.array([0.1, 0.2, 3.0])
+    far = np.tile([1.0, 1.0, 0.0], (20, 1))
+    _, found = track("disc", frames(np.tile(first, (20, 1)), far, False), first, settings())
+    assert set(statuses(found)) == {"resting"}
+    for estimate in found:
+        assert estimate.pose.tolist() == first.tolist()
+        np.testing.assert_allclose(estimate.covariance, np.diag(np.square(GraphNoise().first_pose)), rtol=1e-15)
+        assert estimate.contact is False
+
+
+def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
+    """Derivative (3,) of the disc's distance from the tip by its own pose (0) or the sensor's (1)."""
+
+    def distance(change: Array) -> float:
+        both = [object_pose, sensor_pose]
+        both[moved] = se2.compose(both[moved], se2.exp(change))
+        return contact_rows(se2.between(*both), 0.0, tips_of("disc")[0])[0].item()
+
+    return np.array([(distance(step) - distance(-step)) / 2e-6 for step in 1e-6 * np.eye(3)])
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
+    o, e, contact = in_two_contacts("disc", 40)
+    noise = dataclasses.replace(AS_DRAWN, rest=(1e-3, 1e-3, 1e-2))
+    tracker = Tracker(SHAPES["disc"], sensor(), o[0], settings("none", smoother, noise))
+    found, knew = [], []
+    for frame in frames(o, e, contact):
+        found.append(tracker.update(frame))
+        knew.append(tracker._known)
+    before, resting, again = found[40], found[41:51], found[51]
+    for estimate in resting:
+        np.testing.assert_array_equal(estimate.pose, before.pose)
+        np.testing.assert_array_equal(estimate.covariance, before.covariance)
+    # The first frame of contact adds resting and then one distance, the sensor's pose being uncertain too, less the
+    # depth by which they overlap: with all that is known of pose and depth together.
+    known = knew[50].loosened(np.diag(np.square(noise.rest))).covariance
+    gap = np.zeros(len(known))
+    gap[:3], gap[3 + DEPTH] = distance_by(before.pose, e[51], moved=0), 1.0
+    by_sensor = distance_by(before.pose, e[51], moved=1)
+    variance = noise.contact**2 + gap @ known @ gap + by_sensor @ np.diag(np.square(noise.sensor)) @ by_sensor
+    wanted = known - np.outer(known @ gap, known @ gap) / variance
+    np.testing.assert_allclose(knew[51].covariance, wanted, rtol=0.01, atol=1e-8)
+    np.testing.assert_allclose(again.covariance, wanted[:3, :3], rtol=0.01, atol=1e-9)
+    assert again.covariance[2, 2] > 4 * noise.first_pose[2] ** 2  # it was not reset to the first one's
+    assert yaw_deviations(found)[-1] > yaw_deviations(found)[51]
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_gap_in_time_ends_a_contact(smoother):
+    # Ten sensor periods are a third of a second. What happens between is not seen, so touch must not compare across.
+    o, e = pushed("rectangle", 60)
+    seen = frames(o, e)
+    late = [*seen[:30], *(dataclasses.replace(frame, time=frame.time + 0.5) for frame in seen[30:])]
+    soon = [*seen[:30], *(dataclasses.replace(frame, time=frame.time + 0.2) for frame in seen[30:])]
+    compared = []
+    for sequence in (late, soon):
+        tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
+        begun: list[float] = []
+        begin = tracker._smoother.begin
+
+        def counted(*given: Any, begin: Any = begin, begun: list[float] = begun) -> None:
+            begun.append(given[0][0])
+            begin(*given)
+
+        tracker._smoother.begin = counted  # type: ignore[method-assign]
+        found = [tracker.update(frame) for frame in sequence]
+        compared.append(len(begun))
+        assert len(tracker.smoothed()) == len(sequence)
+        assert translation_errors(poses(found), o).max() < 1.5e-3  # the step across the gap is a rest of 1 mm
+    assert compared == [2, 1]
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_smoothed_poses(smoother):
+    o, e, contact = in_two_contacts("rectangle", 45)
+    noise = GraphNoise()
+    e = noisy(e, noise.sensor, np.random.default_rng(2))
+    seen = frames(o, e, contact)
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
+    for k, frame in enumerate(seen):
+        found = tracker.update(frame)
+        if k in (0, 10, 45, 50, 60):
+            assert len(tracker.smoothed()) == k + 1
+            np.testing.assert_allclose(tracker.smoothed().pose[-1], found.pose, atol=1e-12)
+    smoothed = tracker.smoothed()
+    assert smoothed.time.tolist() == [frame.time for frame in seen]
+    np.testing.assert_allclose(smoothed.pose, tracker.smoothed().pose)  # asking changes nothing
+    # In rest the pose is the last of the contact before.
+    np.testing.assert_allclose(smoothed.pose[46:56], np.tile(smoothed.pose[45], (10, 1)), atol=1e-12)

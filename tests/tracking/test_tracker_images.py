@@ -1,0 +1,101 @@
+"""The tracker on simulated touch images: contact from what they show, and the model that comes with palpate."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from push_samples import direction_rows
+
+from palpate.errors import EstimationError, SettingError
+from palpate.geometry import se2
+from palpate.graph.factors import contact_models
+from palpate.graph.noise import GraphNoise
+from palpate.recording.recording import Recording
+from palpate.simulation.objects import SHAPES
+from palpate.simulation.recordings import simulate_recording
+from palpate.touch.calibration import calibrate
+from palpate.touch.difference import difference, reduced
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracking.run import Run, track
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return simulate_recording(SHAPES["rectangle"], "rectangle-edges", 71, 6.0)
+
+
+@pytest.fixture(scope="module")
+def blind(recording) -> Run:
+    return track(recording, TrackerSettings(tactile="none"))
+
+
+def yaw_deviation(run: Run) -> float:
+    """What the tracker says of its error in yaw at the end [rad]."""
+    assert run.online.covariance is not None
+    return float(np.sqrt(run.online.covariance[-1, 2, 2]))
+
+
+def test_contact_is_what_images_show_whatever_the_flags_say(recording):
+    touched = recording.contact
+    assert touched is not None and touched.any()
+    for flags in (None, np.zeros(len(recording), bool), ~touched):
+        found = track(dataclasses.replace(recording, contact=flags, episode=None)).online.contact
+        assert found is not None
+        assert np.mean(found != touched) < 0.02
+        assert not found[~touched].any()
+
+
+def test_a_background_from_calibration_is_used(recording):
+    background, _ = calibrate(recording)
+    late = list(recording)[np.flatnonzero(recording.contact)[0] :]
+    first = recording.object_pose[0]
+    told = Tracker(recording.shape, recording.sensor, first, background=background)
+    guessed = Tracker(recording.shape, recording.sensor, first)
+    assert sum(told.update(frame).contact for frame in late[:15]) >= 14
+    assert not any(guessed.update(frame).contact for frame in late[:15])  # takes them as untouched, as it says
+
+
+def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_turns(recording):
+    """Without any graph: each image against the geometry of the truth."""
+    model, mean = TouchModel(SHIPPED), reduced(calibrate(recording)[0].mean)
+    touched = np.flatnonzero(recording.contact)[3:-3:3]
+    looks = [model.look(difference(recording[int(index)].image, mean)) for index in touched]
+    g = se2.between(recording.object_pose, recording.sensor_pose)[touched]
+    (tip,) = contact_models(recording.shape, recording.sensor)
+    told = np.array([[look.direction[0], look.turn[0]] for look in looks])
+    direction, _ = direction_rows(g, told[:, 0], 0.0, tip)
+    assert np.median(np.abs(direction)) < np.radians(1.5)
+    turn = np.unwrap(g[:, 2]) - told[:, 1]
+    assert np.std(turn) < max(0.5 * np.std(np.unwrap(g[:, 2])), np.radians(0.7))
+
+
+@pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn", "learnt-pairs", "learnt-linear"])
+def test_every_way_to_feel_tracks(recording, blind, tactile):
+    # The default hardly believes turns.
+    run = track(recording, TrackerSettings(tactile=tactile, noise=GraphNoise(turn_share=4.0)))
+    assert run.model is not None and run.model.folder == SHIPPED
+    # On one short push the blind tracker may be lucky; it does not know that it is.
+    assert yaw_deviation(run) < 0.9 * yaw_deviation(blind)
+    assert run.summary["rotation_rmse_deg"] < 1.0
+    assert run.summary["nees_mean"] < 3.0
+    assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained"}
+
+
+def test_what_learnt_touch_needs(recording):
+    with pytest.raises(SettingError, match="has no images, which tactile learnt needs"):
+        track(dataclasses.replace(recording, image=None), TrackerSettings(tactile="learnt"))
+    small = dataclasses.replace(recording.sensor, image_height=240, image_width=320)
+    with pytest.raises(SettingError, match="'DIGIT' has images of 240 x 320 px; the touch model is of 'DIGIT'"):
+        Tracker(recording.shape, small, np.zeros(3), TrackerSettings(tactile="learnt"))
+    tracker = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings(tactile="learnt"))
+    frame = dataclasses.replace(recording[0], image=None, contact=True)
+    with pytest.raises(EstimationError, match="has no image"):
+        tracker.update(frame)
+
+
+def test_the_model_that_comes_along_says_from_what_it_was_made():
+    settings = TouchModel(SHIPPED).settings
+    assert settings.sensor == "DIGIT"
+    assert settings.training["seed"] == 0 and settings.training["frames"] > 100_000
+    assert all(spread.scale > 0.0 and spread.together >= 1.0 for spread in settings.spread.values())

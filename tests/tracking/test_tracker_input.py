@@ -1,0 +1,98 @@
+"""Input that cannot be used, and arrays that belong to the caller."""
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, frames, pushed, sensor
+from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
+
+from palpate.errors import EstimationError, SettingError
+from palpate.graph.noise import GraphNoise
+from palpate.recording.frame import Frame
+from palpate.tracker import Tracker
+
+
+def test_a_frame_with_neither_image_nor_contact_flag():
+    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has neither an image nor a contact flag"):
+        disc_tracker().update(small_frame(contact=None))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_sensor_pose_that_is_not_finite(bad):
+    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has sensor pose .*must be three finite numbers"):
+        disc_tracker().update(small_frame(sensor_pose=np.array([0.0, bad, 0.0])))
+
+
+@pytest.mark.parametrize("next_time", [1.0, 0.5, np.nan])
+def test_time_that_does_not_increase(next_time):
+    tracker = disc_tracker()
+    tracker.update(small_frame())
+    with pytest.raises(
+        EstimationError, match=rf"frame at {next_time:.3f} s follows one at 1\.000 s; times must increase"
+    ):
+        tracker.update(small_frame(time=next_time))
+    # The frame is refused and nothing else is lost.
+    tracker.update(small_frame(time=1.1))
+    assert tracker.smoothed().time.tolist() == [1.0, 1.1]
+
+
+@pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), None])
+def test_a_first_pose_that_is_none(first):
+    with pytest.raises(SettingError, match=r"first pose is .* three finite numbers"):
+        disc_tracker(first=first)
+
+
+def test_unknown_names_list_the_allowed_ones():
+    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are none, constant, oracle, learnt"):
+        disc_tracker(settings(tactile="felt"))
+    with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, isam2"):
+        disc_tracker(settings(smoother="isam"))
+
+
+def test_a_first_time_that_is_not_finite():
+    with pytest.raises(EstimationError, match="time"):
+        disc_tracker().update(small_frame(time=np.nan))
+
+
+def test_a_first_pose_of_words():
+    with pytest.raises(SettingError, match="first pose"):
+        disc_tracker(first="here")
+
+
+def test_a_sensor_pose_of_two_numbers():
+    with pytest.raises(EstimationError, match="sensor pose"):
+        disc_tracker().update(small_frame(sensor_pose=np.zeros(2)))
+
+
+def test_sigmas_that_are_not_above_zero():
+    for sigmas in ((0.0, 0.0, 0.0), (-1e-3, 1e-3, 1e-3), (np.nan, 1e-3, 1e-3)):
+        with pytest.raises(SettingError, match="first_pose"):
+            disc_tracker(settings(noise=GraphNoise(first_pose=sigmas)))
+
+
+def test_a_caller_may_change_the_estimate_it_was_given():
+    tracker = disc_tracker()
+    found = tracker.update(small_frame())
+    found.pose[2] = 90.0  # say, in degrees
+    assert tracker.update(small_frame(time=1.1)).pose.tolist() == [0, 0, 0]
+    assert tracker.smoothed().pose[0].tolist() == [0, 0, 0]
+
+
+def test_a_caller_may_change_the_first_pose_afterwards():
+    first = np.zeros(3)
+    tracker = disc_tracker(first=first)
+    first[0] = 1.0
+    assert tracker.update(small_frame()).pose.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_live_sensor_may_reuse_its_buffer(smoother):
+    o, e = pushed("rectangle", 20)
+    _, wanted = track("rectangle", frames(o, e), o[0], settings("none", smoother))
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none", smoother))
+    buffer = np.empty(3)
+    found = []
+    for k in range(21):
+        buffer[:] = e[k]
+        found.append(tracker.update(Frame(k / 30, buffer, contact=True)))
+    np.testing.assert_allclose(poses(found), poses(wanted), atol=1e-12)
+    np.testing.assert_allclose(found[-1].covariance, wanted[-1].covariance)
