@@ -6,10 +6,13 @@ import numpy as np
 
 from palpate import formats
 from palpate.geometry import se2
-from palpate.geometry.shapes import Rectangle, Shape
+from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
-from palpate.recording.sensor import POINT
+from palpate.recording.sensor import POINT, SensorProfile
 from palpate.recording.trajectory import Trajectory
+
+TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 
 
 def runs(flags: Any) -> list[list[int]]:
@@ -42,6 +45,33 @@ def trajectory(n: int = 50, **changes: Any) -> Any:
         "status": tuple(rng.choice(["ok", 'lost, "quite"', "a\nb"], n)),
     }
     return Trajectory(**(fields | changes))
+
+
+def tiny_images(n: int, seed: int = 0) -> Any:
+    """Return n random images of the tiny camera."""
+    return np.random.default_rng(seed).integers(0, 256, (n, 12, 8, 3), np.uint8)
+
+
+def tiny_recording(n: int = 5, **changes: Any) -> Any:
+    """Return n random frames with images, and an object pose that is not known in the second."""
+    rng = np.random.default_rng(1)
+    truth = rng.normal(size=(n, 3))
+    truth[1:2] = np.nan
+    fields = {
+        "time": np.arange(n) / 30.0,
+        "sensor_pose": rng.normal(size=(n, 3)),
+        "shape": Disc(0.05),
+        "sensor": TINY_CAMERA,
+        "object_pose": truth,
+        "contact": np.arange(n) > 1,
+        "episode": np.where(np.arange(n) > 1, 0, -1),
+        "image": tuple(encode_image(image, "png") for image in tiny_images(n)),
+        "codec": "png",
+        "contact_derived": True,
+        "source": "a test, with ünicode",
+        "frames": {"sensor_pose": "made up"},
+    }
+    return Recording(**(fields | changes))
 
 
 def load(path: Any) -> Any:

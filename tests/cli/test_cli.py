@@ -10,8 +10,7 @@ import pytest
 from recording_samples import pushed, trajectory
 
 from palpate import formats
-from palpate.cli import demo, main
-from palpate.cli import track as track_command
+from palpate.cli import demo, main, options
 from palpate.formats.palpate_h5 import write_recording
 from palpate.graph.smoother import SmootherName
 from palpate.tracker import TrackerSettings
@@ -168,8 +167,8 @@ def test_unknown_commands_and_options_fail(capsys):
 
 def test_option_values_are_those_of_the_library():
     annotations = TrackerSettings.__dataclass_fields__
-    assert annotations["tactile"].default in get_args(track_command.Tactile)
-    assert set(get_args(track_command.SmootherName)) == set(get_args(SmootherName))
+    assert annotations["tactile"].default in get_args(options.Tactile)
+    assert set(get_args(options.SmootherName)) == set(get_args(SmootherName))
 
 
 def test_debug_shows_the_traceback():

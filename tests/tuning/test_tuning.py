@@ -17,8 +17,9 @@ from palpate.simulation.limit_surface import Steering, draw_residuals, push
 from palpate.tracker import TrackerSettings
 from palpate.tuning import tuning
 from palpate.tuning.likelihood import negative_log_likelihood
+from palpate.tuning.parameters import PARAMETERS, check_parameters, value_of, with_value
 from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
-from palpate.tuning.tuning import LOST, PARAMETERS, Tuning, _value, _with_value, check_parameters, judge, tune
+from palpate.tuning.tuning import LOST, Tuning, judge, tune
 
 FELT, STEPS = 0.01, 16
 TRUE = replace(
@@ -157,8 +158,8 @@ def test_which_parameters():
 def test_of_a_mean_and_a_deviation_the_deviation_is_tuned():
     start = settings(friction_ratio=(0.2, 0.3), grip=(0.5, 0.1), depth=(3e-4, 1e-4))
     for name in ("friction_ratio", "grip", "depth"):
-        before, now = getattr(start.noise, name), _with_value(start, name, 0.05)
-        assert _value(start, name) == before[1]
+        before, now = getattr(start.noise, name), with_value(start, name, 0.05)
+        assert value_of(start, name) == before[1]
         assert getattr(now.noise, name) == (before[0], pytest.approx(0.05, rel=1e-4))
         assert replace(now.noise, **{name: before}) == start.noise
 

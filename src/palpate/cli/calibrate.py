@@ -5,6 +5,8 @@ from typing import Annotated
 
 import tyro
 
+from palpate.cli.options import ForceOption, JsonOption, check_new
+
 
 def calibrate(
     file: Annotated[
@@ -13,8 +15,8 @@ def calibrate(
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="UNIT.npz", help="File of the calibration.")],
-    force: Annotated[bool, tyro.conf.arg(help="Replace OUT if it exists.")] = False,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
 ) -> int:
     """Learn a sensor unit's untouched images, their mean and noise, from a recording's frames without contact.
 
@@ -24,12 +26,10 @@ def calibrate(
 
     from palpate import formats
     from palpate.cli.console import print_json, print_line, progress_bar
-    from palpate.errors import FileError
     from palpate.touch.background import write_background
     from palpate.touch.calibration import calibrate, untouched_frames
 
-    if out.exists() and not force:
-        raise FileError(f"{out}: already exists; --force replaces it")
+    check_new(out, force)
     recording = formats.load_recording(file)
     with progress_bar(f"calibrating on {file.name}", len(untouched_frames(recording))) as progress:
         background, frames = calibrate(recording, progress)

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import tyro
 
+from palpate.cli.options import ForceOption, JsonOption, check_new
+
 
 def convert(
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN", help="File in any known format.")],
@@ -23,17 +25,15 @@ def convert(
             help_behavior_hint="(default: from its content)",
         ),
     ] = None,
-    force: Annotated[bool, tyro.conf.arg(help="Replace OUT if it exists.")] = False,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
 ) -> int:
     """Convert a recording or a trajectory from one format to another."""
     from palpate import formats
     from palpate.cli.console import busy, print_json, print_line
-    from palpate.errors import FileError
     from palpate.recording.recording import Recording
 
-    if target.exists() and not force:
-        raise FileError(f"{target}: already exists; --force replaces it")
+    check_new(target, force)
     with busy(f"converting {source.name}"):
         data = formats.read(source, from_)
         formats.write(data, target, overwrite=force)

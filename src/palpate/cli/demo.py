@@ -5,6 +5,8 @@ from typing import Annotated, Final
 
 import tyro
 
+from palpate.cli.options import JsonOption
+
 TACTILE: Final = "learnt"
 SHAPE: Final = "rectangle"
 SEED: Final = 2
@@ -17,7 +19,7 @@ def demo(
     out: Annotated[
         Path, tyro.conf.arg(metavar="DIR", help="Folder of the run; an earlier run there is replaced.")
     ] = Path("demo-run"),
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    json: JsonOption = False,
 ) -> int:
     """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
     from palpate.cli.console import print_line, progress_bar

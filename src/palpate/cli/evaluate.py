@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.track import SmootherName, Tactile
+from palpate.cli.options import (
+    DaskOption,
+    JsonOption,
+    ModelOption,
+    NoiseOption,
+    PressureOption,
+    RecordingsFolder,
+    SmootherName,
+    Tactile,
+    WorkersOption,
+    check_model,
+    pressure_of,
+)
 
 if TYPE_CHECKING:
     from palpate.study.study import Study
@@ -27,10 +39,7 @@ TACTILES: tuple[Tactile, ...] = (
 
 
 def evaluate(
-    folder: Annotated[
-        tyro.conf.Positional[Path],
-        tyro.conf.arg(metavar="DIR", help="Folder of recordings, also in folders in it, in any known format."),
-    ],
+    folder: RecordingsFolder,
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="REPORT", help="Folder of the report.")],
@@ -51,22 +60,9 @@ def evaluate(
             help_behavior_hint="(default: fixed-lag)",
         ),
     ] = (),
-    noise: Annotated[
-        str, tyro.conf.arg(metavar="NAME|FILE", help="Standard deviations: palpate, sticking, published or a file.")
-    ] = "palpate",
-    pressure: Annotated[
-        str,
-        tyro.conf.arg(
-            metavar="uniform|rim|corner|METRES",
-            help="How the objects press on the table, or their friction radius c [m].",
-        ),
-    ] = "uniform",
-    model: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
-        ),
-    ] = None,
+    noise: NoiseOption = "palpate",
+    pressure: PressureOption = "uniform",
+    model: ModelOption = None,
     first_pose: Annotated[
         tuple[float, float, float] | None,
         tyro.conf.arg(
@@ -75,15 +71,8 @@ def evaluate(
             help_behavior_hint="(default: these are skipped)",
         ),
     ] = None,
-    workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")] = 1,
-    dask: Annotated[
-        str | None,
-        tyro.conf.arg(
-            metavar="ADDRESS",
-            help="Share the work among a Dask cluster that sees the same files; its scheduler's address.",
-            help_behavior_hint="(default: none)",
-        ),
-    ] = None,
+    workers: WorkersOption = 1,
+    dask: DaskOption = None,
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a study: keep what is tracked and do the rest.")] = False,
     against: Annotated[
         Path | None,
@@ -93,11 +82,10 @@ def evaluate(
             help_behavior_hint="(default: none)",
         ),
     ] = None,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    json: JsonOption = False,
 ) -> int:
     """Track many recordings in many ways; leaves tables, figures and one page that tells it all."""
     from palpate.cli.console import busy, complain, print_json, progress_bar
-    from palpate.cli.track import pressure_of
     from palpate.errors import SettingError
     from palpate.graph.noise_file import noise_of
     from palpate.study.comparison import check_common, compare, read_scores
@@ -112,8 +100,7 @@ def evaluate(
     tactiles = dict.fromkeys(mode for given in tactile for mode in given) or dict.fromkeys(TACTILES)
     smoothers = dict.fromkeys(name for given in smoother for name in given) or {"fixed-lag": None}
     methods = tuple(Method(mode, name) for name in smoothers for mode in tactiles)
-    if model is not None and not any(mode.startswith("learnt") for mode in tactiles):
-        raise SettingError(f"--model {model} is of no use with --tactile {' '.join(tactiles)}; a learnt one takes it")
+    check_model(model, tactiles)
     settings = StudySettings(methods, noise_of(noise), pressure_of(pressure), first_pose)
     learnt = TouchModel(model or SHIPPED)
     files = find_recordings(folder, leave_out=out)

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from palpate.cli.options import JsonOption
+
 if TYPE_CHECKING:
     from palpate.recording.recording import Recording
     from palpate.tracking.inspection import Inspection
@@ -14,7 +16,7 @@ def info(
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format.")],
     /,
     *,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    json: JsonOption = False,
 ) -> int:
     """What a recording holds: rates, gaps, contacts, ground truth, and what is wrong with it."""
     from palpate import formats

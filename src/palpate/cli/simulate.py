@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from palpate.cli.options import DaskOption, JsonOption, WorkersOption
+
 if TYPE_CHECKING:
     from palpate.geometry.shapes import Shape
     from palpate.recording.recording import Recording
@@ -45,18 +47,11 @@ def simulate(
             help_behavior_hint="(default: another unit for each)",
         ),
     ] = None,
-    workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")] = 1,
+    workers: WorkersOption = 1,
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
-    dask: Annotated[
-        str | None,
-        tyro.conf.arg(
-            metavar="ADDRESS",
-            help="Share the work among a Dask cluster; its scheduler's address.",
-            help_behavior_hint="(default: none)",
-        ),
-    ] = None,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    dask: DaskOption = None,
+    json: JsonOption = False,
 ) -> int:
     """Simulate recordings of a DIGIT that pushes objects: poses, touch images, contacts and forces."""
     import time

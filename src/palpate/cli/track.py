@@ -1,22 +1,27 @@
 """`palpate track`: tracks recordings and leaves a folder for each."""
 
-import math
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+
+from palpate.cli.options import (
+    ForceOption,
+    JsonOption,
+    ModelOption,
+    NoiseOption,
+    PressureOption,
+    SmootherOption,
+    TactileOption,
+    check_model,
+    pressure_of,
+)
 
 if TYPE_CHECKING:
     from palpate.touch.background import Background
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
-
-# Said again here so that --help need not import the estimator; a test compares them.
-Tactile = Literal[
-    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
-]
-SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
 
 METRICS = (
     ("translation_rmse_mm", "translation RMSE", "mm", 2),
@@ -35,19 +40,8 @@ def track(
     ],
     /,
     *,
-    tactile: Annotated[
-        Tactile,
-        tyro.conf.arg(
-            help="What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, "
-            "by pairs of images (linear is the paper's), the turn or the contact's direction alone."
-        ),
-    ] = "none",
-    model: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
-        ),
-    ] = None,
+    tactile: TactileOption = "none",
+    model: ModelOption = None,
     calibration: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -56,26 +50,9 @@ def track(
             help_behavior_hint="(default: as in the first half second)",
         ),
     ] = None,
-    smoother: Annotated[
-        SmootherName,
-        tyro.conf.arg(
-            help="How the graph is solved: over the last steps, by iSAM2 or as a whole at each step; or a particle "
-            "filter on the same measurements."
-        ),
-    ] = "fixed-lag",
-    noise: Annotated[
-        str,
-        tyro.conf.arg(
-            metavar="palpate|sticking|published|FILE", help="Standard deviations: a preset, or a file of palpate tune."
-        ),
-    ] = "palpate",
-    pressure: Annotated[
-        str,
-        tyro.conf.arg(
-            metavar="uniform|rim|corner|METRES",
-            help="How the object presses on the table, or its friction radius c [m].",
-        ),
-    ] = "uniform",
+    smoother: SmootherOption = "fixed-lag",
+    noise: NoiseOption = "palpate",
+    pressure: PressureOption = "uniform",
     first_pose: Annotated[
         tuple[float, float, float] | None,
         tyro.conf.arg(
@@ -92,8 +69,8 @@ def track(
             help_behavior_hint="(default: runs/<name>)",
         ),
     ] = None,
-    force: Annotated[bool, tyro.conf.arg(help="Replace earlier runs.")] = False,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
 ) -> int:
     """Track the object of each recording; leaves poses, covariances, scores and a figure in a folder."""
     from functools import partial
@@ -110,8 +87,7 @@ def track(
     settings = TrackerSettings(
         tactile=tactile, smoother=smoother, noise=noise_of(noise), pressure=pressure_of(pressure)
     )
-    if model is not None and not tactile.startswith("learnt"):
-        raise SettingError(f"--model {model} is of no use with --tactile {tactile}; a learnt one takes it")
+    check_model(model, [tactile])
     learnt = None if model is None else TouchModel(model)
     background = None if calibration is None else load_background(calibration)
     track_file = partial(run_file, settings=settings, first_pose=first_pose, model=learnt, background=background)
@@ -220,18 +196,3 @@ def _folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:
 def _name(file: Path) -> str:
     """The file's name without .json.gz, .h5 and the like."""
     return (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
-
-
-def pressure_of(text: str) -> str | float:
-    """Return what --pressure says: a name, or a friction radius [m]; SettingError where it is neither."""
-    from palpate.errors import SettingError
-
-    if text in ("uniform", "rim", "corner"):
-        return text
-    try:
-        radius = float(text)
-    except ValueError:
-        radius = math.nan
-    if not 0.0 < radius < math.inf:
-        raise SettingError(f"--pressure is {text!r}; allowed are uniform, rim, corner or a friction radius above 0 [m]")
-    return radius

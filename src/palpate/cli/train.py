@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 import tyro
 
+from palpate.cli.options import JsonOption
+
 
 def train(
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="Folder of recordings (.h5).")],
@@ -31,7 +33,7 @@ def train(
     seed: Annotated[int, tyro.conf.arg(metavar="N", help="Of weights, batches and what is left out.")] = 0,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that read recordings.")] = 1,
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a training that was cut off.")] = False,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    json: JsonOption = False,
 ) -> int:
     """Train a touch model on recordings with images, contacts and ground truth, and judge it on others."""
     import os

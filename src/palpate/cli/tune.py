@@ -7,30 +7,29 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.track import SmootherName, Tactile
+from palpate.cli.options import (
+    NOISE,
+    JsonOption,
+    ModelOption,
+    RecordingsFolder,
+    SmootherOption,
+    TactileOption,
+    WorkersOption,
+    check_model,
+)
 
 if TYPE_CHECKING:
     from palpate.tuning.tuning import Judgement, Tuning
 
 
 def tune(
-    folder: Annotated[
-        tyro.conf.Positional[Path],
-        tyro.conf.arg(
-            metavar="DIR", help="Folder of recordings with ground truth, also in folders in it, in any known format."
-        ),
-    ],
+    folder: RecordingsFolder,
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="FILE", help="File of the settings (.json), for --noise of others.")],
-    tactile: Annotated[Tactile, tyro.conf.arg(help="What touch says, as in palpate track.")] = "learnt",
-    model: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
-        ),
-    ] = None,
-    smoother: Annotated[SmootherName, tyro.conf.arg(help="How the graph is solved.")] = "fixed-lag",
+    tactile: TactileOption = "learnt",
+    model: ModelOption = None,
+    smoother: SmootherOption = "fixed-lag",
     parameters: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -42,31 +41,30 @@ def tune(
     start: Annotated[
         str,
         tyro.conf.arg(
-            metavar="palpate|sticking|published|FILE",
+            metavar=NOISE,
             help="Settings to begin with; the file of a tuning goes on with it.",
         ),
     ] = "palpate",
     evaluations: Annotated[int, tyro.conf.arg(metavar="N", help="How often all recordings are tracked.")] = 100,
-    workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")] = 1,
-    json: Annotated[bool, tyro.conf.arg(help="Print one JSON object.")] = False,
+    workers: WorkersOption = 1,
+    json: JsonOption = False,
 ) -> int:
     """Learn the noise settings from recordings with ground truth; a fourth of them is kept to judge by."""
     import time
 
     from palpate.cli.console import complain, print_json, progress_bar
-    from palpate.errors import SettingError
     from palpate.graph.noise_file import noise_of, write_noise
     from palpate.study.files import find_recordings
     from palpate.touch.model import SHIPPED, TouchModel
     from palpate.tracker import TrackerSettings
+    from palpate.tuning.parameters import check_parameters
     from palpate.tuning.recorded_touch import record_touch_of_files
-    from palpate.tuning.tuning import HELD_OUT, check_parameters
+    from palpate.tuning.tuning import HELD_OUT
     from palpate.tuning.tuning import tune as tune_settings
 
     begin = time.perf_counter()
     learnt = tactile.startswith("learnt")
-    if model is not None and not learnt:
-        raise SettingError(f"--model {model} is of no use with --tactile {tactile}; a learnt one takes it")
+    check_model(model, [tactile])
     settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(start))
     check_parameters(settings, parameters, evaluations)
     _check_out(out, start)

@@ -70,7 +70,7 @@ class StudyFolder:
             write_trial(trial, self._trial(trial.recording, trial.method))
 
     def facts(self, name: str) -> dict[str, Any] | None:
-        """Return what is known of a recording; see `study_job.Outcome`."""
+        """Return what is known of a recording; see `job.Outcome`."""
         found = self._recordings.get(name)
         return None if found is None else found["facts"]
 

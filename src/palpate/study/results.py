@@ -11,7 +11,7 @@
     skipped     [{recording, method, reason}]: what a recording cannot be tracked with
     failed      [{recording, method, error}]: what could not be tracked to its end
     broken      [{recording, error}]: what could not be read
-    against     see `study_comparison`, where there is something to compare with
+    against     see `comparison`, where there is something to compare with
 """
 
 import csv

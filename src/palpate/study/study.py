@@ -30,7 +30,7 @@ class Study:
     trials: tuple[Trial, ...]
     """In the order of recordings, then of methods."""
     recordings: dict[str, dict[str, Any]]
-    """Facts of each recording that could be read; see `study_job.Outcome`."""
+    """Facts of each recording that could be read; see `job.Outcome`."""
     skipped: dict[tuple[str, Method], str]
     """Recordings that cannot be tracked in this way, and why."""
     failed: dict[tuple[str, Method], str]
@@ -53,7 +53,7 @@ def run_study(
     resume: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Study:
-    """Track recordings, by name as `study_files.find_recordings` gives them, and write each trial to a folder.
+    """Track recordings, by name as `files.find_recordings` gives them, and write each trial to a folder.
 
     `model` is that of learnt touch, by default the one that comes with palpate. `workers` and `dask` are those of
     `parallel.spread`; a cluster has to see the files under the same paths. Trials that are there are kept if `resume`,

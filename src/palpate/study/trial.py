@@ -56,7 +56,7 @@ class Trial:
     step_ms: Array
     """Time of each `Tracker.update` (N,) [ms]."""
     summary: dict[str, Any]
-    """See `metrics.summarise`, and `study_job.trial_of` for what the study adds; None where truth is not known."""
+    """See `metrics.summarise`, and `job.trial_of` for what the study adds; None where truth is not known."""
 
     @property
     def translation_error(self) -> Array:

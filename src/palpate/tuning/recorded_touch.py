@@ -58,9 +58,9 @@ def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | Non
         raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
     contact, feelings = recording.contact, None
     if recording.image is not None:
-        felt = list(_frame_by_frame(recording, tactile, (model or TouchModel(SHIPPED)) if learnt else None))
-        contact = np.array([touched for touched, _ in felt])
-        feelings = tuple(feeling for _, feeling in felt) if learnt else None
+        frames = list(_frame_by_frame(recording, tactile, (model or TouchModel(SHIPPED)) if learnt else None))
+        contact = np.array([touched for touched, _ in frames])
+        feelings = tuple(feeling for _, feeling in frames) if learnt else None
     assert contact is not None
     if not (contact & known).any():
         raise SettingError(f"{name}: is never in contact where ground truth is known, so there is nothing to score")

@@ -20,21 +20,19 @@ region of trust, gets by with few of them. On logarithms, for noise is a matter 
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError, FileError, SettingError
-from palpate.graph.noise import GraphNoise
 from palpate.parallel import spread
 from palpate.study.job import inside_95
-from palpate.touch.modes import TELL_DIRECTION, Tactile
 from palpate.tracker import TrackerSettings
 from palpate.tracking.metrics import nees, rms, rotation_errors, translation_errors
 from palpate.tuning.likelihood import negative_log_likelihood
+from palpate.tuning.parameters import PARAMETERS, check_parameters, value_of, values_of, with_value
 from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
 
 Array = NDArray[np.float64]
@@ -45,56 +43,7 @@ LOST = 50.0
 """Score of a recording that the estimator gives up, and the most that one can have: it is that of an estimate 60 mm off
 that tells 0.1 mm and 1 mrad."""
 
-_ALL = get_args(Tactile)
-_BY_IMAGE = ("learnt", "learnt-turn", "learnt-direction")
 _FIRST_STEP, _LAST_STEP = 0.7, 0.02  # logarithms: a factor of 2, and 2 %
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A number that can be tuned."""
-
-    lowest: float
-    """Allowed from here."""
-    highest: float
-    """Allowed to here."""
-    usual: tuple[str, ...] = _ALL
-    """Tactile modes in which it is tuned if nothing else is asked for."""
-    components: tuple[int, ...] = ()
-    """Of a vector, those that one factor scales; its value is that of the first of them."""
-
-
-PARAMETERS = {
-    "tactile": Parameter(1e-4, 1.0, ("oracle",), (2,)),
-    "constant": Parameter(1e-3, 10.0, ("constant",), (2,)),
-    "sticking": Parameter(1e-7, 1e-2, ()),
-    "sticking_share": Parameter(1e-3, 10.0),
-    "sliding_share": Parameter(1e-3, 100.0),
-    "cone_margin": Parameter(1e-3, 0.5),
-    "cone_width": Parameter(1e-3, 0.5, ()),
-    "cone_share": Parameter(1e-3, 10.0),
-    "sticking_kernel": Parameter(0.1, 100.0),
-    "turning": Parameter(1e-9, 1e-3, ()),
-    "turning_share": Parameter(1e-3, 10.0),
-    "turning_kernel": Parameter(0.1, 100.0, ()),
-    "friction_ratio": Parameter(0.01, 2.0, _ALL, (1,)),
-    "friction_center": Parameter(0.01, 1.0),
-    "grip": Parameter(0.01, 1.0, _ALL, (1,)),
-    "depth": Parameter(1e-5, 1e-2, (), (1,)),
-    "direction_bias": Parameter(1e-4, 0.1, ()),
-    "direction_share": Parameter(1e-2, 100.0, TELL_DIRECTION),
-    "turn_share": Parameter(1e-2, 1000.0, tuple(set(_BY_IMAGE) - {"learnt-direction"})),
-    "contact": Parameter(1e-5, 1e-2, ()),
-    "contact_kernel": Parameter(0.1, 100.0, ()),
-    "feeling_kernel": Parameter(0.1, 100.0, ()),
-    "sensor": Parameter(1e-6, 1e-2, (), (0, 1, 2)),
-    "rest": Parameter(1e-8, 1e-2, (), (0, 1, 2)),
-    "pressure": Parameter(1e-3, 1.0, ()),
-}
-"""What can be tuned: fields of GraphNoise, and pressure, which is c [m], for one object. Not first_pose, which ground
-truth gives exactly. The floors `sticking` and `turning` count while nothing moves, `rest` while nothing touches. What
-`sensor` is the robot knows, and what `contact` and `depth` are the laboratory: how well outline, gel and motion capture
-agree is what a simulation knows too well."""
 
 
 @dataclass(frozen=True)
@@ -135,25 +84,6 @@ class _Spent(Exception):
     """All evaluations are used up."""
 
 
-def check_parameters(
-    settings: TrackerSettings, parameters: Sequence[str] = (), evaluations: int = 1
-) -> tuple[str, ...]:
-    """Return what is tuned, by default what is usual in the tactile mode; a kernel that is off stays off.
-
-    Raises SettingError on a parameter that is not known or off, and on fewer than 1 evaluations.
-    """
-    if evaluations < 1:
-        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
-    for name in parameters:
-        if name != "pressure":
-            _value(settings, name)
-    return tuple(dict.fromkeys(parameters)) or tuple(
-        name
-        for name in _allowed()
-        if settings.tactile in PARAMETERS[name].usual and getattr(settings.noise, name) is not None
-    )
-
-
 def tune(
     recordings: Sequence[RecordedTouch],
     settings: TrackerSettings,
@@ -174,11 +104,11 @@ def tune(
     if not recordings:
         raise SettingError("there are no recordings to tune on")
     start = _with_radius(settings, recordings) if "pressure" in names else settings
-    begin = np.array([_value(start, name) for name in names])
+    begin = np.array([value_of(start, name) for name in names])
     learning = [recorded for index, recorded in enumerate(recordings) if index % HELD_OUT != HELD_OUT - 1]
     held_out = list(recordings[HELD_OUT - 1 :: HELD_OUT])
     before = judge(learning, start, workers)
-    best = Tuning(start, _values(names, start, start), before, before, 1)
+    best = Tuning(start, values_of(names, start, start), before, before, 1)
     if progress:
         progress(best)
     low, high = np.log([(PARAMETERS[name].lowest, PARAMETERS[name].highest) for name in names]).T
@@ -188,14 +118,14 @@ def tune(
         nonlocal best
         tried = start
         for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
-            tried = _with_value(tried, name, value)
+            tried = with_value(tried, name, value)
         if tried == start:
             return before.score
         if best.evaluations == evaluations:
             raise _Spent
         found = judge(learning, tried, workers)
         if found.score < best.after.score:
-            best = replace(best, settings=tried, values=_values(names, start, tried), after=found)
+            best = replace(best, settings=tried, values=values_of(names, start, tried), after=found)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
@@ -266,41 +196,6 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
-
-
-def _allowed() -> list[str]:
-    noise = {field.name for field in fields(GraphNoise)}
-    return [name for name in PARAMETERS if name in noise or name == "pressure"]
-
-
-def _value(settings: TrackerSettings, name: str) -> float:
-    """The value of a parameter; SettingError where it has none."""
-    if name not in _allowed():
-        raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(_allowed())}")
-    value: Any = settings.pressure if name == "pressure" else getattr(settings.noise, name)
-    if value is None:
-        raise SettingError(f"parameter {name!r} is off in the settings that tuning starts from; it stays so")
-    return float(value[PARAMETERS[name].components[0]] if PARAMETERS[name].components else value)
-
-
-def _with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSettings:
-    """The settings with another value of a parameter, in four digits."""
-    if name == "pressure":
-        return replace(settings, pressure=_rounded(value))
-    changed: Any = _rounded(value)
-    if components := PARAMETERS[name].components:
-        factor = value / _value(settings, name)
-        vector = getattr(settings.noise, name)
-        changed = tuple(_rounded(v * factor) if index in components else v for index, v in enumerate(vector))
-    return replace(settings, noise=replace(settings.noise, **{name: changed}))
-
-
-def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
-    return {name: (_value(start, name), _value(now, name)) for name in names}
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
 
 
 def _with_radius(settings: TrackerSettings, recordings: Sequence[RecordedTouch]) -> TrackerSettings:

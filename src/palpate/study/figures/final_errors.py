@@ -77,7 +77,7 @@ def slid_sheet(trials: Sequence[Trial]) -> Sheet | None:
 
 
 def against_sheets(trials: Sequence[Trial], against: Mapping[str, Any]) -> list[Sheet]:
-    """Final errors against those of another study: `against` is `study_comparison.compare`'s."""
+    """Final errors against those of another study: `against` is `comparison.compare`'s."""
     methods = {str(method): method for method in methods_of(trials)}
     sheets = []
     for key, field, what, unit in (

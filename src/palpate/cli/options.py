@@ -1,0 +1,94 @@
+"""Options that several commands share, each declared once, with what they mean to all of them."""
+
+import math
+from collections.abc import Collection
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+# Said again here so that --help need not import the estimator; a test compares them.
+Tactile = Literal[
+    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
+]
+SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
+
+NOISE = "palpate|sticking|published|FILE"
+"""What an option that takes noise settings shows of what it takes."""
+
+RecordingsFolder = Annotated[
+    tyro.conf.Positional[Path],
+    tyro.conf.arg(metavar="DIR", help="Folder of recordings, also in folders in it, in any known format."),
+]
+TactileOption = Annotated[
+    Tactile,
+    tyro.conf.arg(
+        help="What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, "
+        "by pairs of images (linear is the paper's), the turn or the contact's direction alone."
+    ),
+]
+ModelOption = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
+    ),
+]
+SmootherOption = Annotated[
+    SmootherName,
+    tyro.conf.arg(
+        help="How the graph is solved: over the last steps, by iSAM2 or as a whole at each step; or a particle "
+        "filter on the same measurements."
+    ),
+]
+NoiseOption = Annotated[
+    str, tyro.conf.arg(metavar=NOISE, help="Standard deviations: a preset, or a file of palpate tune.")
+]
+PressureOption = Annotated[
+    str,
+    tyro.conf.arg(
+        metavar="uniform|rim|corner|METRES", help="How the object presses on the table, or its friction radius c [m]."
+    ),
+]
+WorkersOption = Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")]
+DaskOption = Annotated[
+    str | None,
+    tyro.conf.arg(
+        metavar="ADDRESS",
+        help="Share the work among a Dask cluster; its scheduler's address. To track recordings, it has to see the "
+        "same files.",
+        help_behavior_hint="(default: none)",
+    ),
+]
+ForceOption = Annotated[bool, tyro.conf.arg(help="Replace what is there already.")]
+JsonOption = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
+
+
+def check_new(path: Path, force: bool) -> None:
+    """Raise FileError if a file to be written is there already and is not to be replaced."""
+    from palpate.errors import FileError
+
+    if path.exists() and not force:
+        raise FileError(f"{path}: already exists; --force replaces it")
+
+
+def check_model(model: Path | None, tactile: Collection[str]) -> None:
+    """Raise SettingError if a touch model is given and no mode of touch takes one."""
+    from palpate.errors import SettingError
+
+    if model is not None and not any(mode.startswith("learnt") for mode in tactile):
+        raise SettingError(f"--model {model} is of no use with --tactile {' '.join(tactile)}; a learnt one takes it")
+
+
+def pressure_of(text: str) -> str | float:
+    """Return what --pressure says: a name, or a friction radius [m]; SettingError where it is neither."""
+    from palpate.errors import SettingError
+
+    if text in ("uniform", "rim", "corner"):
+        return text
+    try:
+        radius = float(text)
+    except ValueError:
+        radius = math.nan
+    if not 0.0 < radius < math.inf:
+        raise SettingError(f"--pressure is {text!r}; allowed are uniform, rim, corner or a friction radius above 0 [m]")
+    return radius
