@@ -87,7 +87,7 @@ def evaluate(
     """Track many recordings in many ways; leaves tables, figures and one page that tells it all."""
     from palpate.cli.console import busy, complain, print_json, progress_bar
     from palpate.errors import SettingError
-    from palpate.graph.noise_file import noise_of
+    from palpate.estimation.settings_file import noise_of
     from palpate.study.comparison import check_common, compare, read_scores
     from palpate.study.files import find_recordings
     from palpate.study.job import StudySettings

@@ -77,7 +77,7 @@ def track(
 
     from palpate.cli.console import complain, print_json
     from palpate.errors import PalpateError, SettingError
-    from palpate.graph.noise_file import noise_of
+    from palpate.estimation.settings_file import noise_of
     from palpate.touch.background import load_background
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings

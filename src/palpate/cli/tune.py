@@ -53,7 +53,7 @@ def tune(
     import time
 
     from palpate.cli.console import complain, print_json, progress_bar
-    from palpate.graph.noise_file import noise_of, write_noise
+    from palpate.estimation.settings_file import noise_of, write_noise
     from palpate.study.files import find_recordings
     from palpate.touch.model import SHIPPED, TouchModel
     from palpate.tracker import TrackerSettings

@@ -46,6 +46,8 @@ class DistanceField:
     """Distance between nodes [m]."""
     values: Array
     """Signed distance at the nodes (rows along y, columns along x) [m]."""
+    coefficients: Array = field(init=False, repr=False)
+    """Of the spline, (rows + 3, columns + 3): those of a cell are the four by four from its row and column on."""
     _windows: Array = field(init=False, repr=False)
     """Spline coefficients around each cell (rows, columns, 4, 4), a view."""
 
@@ -69,7 +71,9 @@ class DistanceField:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "cell", float(self.cell))
         object.__setattr__(self, "values", values)
-        object.__setattr__(self, "_windows", sliding_window_view(coefficients, (4, 4)))
+        rows, columns = values.shape
+        object.__setattr__(self, "coefficients", np.ascontiguousarray(coefficients[: rows + 3, : columns + 3]))
+        object.__setattr__(self, "_windows", sliding_window_view(self.coefficients, (4, 4)))
 
     @classmethod
     def of(cls, shape: Shape, cell: float | None = None, margin: float = 0.04) -> "DistanceField":

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.recording.measurements import Measurement
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -20,3 +22,5 @@ class Frame:
     """whether the sensor touches the object, where the recording knows"""
     object_pose: NDArray[np.float64] | None = None
     """world_T_object, (3,) [m, m, rad]: ground truth, used for scoring and by oracle touch only"""
+    measurements: tuple[Measurement, ...] = ()
+    """what others than touch say of this instant, such as a camera's ObjectPose"""

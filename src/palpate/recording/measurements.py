@@ -1,16 +1,26 @@
-"""What touch can say about one frame: made by `palpate.touch`, taken by `palpate.graph`."""
+"""What can be measured of object and sensor at one frame: by touch, by a camera, by whatever a user has."""
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 
+FARTHEST_BACK = 39
+"""How many frames ago the earliest frame is that touch compares a frame with, as in the published system. A sliding
+window holds so many steps and the last one."""
+
+
+class Measurement:
+    """What is said of one frame; the factors of `palpate.estimation` take it by its type."""
+
 
 @dataclass(frozen=True)
-class RelativePoses:
+class RelativePoses(Measurement):
     """Sensor-in-object poses of the current frame as seen from P earlier frames of the same contact (paper Eq. 6)."""
 
     back: NDArray[np.int_]
@@ -22,7 +32,7 @@ class RelativePoses:
 
 
 @dataclass(frozen=True)
-class ContactDirection:
+class ContactDirection(Measurement):
     """Where on its round surface the tip is touched: along the outline's inward normal at the touched point.
 
     It is absolute, so it does not drift: yaw on a straight edge, the place along a round one. Raises EstimationError
@@ -39,7 +49,7 @@ class ContactDirection:
 
 
 @dataclass(frozen=True)
-class Turn:
+class Turn(Measurement):
     """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact.
 
     Raises EstimationError on an angle or variance that cannot be used.
@@ -55,15 +65,48 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Feeling:
-    """All that touch says of one frame; an empty one says nothing."""
+class ObjectPose(Measurement):
+    """The object's pose as another source sees it: a camera, a tag, a person.
 
-    relative: RelativePoses | None = None
-    """Against earlier frames of this contact; None at its first."""
-    direction: ContactDirection | None = None
-    """Where the tip is touched."""
-    turn: Turn | None = None
-    """How the sensor has turned on the object in this contact."""
+    Raises EstimationError on a pose or covariance that cannot be used.
+    """
+
+    pose: NDArray[np.float64]
+    """world_T_object, (3,) [m, m, rad]."""
+    covariance: NDArray[np.float64]
+    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    time: float | None = None
+    """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
+
+    def __post_init__(self) -> None:
+        pose, covariance = _numbers(self.pose, (3,)), _numbers(self.covariance, (3, 3))
+        if pose is None:
+            raise EstimationError(f"object pose is {self.pose!r}; it must be three finite numbers x [m], y [m], theta")
+        if covariance is None or not np.allclose(covariance, covariance.T):
+            raise EstimationError(
+                f"object pose has covariance {self.covariance!r}; it must be a symmetric (3, 3) of finite numbers"
+            )
+        if not (np.linalg.eigvalsh(covariance) > 0.0).all():
+            raise EstimationError(f"object pose has covariance {covariance.tolist()}; it must be positive definite")
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "covariance", covariance)
+
+
+class OwnMeasurement(Measurement, ABC):
+    """Base of a measurement that brings its own residual: derive from it to measure what palpate does not know of."""
+
+    on: ClassVar[tuple[str, ...]]
+    """The names of the unknowns that it is of: "object_pose", "sensor", or others of `palpate.estimation.unknowns`."""
+    time: float | None = None
+    """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
+
+    @abstractmethod
+    def linearise(self, *values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residual (R,) and its Jacobian (R, C) at the values of the unknowns, in the order of `on`.
+
+        Both are divided by the standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad])
+        and has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`.
+        """
 
 
 def _check(what: str, angle: float, variance: float) -> None:
@@ -71,3 +114,12 @@ def _check(what: str, angle: float, variance: float) -> None:
         raise EstimationError(
             f"{what} has angle {angle!r} and variance {variance!r}; they must be finite, the variance above 0"
         )
+
+
+def _numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """A copy of finite numbers as an array of this shape, or None if they are not that."""
+    try:
+        numbers = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import SmootherName
 from palpate.formats import load_recording
 from palpate.geometry.shapes import shape_to_dict
-from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import SmootherName
 from palpate.recording.recording import Recording
 from palpate.study.files import group_of
 from palpate.study.trial import Method, Trial
@@ -33,7 +33,7 @@ class StudySettings:
 
     methods: tuple[Method, ...]
     """Ways to track, in the order of tables."""
-    noise: GraphNoise = GraphNoise()
+    noise: NoiseSettings = NoiseSettings()
     """Standard deviations of the factors."""
     pressure: str | float = "uniform"
     """How the objects press on the table, or c [m]."""

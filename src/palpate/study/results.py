@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 import palpate
 from palpate.errors import FileError
+from palpate.estimation.settings import PRESETS
 from palpate.files import whole_file
-from palpate.graph.noise import PRESETS
 from palpate.study.job import StudySettings, inside_95, since_contact
 from palpate.study.study import Study
 from palpate.study.trial import Method, Trial

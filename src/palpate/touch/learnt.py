@@ -1,8 +1,7 @@
 """What a trained model says of the frames of a contact, by each image or by pairs of images."""
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Feeling, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.difference import Difference, difference, reduced
 from palpate.touch.model import TouchModel
@@ -32,19 +31,19 @@ class ImageTouch:
         self._model, self._view = model, view
         self._direction, self._turn = direction, turn
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
         look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
-        feeling = Feeling()
+        said: list[Measurement] = []
         if self._direction:
             angle, variance = look.direction
-            feeling = replace(feeling, direction=ContactDirection(angle, variance * spread["direction"].factor))
+            said.append(ContactDirection(angle, variance * spread["direction"].factor))
         if self._turn:
             angle, variance = look.turn
-            feeling = replace(feeling, turn=Turn(angle, variance * spread["turn"].factor))
-        return feeling
+            said.append(Turn(angle, variance * spread["turn"].factor))
+        return said
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """See Touch."""
         self._view.forget()
 
@@ -62,21 +61,21 @@ class PairTouch:
         self._view, self._see, self._compare = view, see, compare
         self._seen: deque[Features] = deque(maxlen=int(BACK[-1]) + 1)
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
         self._seen.append(self._see(self._view.of(frame)))
         back = compared_frames(len(self._seen) - 1)
         if not len(back):
-            return Feeling()
+            return ()
         seen = np.array(self._seen)
         turn, variance = self._compare(seen[-1 - back], seen[-1])
         pose = np.zeros((len(back), 3))
         covariance = np.zeros((len(back), 3, 3))
         pose[:, 2], covariance[:, 2, 2] = turn, variance
         covariance[:, 0, 0] = covariance[:, 1, 1] = _UNTOLD**2
-        return Feeling(relative=RelativePoses(back, pose, covariance))
+        return (RelativePoses(back, pose, covariance),)
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """See Touch."""
         self._seen.clear()
         self._view.forget()

@@ -28,6 +28,9 @@ Tactile = Literal[
 TELL_DIRECTION = ("learnt", "learnt-direction")
 """Those that tell where the tip is touched."""
 
+TELL_TURN = ("learnt", "learnt-turn")
+"""Those that tell how the sensor has turned, up to an offset of the contact."""
+
 Sigmas = tuple[float, float, float]
 
 

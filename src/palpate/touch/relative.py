@@ -1,6 +1,7 @@
 """Relative sensor poses from touch, between the current frame and earlier ones of a contact (paper Sec. IV-A)."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -8,23 +9,23 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import Feeling, RelativePoses
+from palpate.recording.measurements import FARTHEST_BACK, Measurement, RelativePoses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
-BACK = np.arange(10, 40)
+BACK = np.arange(10, FARTHEST_BACK + 1)
 """How many frames ago the compared frames were, as in the published system."""
 
 
 class Touch(Protocol):
     """What feels the frames of a contact, one after the other."""
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
         """Return what the frame says, by itself and relative to earlier ones of this contact."""
         ...
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
         ...
 
@@ -32,11 +33,11 @@ class Touch(Protocol):
 class NoTouch:
     """Feels nothing: pushing and geometry alone."""
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
-        return Feeling()
+        return ()
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """See Touch."""
 
 
@@ -50,13 +51,13 @@ class ConstantTouch:
         self._covariance = np.diag(np.square(sigmas))
         self._age = -1
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
         self._age += 1
         back = compared_frames(self._age)
-        return _feeling(back, np.zeros((len(back), 3)), self._covariance)
+        return _relative_poses(back, np.zeros((len(back), 3)), self._covariance)
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """See Touch."""
         self._age = -1
 
@@ -68,7 +69,7 @@ class OracleTouch:
         self._covariance = np.diag(np.square(sigmas))
         self._felt: deque[Array] = deque(maxlen=int(BACK[-1]) + 1)
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch. A frame without ground truth says nothing, then and later."""
         object_pose = np.full(3, np.nan) if frame.object_pose is None else frame.object_pose
         self._felt.append(se2.between(object_pose, frame.sensor_pose))
@@ -76,9 +77,9 @@ class OracleTouch:
         back = compared_frames(len(felt) - 1)
         pose = se2.between(felt[-1 - back], felt[-1])
         known = np.isfinite(pose).all(axis=-1)
-        return _feeling(back[known], pose[known], self._covariance)
+        return _relative_poses(back[known], pose[known], self._covariance)
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """See Touch."""
         self._felt.clear()
 
@@ -93,7 +94,7 @@ def compared_frames(age: int) -> Indices:
     return np.append(back, age) if 0 < age <= BACK[-1] and age not in back[-1:] else back
 
 
-def _feeling(back: Indices, pose: Array, covariance: Array) -> Feeling:
+def _relative_poses(back: Indices, pose: Array, covariance: Array) -> Sequence[Measurement]:
     if not len(back):
-        return Feeling()
-    return Feeling(RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3))))
+        return ()
+    return (RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3))),)

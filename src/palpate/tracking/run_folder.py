@@ -9,8 +9,8 @@ from typing import Any
 
 import palpate
 from palpate.errors import FileError
+from palpate.estimation.settings import PRESETS
 from palpate.formats import estimates_csv, tum
-from palpate.graph.noise import PRESETS
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
+from palpate.estimation.contact_model import contact_model
 from palpate.formats import load_recording
 from palpate.geometry import se2
 from palpate.geometry.polygon import sharp_corners
 from palpate.geometry.shapes import Disc, Ellipse, Shape
-from palpate.graph import factors
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
@@ -142,9 +142,9 @@ def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
 
 def _geometry(recording: Recording, g: Array) -> tuple[Array, Indices]:
     """Angle of the contact on the tip (N,) and its kind (N,), from the outline."""
-    tip = factors.contact_models(recording.shape, recording.sensor)[0]
-    center = se2.transform(g, tip.center)
-    distance, normal, _ = tip.field.value_gradient_hessian(center)
+    field = contact_model(recording.shape, recording.sensor).field
+    center = se2.transform(g, recording.sensor.centers[0])
+    distance, normal, _ = field.value_gradient_hessian(center)
     toward = np.arctan2(-normal[:, 1], -normal[:, 0])
     touched = center - distance[:, None] * normal
     return se2.wrap(toward - g[:, 2]), _kinds(recording.shape, touched)

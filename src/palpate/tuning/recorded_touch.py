@@ -15,7 +15,7 @@ from palpate.errors import FileError, PalpateError, SettingError
 from palpate.formats import load_recording
 from palpate.parallel import spread
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import Feeling, RelativePoses
+from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
@@ -26,6 +26,7 @@ from palpate.tracker import Tracker, TrackerSettings
 from palpate.tracking.findings import trusted_truth
 
 Array = NDArray[np.float64]
+Said = tuple[Measurement, ...]
 _ANY = (1.0, 1.0, 1.0)  # noise of modes without images, which are not recorded beforehand
 
 
@@ -37,7 +38,7 @@ class RecordedTouch:
     """Without images; contact is what they tell."""
     truth: Array
     """world_T_object (N, 3) [m, m, rad]; NaN where it is not known or jumps away and back."""
-    feelings: tuple[Feeling, ...] | None
+    measurements: tuple[Said, ...] | None
     """What each frame says, nothing out of contact; None for a mode that needs no images."""
 
 
@@ -56,16 +57,16 @@ def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | Non
         raise SettingError(f"{name}: has no images, which tactile {tactile} needs")
     if recording.contact is None and recording.image is None:
         raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
-    contact, feelings = recording.contact, None
+    contact, measurements = recording.contact, None
     if recording.image is not None:
         frames = list(_frame_by_frame(recording, tactile, (model or TouchModel(SHIPPED)) if learnt else None))
         contact = np.array([touched for touched, _ in frames])
-        feelings = tuple(feeling for _, feeling in frames) if learnt else None
+        measurements = tuple(said for _, said in frames) if learnt else None
     assert contact is not None
     if not (contact & known).any():
         raise SettingError(f"{name}: is never in contact where ground truth is known, so there is nothing to score")
     truth = np.where(known[:, None], recording.object_pose, np.nan)
-    return RecordedTouch(replace(recording, image=None, contact=contact), truth, feelings)
+    return RecordedTouch(replace(recording, image=None, contact=contact), truth, measurements)
 
 
 def record_touch_of_files(
@@ -113,7 +114,7 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     """
     recording = recorded.recording
     first = recorded.truth[int(np.argmax(np.isfinite(recorded.truth[:, 0])))]
-    touch = None if recorded.feelings is None else _Remembered(recording.time, recorded.feelings)
+    touch = None if recorded.measurements is None else _Remembered(recording.time, recorded.measurements)
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch)
     estimates = [tracker.update(frame) for frame in recording]
     return Trajectory(
@@ -128,28 +129,28 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
 class _Remembered:
     """Says again what was recorded."""
 
-    def __init__(self, time: Array, feelings: tuple[Feeling, ...]) -> None:
-        self._feelings = dict(zip(time.tolist(), feelings, strict=True))
+    def __init__(self, time: Array, measurements: tuple[Said, ...]) -> None:
+        self._said = dict(zip(time.tolist(), measurements, strict=True))
         self._age = -1
 
-    def feel(self, frame: Frame) -> Feeling:
+    def measure(self, frame: Frame) -> Said:
         """See Touch."""
         self._age += 1
-        feeling = self._feelings[frame.time]
-        relative = feeling.relative
-        if relative is None or (relative.back <= self._age).all():
-            return feeling
-        # The tracker began anew within a contact; what lies before is none of this one's.
-        kept = relative.back <= self._age
-        rest = RelativePoses(relative.back[kept], relative.pose[kept], relative.covariance[kept])
-        return replace(feeling, relative=rest)
+        return tuple(self._of_this_contact(said) for said in self._said[frame.time])
 
-    def lift(self) -> None:
+    def end_contact(self) -> None:
         """See Touch."""
         self._age = -1
 
+    def _of_this_contact(self, said: Measurement) -> Measurement:
+        """Without what is relative to frames before the contact, within which the tracker began anew."""
+        if not isinstance(said, RelativePoses) or (said.back <= self._age).all():
+            return said
+        kept = said.back <= self._age
+        return RelativePoses(said.back[kept], said.pose[kept], said.covariance[kept])
 
-def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | None) -> Iterator[tuple[bool, Feeling]]:
+
+def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | None) -> Iterator[tuple[bool, Said]]:
     """Whether each frame is in contact, and what it says if the mode reads images."""
     detector = ContactDetector()
 
@@ -163,5 +164,5 @@ def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | 
         assert frame.image is not None
         was, touching = touching, detector.update(frame.image)
         if was and not touching:
-            touch.lift()
-        yield touching, touch.feel(frame) if touching and model is not None else Feeling()
+            touch.end_contact()
+        yield touching, tuple(touch.measure(frame)) if touching and model is not None else ()

@@ -32,7 +32,7 @@ from palpate.study.job import inside_95
 from palpate.tracker import TrackerSettings
 from palpate.tracking.metrics import nees, rms, rotation_errors, translation_errors
 from palpate.tuning.likelihood import negative_log_likelihood
-from palpate.tuning.parameters import PARAMETERS, check_parameters, value_of, values_of, with_value
+from palpate.tuning.parameters import PRESSURE, check_parameters, tunable, value_of, values_of, with_value
 from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ def tune(
     names = check_parameters(settings, parameters, evaluations)
     if not recordings:
         raise SettingError("there are no recordings to tune on")
-    start = _with_radius(settings, recordings) if "pressure" in names else settings
+    start = _with_radius(settings, recordings) if PRESSURE in names else settings
     begin = np.array([value_of(start, name) for name in names])
     learning = [recorded for index, recorded in enumerate(recordings) if index % HELD_OUT != HELD_OUT - 1]
     held_out = list(recordings[HELD_OUT - 1 :: HELD_OUT])
@@ -111,7 +111,7 @@ def tune(
     best = Tuning(start, values_of(names, start, start), before, before, 1)
     if progress:
         progress(best)
-    low, high = np.log([(PARAMETERS[name].lowest, PARAMETERS[name].highest) for name in names]).T
+    low, high = np.log([(tunable()[name].lowest, tunable()[name].highest) for name in names]).T
     first = np.clip(np.log(np.maximum(begin, 1e-300)), low, high)
 
     def cost(logarithms: Array) -> float:

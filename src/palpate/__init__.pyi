@@ -1,0 +1,32 @@
+from .errors import EstimationError as EstimationError
+from .errors import FileError as FileError
+from .errors import PalpateError as PalpateError
+from .errors import SettingError as SettingError
+from .errors import ShapeError as ShapeError
+from .estimation.settings import PUBLISHED as PUBLISHED
+from .estimation.settings import NoiseSettings as NoiseSettings
+from .formats import load_recording as load_recording
+from .formats.palpate_h5 import read_recording as read_recording
+from .formats.palpate_h5 import write_recording as write_recording
+from .geometry.shapes import Disc as Disc
+from .geometry.shapes import Ellipse as Ellipse
+from .geometry.shapes import Polygon as Polygon
+from .geometry.shapes import Rectangle as Rectangle
+from .geometry.shapes import Shape as Shape
+from .recording.frame import Frame as Frame
+from .recording.measurements import Measurement as Measurement
+from .recording.measurements import ObjectPose as ObjectPose
+from .recording.measurements import OwnMeasurement as OwnMeasurement
+from .recording.recording import Recording as Recording
+from .recording.sensor import DIGIT as DIGIT
+from .recording.sensor import POINT as POINT
+from .recording.sensor import SensorProfile as SensorProfile
+from .recording.trajectory import Trajectory as Trajectory
+from .touch.background import Background as Background
+from .touch.background import load_background as load_background
+from .touch.model import TouchModel as TouchModel
+from .tracker import Estimate as Estimate
+from .tracker import Tracker as Tracker
+from .tracker import TrackerSettings as TrackerSettings
+
+__version__: str

@@ -1,0 +1,136 @@
+"""Contacts and rests of one object, one after the other: each begins with what the one before left known."""
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import EstimationError
+from palpate.estimation.belief import Prior
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.diagnosis import Diagnosis, Status
+from palpate.estimation.factor_list import make_factors
+from palpate.estimation.rest import measured_at_rest
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
+from palpate.geometry import se2
+from palpate.recording.measurements import Measurement
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+
+class Estimator:
+    """Estimates the pose of one object from sensor poses and measurements, frame by frame."""
+
+    def __init__(self, model: ContactModel, settings: NoiseSettings, smoother: SmootherName, first_pose: Array) -> None:
+        """Take what touches what, how much is believed, how graphs are solved and world_T_object (3,) at the start."""
+        self._model, self._settings = model, settings
+        self._factors = make_factors(settings, model)
+        self._begin_contact = make_smoother(smoother, settings, model)
+        self._diagnosis = Diagnosis(model, settings.contact.deviation)
+        deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
+        self.known = Prior(first_pose, settings.priors.mean, np.diag(np.square(deviation)))
+        """What is known of the object at the last frame."""
+        self.status: Status = "resting"
+        """What to make of it."""
+        self._contact: Smoother | None = None
+        self._sensor_pose: Array | None = None  # at the last frame
+        self._resting_since: float | None = None  # [s]
+        self._settled: list[Array] = []  # object poses (N, 3) up to the current graph
+        self._online: list[Array] = []  # object poses (3,) of the current graph, as they were at the time
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the object is being touched."""
+        return self._contact is not None
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (3, 3) of the object's pose, tangent space at the estimate (right, body frame)."""
+        doubt = 0.0 if self.in_contact else self._diagnosis.displacement_covariance()
+        return self._diagnosis.covariance(self.known) + doubt
+
+    def path(self) -> Array:
+        """Return all object poses so far (N, 3), each as all later measurements in its contact leave it."""
+        parts = [*self._settled, *([] if self._contact is None else [_object_path(self._contact)])]
+        return np.concatenate(parts) if parts else np.empty((0, 3))
+
+    def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+        """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise."""
+        if self._resting_since is None:
+            self._resting_since = time
+        if measurements:
+            self._measure_at_rest(measurements, time)
+        self._settled.append(self.known.pose[None])
+        self._sensor_pose = sensor_pose
+        self._diagnosis.see_rest(self.known, sensor_pose)
+        self.status = self._diagnosis.at_rest()
+
+    def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+        """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost."""
+        if self._contact is None:
+            self._diagnosis.see_first_touch(self.known, sensor_pose)
+            moved = np.diag(np.square(self._settings.first_pose.rest)) + self._diagnosis.displacement_covariance()
+            self.known = self.known.loosened(moved)
+            self._contact = self._begin_contact(self.known, sensor_pose, measurements, time)
+        else:
+            self._contact.add(sensor_pose, measurements, time)
+        self._believe(self._contact, sensor_pose)
+        self.status = self._diagnosis.in_contact(self.known)
+
+    def begin_anew(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, error: EstimationError
+    ) -> None:
+        """Go on with a new graph from the last pose, where the old one could not be solved.
+
+        Raises EstimationError where that fails, too; the contact is then over.
+        """
+        reason = (
+            f"frame at {time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
+            "together leave undetermined, or a sensor pose far from the object"
+        )
+        logger.warning("%s; starting a new graph from the last pose", reason)
+        self._settle(np.array(self._online).reshape(-1, 3))
+        before = sensor_pose if self._sensor_pose is None else self._sensor_pose
+        pushed = float(np.hypot(*(sensor_pose - before)[:2]))
+        self.known = self.known.loosened(self._diagnosis.covariance_of_motion(pushed))
+        try:
+            self._contact = self._begin_contact(self.known, sensor_pose, measurements, time)
+        except EstimationError:
+            raise EstimationError(reason) from error
+        self._believe(self._contact, sensor_pose)
+        self.status = "indeterminate"
+
+    def end_contact(self) -> None:
+        """The sensor let go of the object."""
+        if self._contact is not None:
+            self._settle(_object_path(self._contact))
+            self._diagnosis.forget_displacement()
+
+    def _settle(self, poses: Array) -> None:
+        """Keep the poses (N, 3) of the current graph, which is over."""
+        self._settled.append(poses)
+        self._online.clear()
+        self._diagnosis.forget_errors()
+        self._contact = self._resting_since = None
+
+    def _believe(self, contact: Smoother, sensor_pose: Array) -> None:
+        self.known = contact.belief().prior
+        self._diagnosis.see_errors(contact.last_errors())
+        self._online.append(self.known.pose)
+        self._sensor_pose = sensor_pose
+
+    def _measure_at_rest(self, measurements: Sequence[Measurement], time: float) -> None:
+        since = time if self._resting_since is None else self._resting_since
+        prior = self.known.loosened(self._diagnosis.displacement_covariance())
+        known = measured_at_rest(prior, measurements, self._factors, self._model, since, time)
+        if known is not prior:
+            self.known = known
+            self._diagnosis.forget_displacement()
+
+
+def _object_path(contact: Smoother) -> Array:
+    g, e = contact.path()
+    return se2.compose(e, se2.inverse(g))

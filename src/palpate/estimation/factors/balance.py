@@ -1,0 +1,112 @@
+"""Balance of force and torque on the ellipsoidal limit surface (paper Eq. 7, torque row; Lynch 1992, Zhou 2017).
+
+The residual [m^2] is `p x v - c^2 omega`, with the object's motion v [m], omega [rad] over the step and the pushed
+point p both taken at the centre of friction. Sliding does not break it. c^2 is that of the chosen pressure times
+`exp(friction_ratio)`. With several tips each bears an unknown share of the force, and the balance says nothing.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale
+from palpate.estimation.factors.pushing import (
+    center_moved,
+    center_of_friction,
+    pushing_terms,
+    put_center_derivatives,
+)
+from palpate.estimation.planar import cauchy, cross, wrap
+from palpate.estimation.setting import Settings, Tunable, setting
+from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO, SENSOR, SENSOR_IN_OBJECT
+from palpate.estimation.values import Values
+
+
+@dataclass(frozen=True)
+class BalanceSettings(Settings):
+    """How well the limit surface describes friction between object and table."""
+
+    still: float = setting(2e-7, tune=Tunable(1e-9, 1e-3, usual=False))
+    """Imbalance in one step when nothing moves [m^2]."""
+    share: float = setting(0.013, at_least=0.0, tune=Tunable(1e-3, 10.0))
+    """The same as a share of the sensor's motion times c. With the right c and centre of friction, the ellipsoid fits
+    simulated feet to 1 %."""
+    kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the balance."""
+
+
+class Balance(Factor):
+    """One term a step, on the step and the one before, for a sensor with one tip."""
+
+    name = "balance"
+    steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
+    shared = (FRICTION_RATIO, FRICTION_CENTER)
+    rows = 1
+    is_motion = True
+    tells_strain = True
+
+    def __init__(self, settings: BalanceSettings, model: ContactModel) -> None:
+        self._settings, self._kernel = settings, kernel_scale(settings.kernel)
+        self._model = model
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return pushing_terms(step, 1) if self._model.tips == 1 else None
+
+    def linearise(self, at: Values, terms: Terms) -> Rows:
+        """See Factor."""
+        g, given, model = at[SENSOR_IN_OBJECT], self._settings, self._model
+        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 15)
+        friction = at[FRICTION_RATIO], at[FRICTION_CENTER], model.friction_radius, model.friction_center
+        _linearise(g, at[SENSOR], at.touching, *friction, *terms, given.still, given.share, self._kernel, *rows)
+        return rows
+
+
+@compiled
+def _linearise(
+    g: Array,
+    e: Array,
+    touching: Records,
+    ratio: Array,
+    besides: Array,
+    c: float,
+    model_center: complex,
+    places: Places,
+    data: Records,
+    still: float,
+    share: float,
+    kernel: float,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
+    for b in range(len(g)):
+        c_squared = c * c * math.exp(ratio[0, b])
+        center = center_of_friction(model_center, c, besides[0, b], besides[1, b])
+        for t in range(len(places)):
+            before, now = places[t, 0], places[t, 1]
+            g0, e0, g1, e1 = g[b, before], e[b, before], g[b, now], e[b, now]
+            touch, row = touching[b, now, data[t].tip], jacobian[b, t, 0]
+            way, by_center = center_moved(g0, e0, g1, e1, center, by_sensor0, by_sensor1)
+            arm = touch.point - center
+            omega = wrap(e1[2] - e0[2] - g1[2] + g0[2])
+            residual[b, t, 0] = cross(arm, way) - c_squared * omega
+            lever = arm.conjugate()
+            put_center_derivatives(lever, by_sensor0, by_sensor1, row)
+            for k in range(3):
+                row[6 + k] += cross(touch.point_by_g[k], way)
+            row[2] -= c_squared  # omega grows with the turns of g0 and e1,
+            row[11] -= c_squared
+            row[5] += c_squared  # and shrinks with those of e0 and g1
+            row[8] += c_squared
+            row[12] = -c_squared * omega
+            row[13] = c * ((lever * by_center).imag - way.imag)
+            row[14] = c * ((lever * by_center).real + way.real)
+            given = math.hypot(still, share * data[t].moved * c) ** -2.0
+            information[b, t, 0] = given
+            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)

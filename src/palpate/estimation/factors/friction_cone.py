@@ -1,0 +1,114 @@
+"""Friction cone: at its edge the pushing force stays while the contact slides (Coulomb; Lynch 1992).
+
+The force points along the motion v of the centre of friction. The residual [m] is how far v is outside the cone on one
+side (+1 counter-clockwise of the outline's inward normal, -1 clockwise): its part along the outline less grip times its
+part into the object. The term counts where the force is beyond the edge, and not where it is inside.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale
+from palpate.estimation.factors.pushing import (
+    beyond,
+    center_moved,
+    center_of_friction,
+    pushing_terms,
+    put_center_derivatives,
+)
+from palpate.estimation.planar import cauchy, dot
+from palpate.estimation.setting import Settings, Tunable, setting
+from palpate.estimation.unknowns import FRICTION_CENTER, GRIP, SENSOR, SENSOR_IN_OBJECT
+from palpate.estimation.values import Values
+
+
+@dataclass(frozen=True)
+class FrictionConeSettings(Settings):
+    """How sharp the friction cone's edge is."""
+
+    still: float = setting(2e-5, tune=Tunable(1e-7, 1e-2, usual=False))
+    """How far the object's motion is outside the cone in one step when nothing moves [m]."""
+    share: float | None = setting(0.13, at_least=0.0, optional=True, tune=Tunable(1e-3, 10.0))
+    """The same as a share of the sensor's motion; None leaves the cone out."""
+    width: float = setting(0.03, tune=Tunable(1e-3, 0.5, usual=False))
+    """Angle over which the edge begins to count [rad]."""
+    kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the cone."""
+
+
+class FrictionCone(Factor):
+    """One term a step, on the step and the one before, for a sensor with one tip."""
+
+    name = "friction_cone"
+    steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
+    shared = (FRICTION_CENTER, GRIP)
+    rows = 1
+    is_motion = True
+
+    def __init__(self, settings: FrictionConeSettings, model: ContactModel) -> None:
+        self._settings, self._kernel = settings, kernel_scale(settings.kernel)
+        self._model = model
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return pushing_terms(step, 1) if self._model.tips == 1 and self._settings.share is not None else None
+
+    def linearise(self, at: Values, terms: Terms) -> Rows:
+        """See Factor."""
+        g, given, model = at[SENSOR_IN_OBJECT], self._settings, self._model
+        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 15)
+        friction = at[FRICTION_CENTER], at[GRIP], model.friction_radius, model.friction_center
+        sharp = given.still, given.share or 0.0, given.width, self._kernel
+        _linearise(g, at[SENSOR], at.touching, at.pushing_angle, *friction, *terms, *sharp, *rows)
+        return rows
+
+
+@compiled
+def _linearise(
+    g: Array,
+    e: Array,
+    touching: Records,
+    angle: Array,
+    besides: Array,
+    grip: Array,
+    c: float,
+    model_center: complex,
+    places: Places,
+    data: Records,
+    still: float,
+    share: float,
+    width: float,
+    kernel: float,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
+    for b in range(len(g)):
+        center = center_of_friction(model_center, c, besides[0, b], besides[1, b])
+        for t in range(len(places)):
+            before, now = places[t, 0], places[t, 1]
+            touch, row = touching[b, now, data[t].tip], jacobian[b, t, 0]
+            force = angle[b, now, data[t].tip]
+            side = 1.0 if force > 0.0 else -1.0 if force < 0.0 else 0.0
+            way, by_center = center_moved(
+                g[b, before], e[b, before], g[b, now], e[b, now], center, by_sensor0, by_sensor1
+            )
+            edge = side - 1j * grip[0, b]
+            lever = edge * -touch.normal.conjugate()
+            residual[b, t, 0] = (lever * way).imag
+            put_center_derivatives(lever, by_sensor0, by_sensor1, row)
+            for k in range(3):
+                row[6 + k] += (edge * way * -touch.normal_by_g[k].conjugate()).imag
+            row[12] = c * (lever * by_center).imag
+            row[13] = c * (lever * by_center).real
+            row[14] = dot(touch.normal, way)
+            outside = beyond(force, math.atan(grip[0, b]), width)
+            given = outside * math.hypot(still, share * data[t].moved) ** -2.0
+            information[b, t, 0] = given
+            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)

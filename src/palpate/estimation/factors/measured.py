@@ -1,0 +1,120 @@
+"""Measurements that bring their own residual: a camera's opinion, a tag, whatever a user measures.
+
+A measurement names the unknowns that it is of and linearises itself; see `recording.measurements.OwnMeasurement`. One
+of the object's pose is carried over to the poses that the graph holds: with o = e g^-1, a perturbation d of e moves o
+by `Ad_g d`, one of g by `-Ad_g d`.
+"""
+
+import logging
+
+import numpy as np
+
+from palpate.errors import EstimationError
+from palpate.estimation.factors.factor import Array, Factor, Rows, Step, Terms
+from palpate.estimation.unknowns import OBJECT_POSE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT, SHARED, named
+from palpate.estimation.values import Values
+from palpate.geometry import se2
+from palpate.recording.measurements import OwnMeasurement
+
+logger = logging.getLogger(__name__)
+DATA = np.dtype([("measurement", object), ("time", np.float64)])
+ROWS = 6
+"""Rows that a measurement may have at most."""
+
+
+class Measured(Factor):
+    """One term for each measurement that brings its own residual."""
+
+    name = "measured"
+    steps = ((SENSOR_IN_OBJECT, SENSOR),)
+    shared = SHARED
+    rows = ROWS
+    takes = OwnMeasurement
+    holds_at_rest = True
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        said = [one for one in step.of(OwnMeasurement) if not step.at_rest or _is_at_rest(one, step)]
+        if not said:
+            return None
+        data = np.empty(len(said), DATA)
+        data["measurement"], data["time"] = said, step.times[-1]
+        return Terms(step.places_of(said), data)
+
+    def linearise(self, at: Values, terms: Terms) -> Rows:
+        """See Factor. A measurement that returns something unusable is named in a warning and left out from then on."""
+        columns, smoothers = len(self.columns.slot), len(at[SENSOR])
+        rows = Rows.empty(smoothers, len(terms.data), self.rows, columns)
+        rows.residual[:] = 0.0
+        rows.information[:] = rows.weight[:] = 1.0
+        for t, ((place,), (measurement, time)) in enumerate(zip(terms.places, terms.data, strict=True)):
+            if measurement is None:
+                continue
+            for b in range(smoothers):
+                values = {one: at[one][b, place] for one in (SENSOR_IN_OBJECT, SENSOR)}
+                values |= {one: at[one][:, b] for one in SHARED}
+                try:
+                    residual, jacobian = linearised(measurement, values)
+                except EstimationError as error:
+                    logger.warning("frame at %.3f s: %s; it is left out", time, error)
+                    terms.data["measurement"][t] = None
+                    break
+                rows.residual[b, t, : len(residual)] = residual
+                rows.jacobian[b, t, : len(residual)] = jacobian
+        return rows
+
+
+def _is_at_rest(measurement: OwnMeasurement, step: Step) -> bool:
+    """Whether a measurement is of what there is at rest; a warning says where it is not."""
+    allowed = (OBJECT_POSE, *OF_OBJECT)
+    if other := [name for name in measurement.on if named(name) not in allowed]:
+        names = ", ".join(one.name for one in allowed)
+        found = f"measurement {type(measurement).__name__} is of {other[0]}"
+        logger.warning("frame at %.3f s: %s; at rest there are %s; it is left out", step.times[-1], found, names)
+    return not other
+
+
+_IN_GRAPH = (SENSOR_IN_OBJECT, SENSOR, *SHARED)
+
+
+def linearised(measurement: OwnMeasurement, values: dict) -> tuple[Array, Array]:
+    """Return a measurement's whitened residual (R,) and its Jacobian (R, 6 + SHARED_SIZE) by g, e and what is shared.
+
+    Raises EstimationError where it returns something else than it should.
+    """
+    g, e = values[SENSOR_IN_OBJECT], values[SENSOR]
+    values = {**values, OBJECT_POSE: se2.compose(e, se2.inverse(g))}
+    residual, parts = checked(measurement, values)
+    jacobian = {one: np.zeros((len(residual), one.dimension)) for one in _IN_GRAPH}
+    for unknown, part in parts.items():
+        if unknown == OBJECT_POSE:
+            by_sensor = part @ se2.adjoint(g)
+            jacobian[SENSOR] += by_sensor
+            jacobian[SENSOR_IN_OBJECT] -= by_sensor
+        else:
+            jacobian[unknown] += part
+    return residual, np.concatenate([jacobian[one] for one in _IN_GRAPH], axis=1)
+
+
+def checked(measurement: OwnMeasurement, values: dict) -> tuple[Array, dict]:
+    """Return a measurement's whitened residual (R,) and its Jacobian (R, dimension) by each unknown that it is of.
+
+    Raises EstimationError, naming the measurement, where it returns something else than it should.
+    """
+    name = type(measurement).__name__
+    unknowns = [named(one) for one in measurement.on]
+    if missing := [one.name for one in unknowns if one not in values]:
+        allowed = ", ".join(one.name for one in values)
+        raise EstimationError(f"measurement {name} is of {missing[0]}, which there is none of; allowed are {allowed}")
+    residual, jacobian = (
+        np.asarray(part, np.float64) for part in measurement.linearise(*(values[u] for u in unknowns))
+    )
+    width = sum(one.dimension for one in unknowns)
+    if residual.ndim != 1 or len(residual) > ROWS or jacobian.shape != (len(residual), width):
+        found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"
+        wanted = f"(R,) and (R, {width}) with R at most {ROWS}"
+        raise EstimationError(f"measurement {name} returns {found}; they must be {wanted}")
+    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+        raise EstimationError(f"measurement {name} returns a residual or Jacobian that is not finite")
+    ends = np.cumsum([one.dimension for one in unknowns])
+    return residual, dict(zip(unknowns, np.split(jacobian, ends[:-1], axis=1), strict=True))

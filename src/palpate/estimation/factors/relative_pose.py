@@ -1,0 +1,88 @@
+"""Relative pose: touch tells how the sensor moved on the object between two steps (paper Eqs. 5 and 6).
+
+With g = o^-1 e as the unknown, the paper's tactile factor is a plain between factor, `Log(measured^-1 g_i^-1 g_j)`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
+from palpate.estimation.planar import adjoint, between, log, log_by_pose
+from palpate.estimation.setting import Settings, Tunable, setting
+from palpate.estimation.unknowns import SENSOR_IN_OBJECT
+from palpate.estimation.values import Values
+from palpate.recording.measurements import RelativePoses
+
+Sigmas = tuple[float, float, float]
+DATA = np.dtype([("pose", np.float64, (3,)), ("root", np.float64, (3, 3))])
+"""Measured `g_i^-1 g_j`, and the matrix that whitens its error."""
+
+
+@dataclass(frozen=True)
+class RelativePoseSettings(Settings):
+    """How far relative poses are to be believed of which touch does not say itself how sure they are."""
+
+    oracle: Sigmas = setting((1.0, 1.0, 8e-2), tune=Tunable(1e-4, 1.0, components=(2,)))
+    """For one pair of images [m, m, rad]; only yaw counts. An image takes part in 30 pairs a step and some hundred in
+    all, which are no independent measurements."""
+    constant: Sigmas = setting((1.0, 1.0, 5.0), tune=Tunable(1e-3, 10.0, components=(2,)))
+    """The same for the constant model: the sensor turns by about 0.1 rad in 10 to 40 frames, and the thirty pairs of a
+    step are wrong all the same way."""
+
+
+class RelativePose(Factor):
+    """One term for each earlier step that touch compares a step with."""
+
+    name = "relative_pose"
+    steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
+    rows = 3
+    takes = RelativePoses
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        said = [one for one in step.measurements if isinstance(one, RelativePoses) and len(one.back)]
+        if not said:
+            return None
+        back = np.concatenate([one.back for one in said])
+        data = np.empty(len(back), DATA)
+        data["pose"] = np.concatenate([one.pose for one in said])
+        data["root"] = np.concatenate([np.linalg.inv(np.linalg.cholesky(one.covariance)) for one in said])
+        return Terms(np.column_stack([-back, np.zeros_like(back)]).astype(np.int64), data)
+
+    def linearise(self, at: Values, terms: Terms) -> Rows:
+        """See Factor."""
+        g = at[SENSOR_IN_OBJECT]
+        rows = Rows.empty(len(g), len(terms.data), self.rows, 6)
+        rows.information[:] = rows.weight[:] = 1.0
+        _linearise(g, *terms, rows.residual, rows.jacobian)
+        return rows
+
+
+@compiled
+def _linearise(g: Array, places: Places, data: Records, residual: Array, jacobian: Array) -> None:
+    relative, apart, error, back = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    by_later, turned = np.empty((3, 3)), np.empty((3, 3))
+    for b in range(len(g)):
+        for t in range(len(places)):
+            earlier, later = g[b, places[t, 0]], g[b, places[t, 1]]
+            between(earlier, later, relative)
+            between(data[t].pose, relative, apart)
+            log(apart, error)
+            log_by_pose(error, by_later)
+            # The earlier pose moves what is seen from it the other way: exp(-Ad_relative^-1 d).
+            between(later, earlier, back)
+            adjoint(back, turned)
+            root = data[t].root
+            for r in range(3):
+                residual[b, t, r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
+                for c in range(3):
+                    whitened = root[r, 0] * by_later[0, c] + root[r, 1] * by_later[1, c] + root[r, 2] * by_later[2, c]
+                    jacobian[b, t, r, 3 + c] = whitened
+            for r in range(3):
+                for c in range(3):
+                    later_r = jacobian[b, t, r]
+                    jacobian[b, t, r, c] = -(
+                        later_r[3] * turned[0, c] + later_r[4] * turned[1, c] + later_r[5] * turned[2, c]
+                    )

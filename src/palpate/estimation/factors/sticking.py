@@ -1,0 +1,121 @@
+"""Sticking: inside the friction cone the sensor's material point stays on the object (paper Eqs. 7 to 10, two rows).
+
+The residual [m] is how far the object slid along the sensor, object frame: the sensor's material point m that touches
+the outline point p at step 1 was at `g0 g1^-1 p` at step 0, so it is `g0 m - p`. Rolling by a small angle leaves it in
+place too, up to r angle^2 / 2. This is the paper's `V + omega x p - Vp` without linearising the rotation, which would
+let the object drift by omega^2 p / 2 a step. With r > 0 it is the material point that pushes, while p moves over the
+tip as the sensor turns.
+
+How firmly it holds depends on the angle of the pushing force: inside the cone a step slides by a small share of the
+sensor's motion, at the cone's edge by any amount. With several tips nobody knows each one's share of the force, and all
+are taken to hold.
+"""
+
+import math
+from dataclasses import dataclass
+
+from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale
+from palpate.estimation.factors.pushing import beyond, pushing_terms
+from palpate.estimation.planar import cauchy, position, rotation
+from palpate.estimation.setting import Settings, Tunable, setting
+from palpate.estimation.unknowns import GRIP, SENSOR_IN_OBJECT
+from palpate.estimation.values import Values
+
+
+@dataclass(frozen=True)
+class StickingSettings(Settings):
+    """How firmly a contact holds."""
+
+    still: float = setting(2e-5, tune=Tunable(1e-7, 1e-2, usual=False))
+    """Sliding in one step when nothing moves [m]."""
+    share: float = setting(0.06, at_least=0.0, tune=Tunable(1e-3, 10.0))
+    """Sliding in one step as a share of the sensor's motion in it, where the pushing force is inside the friction cone.
+    In simulation it is 0.3 % in the median there, and a contact in hundreds creeps by more."""
+    sliding_share: float = setting(2.0, at_least=0.0, tune=Tunable(1e-3, 100.0))
+    """The same where the force is at the cone's edge: slides go on for long and one way, so that nothing much smaller
+    than the motion itself leaves them free."""
+    margin: float = setting(0.04, tune=Tunable(1e-3, 0.5))
+    """How far inside the cone's edge the force must be to hold the contact [rad]."""
+    width: float = setting(0.03, tune=Tunable(1e-3, 0.5, usual=False))
+    """Angle over which holding goes over into sliding [rad]."""
+    kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0))
+    """Scale of the Cauchy kernel on both rows together [standard deviations]; None is a plain square."""
+
+
+class Sticking(Factor):
+    """One term a step and tip, on the step and the one before."""
+
+    name = "sticking"
+    steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
+    rows = 2
+    is_motion = True
+    tells_strain = True
+
+    def __init__(self, settings: StickingSettings, model: ContactModel) -> None:
+        self._settings, self._kernel = settings, kernel_scale(settings.kernel)
+        self._model = model
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return pushing_terms(step, self._model.tips)
+
+    def linearise(self, at: Values, terms: Terms) -> Rows:
+        """See Factor."""
+        g, given = at[SENSOR_IN_OBJECT], self._settings
+        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 6)
+        _linearise(g, at.touching, *terms, rows.residual, rows.jacobian)
+        shares = given.still, given.share, given.sliding_share
+        cone = given.margin, given.width, self._kernel, self._model.tips == 1
+        _weigh(at.pushing_angle, at[GRIP], *terms, *shares, *cone, rows.residual, rows.information, rows.weight)
+        return rows
+
+
+@compiled
+def _linearise(g: Array, touching: Records, places: Places, data: Records, residual: Array, jacobian: Array) -> None:
+    for b in range(len(g)):
+        for t in range(len(places)):
+            g0, touch = g[b, places[t, 0]], touching[b, places[t, 1], data[t].tip]
+            turn0, material = rotation(g0[2]), touch.material
+            slid = position(g0) + turn0 * material - touch.point
+            residual[b, t, 0], residual[b, t, 1] = slid.real, slid.imag
+            by_turn = 1j * turn0 * material
+            jacobian[b, t, 0, 0], jacobian[b, t, 1, 0] = turn0.real, turn0.imag
+            jacobian[b, t, 0, 1], jacobian[b, t, 1, 1] = -turn0.imag, turn0.real
+            jacobian[b, t, 0, 2], jacobian[b, t, 1, 2] = by_turn.real, by_turn.imag
+            for c in range(3):
+                by_g1 = turn0 * touch.material_by_g[c] - touch.point_by_g[c]
+                jacobian[b, t, 0, 3 + c], jacobian[b, t, 1, 3 + c] = by_g1.real, by_g1.imag
+
+
+@compiled
+def _weigh(
+    angle: Array,
+    grip: Array,
+    places: Places,
+    data: Records,
+    still: float,
+    share: float,
+    sliding_share: float,
+    margin: float,
+    width: float,
+    kernel: float,
+    may_slide: bool,
+    residual: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    for b in range(len(residual)):
+        edge = math.atan(grip[0, b])
+        for t in range(len(places)):
+            moved = data[t].moved
+            deviation = math.hypot(still, share * moved)
+            if may_slide:
+                slides = beyond(angle[b, places[t, 1], data[t].tip], edge - margin, width)
+                deviation *= (math.hypot(still, sliding_share * moved) / deviation) ** slides
+            given = deviation**-2.0
+            square = given * (residual[b, t, 0] ** 2 + residual[b, t, 1] ** 2)
+            for r in range(2):
+                information[b, t, r] = given
+                weight[b, t, r] = given * cauchy(square, kernel)

@@ -1,0 +1,86 @@
+"""Turn: touch tells the sensor's yaw in the object frame, up to an offset that a contact has for itself.
+
+The residual is `theta - offset - angle`, wrapped to (-pi, pi], with theta the yaw of g.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.errors import SettingError
+from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.planar import cauchy, wrap
+from palpate.estimation.setting import Settings, Tunable, setting
+from palpate.estimation.unknowns import SENSOR_IN_OBJECT, TURN_OFFSET, Unknown
+from palpate.estimation.values import Values
+from palpate.geometry import se2
+from palpate.recording.measurements import Turn as TurnMeasurement
+
+DATA = np.dtype([("angle", np.float64), ("information", np.float64)])
+
+
+@dataclass(frozen=True)
+class TurnSettings(Settings):
+    """How far touch is to be believed about the sensor's turn."""
+
+    share: float = setting(88.0, tune=Tunable(1e-2, 1000.0))
+    """Variance of a turn as a share of what touch says: on round objects a turn is too small or too large by some
+    percent all the way, and its errors add up."""
+    kernel: float | None = setting(3.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
+
+
+class Turn(Factor):
+    """One term for each turn that touch tells."""
+
+    name = "turn"
+    steps = ((SENSOR_IN_OBJECT,),)
+    shared = (TURN_OFFSET,)
+    rows = 1
+    takes = TurnMeasurement
+
+    def __init__(self, settings: TurnSettings, model: ContactModel) -> None:
+        self._share, self._kernel = settings.share, kernel_scale(settings.kernel)
+        self._tips = model.tips
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
+        said = [one for one in step.measurements if isinstance(one, TurnMeasurement)]
+        if said and self._tips > 1:
+            raise SettingError(f"the sensor has {self._tips} tips; touch can say direction and turn for one tip only")
+        return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)
+
+    def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
+        """See Factor. Under its kernel a turn far off the offset would hardly pull."""
+        yaw = at[SENSOR_IN_OBJECT][:, terms.places[0, 0], 2]
+        return {TURN_OFFSET: se2.wrap(yaw - terms.data["angle"][0])[None]}
+
+    def linearise(self, at: Values, terms: Terms) -> Rows:
+        """See Factor."""
+        g, offset = at[SENSOR_IN_OBJECT], at[TURN_OFFSET]
+        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 4)
+        _linearise(g, offset, *terms, self._kernel, *rows)
+        return rows
+
+
+@compiled
+def _linearise(
+    g: Array,
+    offset: Array,
+    places: Places,
+    data: Records,
+    kernel: float,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    for b in range(len(g)):
+        for t in range(len(places)):
+            given = data[t].information
+            residual[b, t, 0] = wrap(g[b, places[t, 0], 2] - offset[0, b] - data[t].angle)
+            jacobian[b, t, 0, 2], jacobian[b, t, 0, 3] = 1.0, -1.0
+            information[b, t, 0] = given
+            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)

@@ -1,0 +1,79 @@
+"""The object between contacts: it rests, and what is measured of it meanwhile is taken in.
+
+At rest the graph has one pose, the object's, and what belongs to the object. Factors that hold at rest are linearised
+as in contact, with the object standing for the sensor: with g = 0 and e = o, a perturbation of e is one of the object.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import EstimationError
+from palpate.estimation.belief import Prior
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Factor, Step
+from palpate.estimation.unknowns import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
+from palpate.estimation.values import Values
+from palpate.geometry import se2
+from palpate.recording.measurements import Measurement
+
+Array = NDArray[np.float64]
+_ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
+_SIZE = 3 + OBJECT_SIZE
+
+
+def measured_at_rest(
+    prior: Prior,
+    measurements: Sequence[Measurement],
+    factors: Sequence[Factor],
+    model: ContactModel,
+    since: float,
+    now: float,
+) -> Prior:
+    """Return what is known of a resting object after measurements of it.
+
+    The object has rested since a time [s], and a measurement may be of any time from then to now [s]. Raises
+    EstimationError where they leave no solution.
+    """
+    step = Step(prior.pose, None, measurements, [since, now], at_rest=True)
+    terms = [(factor, factor.terms(step)) for factor in factors if factor.holds_at_rest]
+    given = [(factor, arrived._replace(places=0 * arrived.places)) for factor, arrived in terms if arrived is not None]
+    if not given:
+        return prior
+    known = np.linalg.inv(prior.covariance)
+    pose, values = prior.pose, prior.values
+    covariance = prior.covariance
+    for _ in range(_ITERATIONS):
+        off = np.concatenate([se2.log(se2.between(prior.pose, pose)), values - prior.values])
+        information, gradient = known.copy(), -known @ off
+        shared = np.zeros((SHARED_SIZE, 1))
+        shared[CONTACT_SIZE:, 0] = values
+        at = Values(model, {SENSOR_IN_OBJECT: np.zeros((1, 1, 3)), SENSOR: pose[None, None].copy()}, shared)
+        for factor, arrived in given:
+            rows = factor.linearise(at, arrived)
+            by_object = _by_object(factor, rows.jacobian[0])
+            pulled = by_object.transpose(0, 2, 1) * rows.weight[0][:, None]
+            information += (pulled @ by_object).sum(axis=0)
+            gradient -= (pulled @ rows.residual[0][..., None]).sum(axis=0)[:, 0]
+        try:
+            change = np.linalg.solve(information, gradient)
+            covariance = np.linalg.inv(information)
+        except np.linalg.LinAlgError:
+            raise EstimationError("what is measured of the resting object leaves it indeterminate") from None
+        pose, values = se2.compose(pose, se2.exp(change[:3])), values + change[3:]
+        if np.abs(change).max() < _CONVERGED:
+            break
+    return Prior(pose, values, 0.5 * (covariance + covariance.T))
+
+
+def _by_object(factor: Factor, jacobian: Array) -> Array:
+    """The columns (T, R, 3 + OBJECT_SIZE) of the object's pose and of what belongs to it, of a Jacobian (T, R, C)."""
+    chosen = np.zeros((*jacobian.shape[:2], _SIZE))
+    sensor = IN_STEP[SENSOR]
+    for column, (slot, place) in enumerate(zip(*factor.columns, strict=True)):
+        if slot >= 0 and sensor.start <= place < sensor.stop:
+            chosen[..., place - sensor.start] += jacobian[..., column]
+        elif slot < 0 and place >= CONTACT_SIZE:
+            chosen[..., 3 + place - CONTACT_SIZE] += jacobian[..., column]
+    return chosen

@@ -1,0 +1,123 @@
+"""Values of all unknowns, and what follows from them that several factors need."""
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimation.compiled import Array, compiled
+from palpate.estimation.contact_model import ContactModel, pushing_angles
+from palpate.estimation.planar import between, exp_onto, log
+from palpate.estimation.unknowns import (
+    FRICTION_CENTER,
+    IN_SHARED,
+    IN_STEP,
+    SENSOR,
+    SENSOR_IN_OBJECT,
+    SHARED_SIZE,
+    STEP_SIZE,
+    Unknown,
+)
+
+ANGLE_STEPS = 3
+"""Steps before and after the one at which the angle of the pushing force is sought."""
+
+
+class Values:
+    """Values of all unknowns of B smoothers at N steps of a contact, by unknown.
+
+    Of an unknown of a step they are (B, N, dimension), of one that steps share (dimension, B).
+    """
+
+    def __init__(self, model: ContactModel, of_steps: Mapping[Unknown, Array], shared: Array) -> None:
+        """Take what touches what, arrays of the steps' unknowns and what they share, (SHARED_SIZE, B)."""
+        self.model, self.shared = model, shared
+        self._of_steps = of_steps
+
+    def __getitem__(self, unknown: Unknown) -> Array:
+        place = IN_SHARED.get(unknown)
+        return self._of_steps[unknown] if place is None else self.shared[place]
+
+    @property
+    def smoothers(self) -> int:
+        """B."""
+        return self.shared.shape[1]
+
+    @property
+    def steps(self) -> int:
+        """N."""
+        return self._of_steps[SENSOR].shape[1]
+
+    @cached_property
+    def touching(self) -> NDArray[np.void]:
+        """How each tip touches the outline: TOUCHING (B, N, tips)."""
+        return self.model.touching(self[SENSOR_IN_OBJECT])
+
+    @cached_property
+    def pushing_angle(self) -> Array:
+        """Angle of the pushing force from the outline's inward normal (B, N, tips) [rad]; see `pushing_angles`."""
+        model, angle = self.model, np.empty((self.smoothers, self.steps, self.model.tips))
+        c, center, besides = model.friction_radius, model.friction_center, self[FRICTION_CENTER]
+        g, e = self[SENSOR_IN_OBJECT], self[SENSOR]
+        pushing_angles(g, e, self.touching, c, center, besides, ANGLE_STEPS, angle)
+        return angle
+
+    def with_steps(self, change: Callable[[Array], Array]) -> "Values":
+        """Return the values at other steps: what `change` makes of the array (B, N, dimension) of each unknown."""
+        of_steps = {one: np.ascontiguousarray(change(value)) for one, value in self._of_steps.items()}
+        return Values(self.model, of_steps, self.shared)
+
+    def with_value(self, unknown: Unknown, value: Array) -> "Values":
+        """Return the values with another one (dimension, B) of what steps share."""
+        shared = self.shared.copy()
+        shared[IN_SHARED[unknown]] = value
+        return Values(self.model, self._of_steps, shared)
+
+    def moved(self, by_step: Array, by_shared: Array) -> "Values":
+        """Return the values moved by changes of the steps (B, N, STEP_SIZE) and of what they share (B, SHARED_SIZE)."""
+        of_steps = {one: _step_moved(value, by_step, one) for one, value in self._of_steps.items()}
+        return Values(self.model, of_steps, np.add(self.shared, by_shared.T, out=np.empty_like(self.shared)))
+
+    def apart_from(self, before: "Values", steps: int) -> Array:
+        """Return how far the first steps and what is shared moved from where they were.
+
+        That is (B, steps STEP_SIZE + SHARED_SIZE), each step in turn and what is shared last.
+        """
+        end = STEP_SIZE * steps
+        apart = np.empty((self.smoothers, end + SHARED_SIZE))
+        for one, value in self._of_steps.items() if steps else ():
+            _put_apart(before[one], value, steps, IN_STEP[one].start, one.is_pose, apart)
+        np.subtract(self.shared.T, before.shared.T, out=apart[:, end:])
+        return apart
+
+
+def _step_moved(value: Array, change: Array, unknown: Unknown) -> Array:
+    moved = np.empty_like(value)
+    _put_moved(value, change, IN_STEP[unknown].start, unknown.is_pose, moved)
+    return moved
+
+
+@compiled
+def _put_moved(values: Array, change: Array, first: int, is_pose: bool, out: Array) -> None:
+    for b in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            if is_pose:
+                exp_onto(values[b, k], change[b, k, first : first + 3], out[b, k])
+            else:
+                for c in range(values.shape[2]):
+                    out[b, k, c] = values[b, k, c] + change[b, k, first + c]
+
+
+@compiled
+def _put_apart(before: Array, now: Array, steps: int, first: int, is_pose: bool, out: Array) -> None:
+    seen = np.empty(3)
+    for b in range(now.shape[0]):
+        for k in range(steps):
+            start = STEP_SIZE * k + first
+            if is_pose:
+                between(before[b, k], now[b, k], seen)
+                log(seen, out[b, start : start + 3])
+            else:
+                for c in range(now.shape[2]):
+                    out[b, start + c] = now[b, k, c] - before[b, k, c]

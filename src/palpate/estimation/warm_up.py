@@ -1,0 +1,41 @@
+"""Compiling everything before a robot's loop begins: a short push through every compiled function."""
+
+import logging
+import time
+from functools import cache
+
+import numpy as np
+
+from palpate.estimation.belief import Prior
+from palpate.estimation.compiled import is_cached
+from palpate.estimation.contact_model import contact_model
+from palpate.estimation.factor_list import make_factors
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.window import Window
+from palpate.geometry.shapes import Disc
+from palpate.recording.measurements import ContactDirection, ObjectPose, RelativePoses, Turn
+from palpate.recording.sensor import POINT
+
+logger = logging.getLogger(__name__)
+
+
+@cache
+def warm_up() -> float:
+    """Compile the estimator, or load what was compiled before, and return how long it took [s]; at once if done."""
+    begin = time.perf_counter()
+    if not is_cached():
+        logger.warning("compiling the estimator: once for this version, some 20 s")
+    settings = NoiseSettings()
+    model = contact_model(Disc(0.05), POINT)
+    factors = make_factors(settings, model)
+    deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
+    prior = Prior(np.zeros(3), settings.priors.mean, np.diag(np.square(deviation)))
+    pair = RelativePoses(np.array([2]), np.zeros((1, 3)), np.eye(3)[None])
+    said = [ContactDirection(0.0, 1e-4), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
+    for with_pairs in (False, True):
+        window = Window(factors, model, [prior], np.array([-0.05, 0.0, 0.0]), said, lag=3)
+        for step in range(1, 5):
+            pairs = [pair] if with_pairs and step == 2 else []
+            window.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), [*said, *pairs], 0.1 * step)
+        window.last_errors()
+    return time.perf_counter() - begin

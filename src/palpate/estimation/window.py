@@ -1,0 +1,275 @@
+"""A smoother over the last steps of a contact: Gauss-Newton on a sliding window, older steps marginalised.
+
+Every step relinearises the whole window, so that a step costs the same at frame 10 000 as at frame 500. A step that
+leaves the window leaves behind a Gaussian on the steps it was tied to (Schur complement), linearised where they stood
+before the last Gauss-Newton step, and on what all steps share. With an endless window this is the batch solution.
+
+It loops over factors and knows none of them. Several smoothers that differ in what they know when the contact begins
+go through one call side by side, as a bank.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimation.belief import Belief, Prior
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Columns, Factor, Rows, Step, Terms
+from palpate.estimation.factors.first_pose import FirstPose
+from palpate.estimation.normal_equations import BandedEquations, DenseEquations, Gaussian, Solution
+from palpate.estimation.unknowns import (
+    CONTACT_SIZE,
+    IN_SHARED,
+    LAG,
+    OF_CONTACT,
+    SENSOR,
+    SENSOR_IN_OBJECT,
+    SHARED_SIZE,
+    STEP_SIZE,
+)
+from palpate.estimation.values import ANGLE_STEPS, Values
+from palpate.geometry import se2
+from palpate.recording.measurements import Measurement
+
+Array = NDArray[np.float64]
+
+_ITERATIONS = 4
+_CONVERGED = 3e-4  # [m], [rad] of the poses; the next frame takes another Gauss-Newton step
+_REPORTED = np.r_[:STEP_SIZE, STEP_SIZE + CONTACT_SIZE : STEP_SIZE + SHARED_SIZE]  # all but what a contact has
+
+
+class Window:
+    """The graph of one contact over its last `lag` steps, for one smoother or a bank of them."""
+
+    def __init__(
+        self,
+        factors: Sequence[Factor],
+        model: ContactModel,
+        priors: Sequence[Prior],
+        sensor_pose: Array,
+        measurements: Sequence[Measurement] = (),
+        time: float = 0.0,
+        lag: int = LAG,
+    ) -> None:
+        """Begin with the first frame of a contact and what each smoother knows of the object.
+
+        sensor_pose (3,) is the measured world_T_sensor [m, m, rad].
+        """
+        self._lag = lag
+        self._factors = [FirstPose(priors), *factors]
+        self._columns = [factor.columns for factor in self._factors]
+        self._terms = [_GrowingTerms() for _ in self._factors]
+        poses = np.array([prior.pose for prior in priors])
+        of_steps = {
+            SENSOR_IN_OBJECT: se2.between(poses, sensor_pose)[:, None],
+            SENSOR: np.repeat(sensor_pose[None, None], len(priors), axis=0),
+        }
+        shared = np.empty((SHARED_SIZE, len(priors)))
+        for one in OF_CONTACT:
+            shared[IN_SHARED[one]] = one.prior[0] if one.prior else 0.0
+        shared[CONTACT_SIZE:] = np.transpose([prior.values for prior in priors])
+        self._values = Values(model, of_steps, shared)
+        self._past, self._past_at = _nothing_past(len(priors)), self._values
+        self._measured, self._times = sensor_pose, [time]
+        self._left: list[Array] = []  # g and e (B, 2, 3) of the steps that left
+        self._take(Step(sensor_pose, None, measurements, self._times))
+        self._solve()
+
+    def add(self, sensor_pose: Array, measurements: Sequence[Measurement] = (), time: float = 0.0) -> None:
+        """Add the next frame: the measured sensor pose (3,) and what touch and others say."""
+        step = Step(sensor_pose, self._measured, measurements, [*self._times, time])
+        new = [factor.terms(step) for factor in self._factors]  # before anything changes: they may refuse
+        if self._values.steps == self._lag:
+            self._marginalise()
+        self._values = self._continued(sensor_pose)
+        self._measured = sensor_pose
+        self._times.append(time)
+        self._join(new)
+        self._solve()
+
+    @property
+    def values(self) -> Values:
+        """The estimate: all steps in the window and what they share."""
+        return self._values
+
+    def beliefs(self) -> list[Belief]:
+        """Return what each smoother says of the last step."""
+        values = self._values
+        g, e, objects = values[SENSOR_IN_OBJECT][:, -1], values[SENSOR][:, -1], values.shared[CONTACT_SIZE:].T
+        return [Belief(*each) for each in zip(g, e, objects, self._covariance, strict=True)]
+
+    def path(self) -> tuple[Array, Array]:
+        """Return all steps of this contact, g and e (B, N, 3); those that left the window as they last were in it."""
+        g, e = self._values[SENSOR_IN_OBJECT], self._values[SENSOR]
+        if not self._left:
+            return g, e
+        left = np.stack(self._left, axis=1)
+        return np.concatenate([left[:, :, 0], g], axis=1), np.concatenate([left[:, :, 1], e], axis=1)
+
+    def last_errors(self) -> dict[str, Array]:
+        """Return the errors of the last step by factor, of those that tell strain: (B, rows) [standard deviations].
+
+        Kernels are left out; of several terms, as of several tips, it is the one worst off.
+        """
+        steps = self._values.steps
+        values = self._values.with_steps(lambda value: value[:, -ANGLE_STEPS - 1 :])
+        errors = {}
+        for factor, grown in zip(self._factors, self._terms, strict=True):
+            if factor.tells_strain and len(grown):
+                places, data = grown.terms
+                mine = places[:, -1] == steps - 1
+                rows = factor.linearise(values, Terms(places[mine] + values.steps - steps, data[mine]))
+                errors[factor.name] = np.abs(rows.residual * np.sqrt(rows.information)).max(axis=1)
+        return errors
+
+    def _take(self, step: Step) -> None:
+        self._join([factor.terms(step) for factor in self._factors])
+
+    def _join(self, new: Sequence[Terms | None]) -> None:
+        """Take the terms that arrive with the last step."""
+        now = self._values.steps - 1
+        for factor, grown, arrived in zip(self._factors, self._terms, new, strict=True):
+            if arrived is None:
+                continue
+            first = not grown.begun
+            grown.append(arrived, now)
+            if first and len(grown):
+                for unknown, value in factor.first_guess(self._values, grown.terms).items():
+                    self._values = self._values.with_value(unknown, value)
+
+    def _continued(self, sensor_pose: Array) -> Values:
+        """The values with one more step: the sensor goes on turning on the object as it did."""
+        values = self._values
+        g = values[SENSOR_IN_OBJECT]
+        last, before = g[:, -1], g[:, max(-2, -values.steps)]
+        guess = {
+            SENSOR_IN_OBJECT: se2.compose(last, se2.between(before, last)),
+            SENSOR: np.repeat(sensor_pose[None], values.smoothers, axis=0),
+        }
+        of_steps = {one: np.concatenate([values[one], new[:, None]], axis=1) for one, new in guess.items()}
+        return Values(values.model, of_steps, values.shared)
+
+    def _solve(self) -> None:
+        for _ in range(_ITERATIONS):
+            change = self._improve()
+            if change < _CONVERGED:
+                break
+
+    def _improve(self) -> float:
+        """Take a Gauss-Newton step and return its largest change of a pose [m], [rad]."""
+        at = self._values
+        linearised: list[tuple[Terms, Rows, Columns]] = []
+        for factor, grown, columns in zip(self._factors, self._terms, self._columns, strict=True):
+            if len(grown):
+                linearised.append((grown.terms, factor.linearise(at, grown.terms), columns))
+        self._linearised, self._linearised_at = linearised, at
+        equations = self._equations()
+        for terms, rows, columns in linearised:
+            equations.add(rows, terms.places, columns)
+        equations.add_gaussian(self._past_seen_from(at))
+        solution: Solution = equations.solve()
+        self._values = at.moved(solution.by_step, solution.by_shared)
+        self._covariance = solution.covariance[:, _REPORTED[:, None], _REPORTED]
+        return float(np.abs(solution.by_step).max())
+
+    def _equations(self) -> BandedEquations | DenseEquations:
+        """Empty equations that can hold all terms."""
+        kind = (
+            BandedEquations if self._past.steps <= 1 and all(one.span <= 1 for one in self._terms) else DenseEquations
+        )
+        return kind(self._values.smoothers, self._values.steps)
+
+    def _past_seen_from(self, at: Values) -> Gaussian:
+        """What was known of what is shared, and what the steps that left say, at other values."""
+        past = self._past
+        return past.moved(at.apart_from(self._past_at, past.steps))
+
+    def _marginalise(self) -> None:
+        """Replace the oldest step by a Gaussian on the others and what is shared, as its terms were last linearised."""
+        at = self._linearised_at
+        tied = [terms.places[terms.places[:, 0] == 0] for terms, _, _ in self._linearised]
+        reach = max([int(places.max()) for places in tied if len(places)], default=0)
+        steps = min(max(reach + 1, 2, self._past.steps), at.steps)
+        equations = DenseEquations(at.smoothers, steps)
+        for terms, rows, columns in self._linearised:
+            equations.add(rows, terms.places, columns, of_oldest=True)
+        equations.add_gaussian(self._past_seen_from(at))
+        self._past = equations.without_oldest()
+        self._past_at = _without_oldest(at)
+        for grown in self._terms:
+            grown.drop_oldest()
+        self._left.append(np.stack([self._values[SENSOR_IN_OBJECT][:, 0], self._values[SENSOR][:, 0]], axis=1))
+        self._values = _without_oldest(self._values)
+        del self._times[0]
+
+
+def _nothing_past(smoothers: int) -> Gaussian:
+    """What is known of what a contact has before anything is measured; on no step."""
+    information = np.zeros((smoothers, SHARED_SIZE, SHARED_SIZE))
+    gradient = np.zeros((smoothers, SHARED_SIZE))
+    deviations = [one.prior[1] for one in OF_CONTACT if one.prior for _ in range(one.dimension)]
+    information[:, range(CONTACT_SIZE), range(CONTACT_SIZE)] = np.square(deviations) ** -1.0
+    return Gaussian(0, information, gradient)
+
+
+def _without_oldest(values: Values) -> Values:
+    return values.with_steps(lambda value: value[:, 1:])
+
+
+class _GrowingTerms:
+    """The terms of one factor in the window; they come at the end and mostly leave at the beginning."""
+
+    def __init__(self) -> None:
+        self.begun = False
+        self.span = 0
+        """How many steps the farthest term spans."""
+        self._places, self._data = np.empty((0, 1), np.int64), np.empty(0, np.dtype([]))
+        self._first = self._end = 0
+
+    def __len__(self) -> int:
+        return self._end - self._first
+
+    @property
+    def terms(self) -> Terms:
+        """All of them; views of what is kept here."""
+        return Terms(self._places[self._first : self._end], self._data[self._first : self._end])
+
+    def append(self, arrived: Terms, now: int) -> None:
+        """Take terms that arrive with the step at place now, as far as the window reaches."""
+        places, data = arrived.places + now, arrived.data
+        if places.shape[1] > 1:
+            kept = places[:, 0] >= 0
+            places, data = places[kept], data[kept]
+            if len(places):
+                self.span = max(self.span, int((places[:, -1] - places[:, 0]).max()))
+        count = len(places)
+        if self._end + count > len(self._data):
+            self._make_room(count, places, data)
+        self._places[self._end : self._end + count] = places
+        self._data[self._end : self._end + count] = data
+        self._end += count
+        self.begun |= count > 0
+
+    def drop_oldest(self) -> None:
+        """Drop the terms that are tied to the oldest step, and move the places of the others on by a step."""
+        places = self._places[self._first : self._end]
+        places -= 1
+        gone = places[:, 0] < 0
+        count = int(np.count_nonzero(gone))
+        if gone[:count].all():
+            self._first += count
+        else:
+            kept, data = ~gone, self._data[self._first : self._end]
+            left = len(places) - count
+            places[:left], data[:left] = places[kept], data[kept]
+            self._end = self._first + left
+
+    def _make_room(self, count: int, places: NDArray[np.int64], data: NDArray[np.void]) -> None:
+        """Move the terms to the front of arrays in which as many again have room."""
+        terms = self.terms
+        size = 2 * (len(terms.data) + count)
+        self._places, self._data = np.empty((size, places.shape[1]), np.int64), np.empty(size, data.dtype)
+        if len(terms.data):
+            self._places[: len(terms.data)], self._data[: len(terms.data)] = terms
+        self._first, self._end = 0, len(terms.data)
