@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.compiled import Array, Complex, Records, compiled
+from palpate.compiled import Array, Complex, Records, compiled
 from palpate.estimation.planar import dot, position, rotation
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Shape

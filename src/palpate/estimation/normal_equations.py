@@ -7,14 +7,16 @@ and both have a leading axis of smoothers that are solved side by side.
 """
 
 import math
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from palpate.compiled import Array, Places, compiled
 from palpate.errors import EstimationError
-from palpate.estimation.compiled import Array, Places, compiled
 from palpate.estimation.factors.factor import Columns, Rows
 from palpate.estimation.unknowns import SHARED_SIZE, STEP_SIZE
 
@@ -54,6 +56,11 @@ class Gaussian:
 class BandedEquations:
     """Equations of terms that tie no more than a step and the next one."""
 
+    @staticmethod
+    def threads() -> AbstractContextManager[object]:
+        """Return the context in which to solve."""
+        return nullcontext()
+
     def __init__(self, smoothers: int, steps: int) -> None:
         size, shared = STEP_SIZE, SHARED_SIZE
         self._own = np.zeros((smoothers, steps, size, size))
@@ -91,6 +98,15 @@ class BandedEquations:
 class DenseEquations:
     """Equations of terms that tie any steps."""
 
+    @staticmethod
+    def threads() -> AbstractContextManager[object]:
+        """Return the context in which to solve: BLAS on one thread.
+
+        Matrices this small gain nothing from its threads, and wait for them for half a second whenever another process
+        holds a core.
+        """
+        return _threads().limit(limits=1, user_api="blas")
+
     def __init__(self, smoothers: int, steps: int) -> None:
         self._size = STEP_SIZE * steps
         self._matrix = np.zeros((smoothers, self._size + SHARED_SIZE, self._size + SHARED_SIZE))
@@ -103,12 +119,7 @@ class DenseEquations:
 
     def add_gaussian(self, gaussian: Gaussian) -> None:
         """Add a Gaussian."""
-        end, information, gradient = STEP_SIZE * gaussian.steps, gaussian.information, gaussian.gradient
-        self._matrix[:, :end, :end] += information[:, :end, :end]
-        self._matrix[:, self._size :, :end] += information[:, end:, :end]
-        self._matrix[:, self._size :, self._size :] += information[:, end:, end:]
-        self._vector[:, :end] += gradient[:, :end]
-        self._vector[:, self._size :] += gradient[:, end:]
+        _add_gaussian(gaussian.information, gaussian.gradient, STEP_SIZE * gaussian.steps, self._matrix, self._vector)
 
     def solve(self) -> Solution:
         """Return the solution; raises EstimationError where there is none."""
@@ -116,18 +127,15 @@ class DenseEquations:
 
         covariance = np.empty((len(self._vector), LAST_SIZE, LAST_SIZE))
         change = np.empty_like(self._vector)
-        # Matrices this small gain nothing from BLAS threads, and wait for them for half a second whenever another
-        # process holds a core.
-        with _threads().limit(limits=1, user_api="blas"):
-            for matrix, vector, end, solved in zip(self._matrix, self._vector, covariance, change, strict=True):
+        for matrix, vector, end, solved in zip(self._matrix, self._vector, covariance, change, strict=True):
+            try:
                 # Transposed, the matrix is in LAPACK's order and need not be copied.
-                try:
-                    root, _ = factor = cho_factor(matrix.T, overwrite_a=True, check_finite=False)
-                except LinAlgError:
-                    raise EstimationError("the linear system of the window is indeterminate") from None
-                solved[:] = cho_solve(factor, vector, check_finite=False)
-                last = np.linalg.inv(np.triu(root[-LAST_SIZE:, -LAST_SIZE:]))
-                end[:] = last @ last.T
+                root, _ = factor = cho_factor(matrix.T, overwrite_a=True, check_finite=False)
+            except LinAlgError:
+                raise EstimationError("the linear system of the window is indeterminate") from None
+            solved[:] = cho_solve(factor, vector, check_finite=False)
+            last = np.linalg.inv(np.triu(root[-LAST_SIZE:, -LAST_SIZE:]))
+            end[:] = last @ last.T
         if not np.isfinite(change).all():
             raise EstimationError("the solution of the window is not finite")
         return Solution(
@@ -143,13 +151,9 @@ class DenseEquations:
         return Gaussian(self._size // STEP_SIZE - 1, left, gradient)
 
 
-_controller: list[ThreadpoolController] = []
-
-
+@cache
 def _threads() -> ThreadpoolController:
-    if not _controller:
-        _controller.append(ThreadpoolController())
-    return _controller[0]
+    return ThreadpoolController()
 
 
 @compiled
@@ -168,8 +172,8 @@ def _add_banded(
     jacobian: Array,
     weight: Array,
     places: Places,
-    slot: Places,
-    place: Places,
+    first: Places,
+    count: Places,
     own: Array,
     nearby: Array,
     border: Array,
@@ -177,32 +181,35 @@ def _add_banded(
     gradient: Array,
     edge: Array,
 ) -> None:
-    smoothers, terms, rows, columns = jacobian.shape
+    smoothers, terms, rows = residual.shape
+    slots = len(first) - 1
     for b in range(smoothers):
         for t in range(terms):
-            at, jac, w = places[t], jacobian[b, t], weight[b, t]
-            for i in range(columns):
-                pull = 0.0
-                for r in range(rows):
-                    pull += jac[r, i] * w[r] * residual[b, t, r]
-                row, slot_i = place[i], slot[i]
-                if slot_i < 0:
-                    edge[b, row] -= pull
-                else:
-                    gradient[b, at[slot_i], row] -= pull
-                for j in range(i + 1):
-                    total = 0.0
-                    for r in range(rows):
-                        total += jac[r, i] * w[r] * jac[r, j]
-                    if slot_i < 0:
-                        if slot[j] < 0:
-                            corner[b, row, place[j]] += total
-                        else:
-                            border[b, at[slot[j]], row, place[j]] += total
-                    elif slot_i == slot[j]:
-                        own[b, at[slot_i], row, place[j]] += total
-                    else:
-                        nearby[b, at[slot[j]], row, place[j]] += total
+            for r in range(rows):
+                row, w, off = jacobian[b, t, r], weight[b, t, r], residual[b, t, r]
+                start = 0
+                for slot in range(slots):
+                    k, at, size = places[t, slot], first[slot], count[slot]
+                    for i in range(size):
+                        pull = w * row[start + i]
+                        gradient[b, k, at + i] -= pull * off
+                        for j in range(i + 1):
+                            own[b, k, at + i, at + j] += pull * row[start + j]
+                        if slot > 0:
+                            for j in range(count[slot - 1]):
+                                nearby[b, k - 1, at + i, first[slot - 1] + j] += pull * row[j]
+                    start += size
+                at, size = first[slots], count[slots]
+                for i in range(size):
+                    pull = w * row[start + i]
+                    edge[b, at + i] -= pull * off
+                    for j in range(i + 1):
+                        corner[b, at + i, at + j] += pull * row[start + j]
+                    before = 0
+                    for slot in range(slots):
+                        for j in range(count[slot]):
+                            border[b, places[t, slot], at + i, first[slot] + j] += pull * row[before + j]
+                        before += count[slot]
 
 
 @compiled
@@ -211,32 +218,48 @@ def _add_dense(
     jacobian: Array,
     weight: Array,
     places: Places,
-    slot: Places,
-    place: Places,
+    first: Places,
+    count: Places,
     of_oldest: bool,
     matrix: Array,
     vector: Array,
 ) -> None:
     smoothers, terms, rows, columns = jacobian.shape
-    shared = matrix.shape[1] - SHARED_SIZE
+    slots, shared = len(first) - 1, matrix.shape[1] - SHARED_SIZE
     index = np.empty(columns, np.int64)
     for b in range(smoothers):
         for t in range(terms):
-            if of_oldest and places[t].min() > 0:
+            if of_oldest and places[t, 0] > 0:
                 continue
-            jac, w = jacobian[b, t], weight[b, t]
-            for i in range(columns):
-                index[i] = place[i] + (shared if slot[i] < 0 else STEP_SIZE * places[t, slot[i]])
-            for i in range(columns):
-                pull = 0.0
-                for r in range(rows):
-                    pull += jac[r, i] * w[r] * residual[b, t, r]
-                vector[b, index[i]] -= pull
-                for j in range(i + 1):
-                    total = 0.0
-                    for r in range(rows):
-                        total += jac[r, i] * w[r] * jac[r, j]
-                    matrix[b, index[i], index[j]] += total
+            column = 0
+            for slot in range(slots + 1):
+                start = first[slot] + (STEP_SIZE * places[t, slot] if slot < slots else shared)
+                for c in range(count[slot]):
+                    index[column] = start + c
+                    column += 1
+            for r in range(rows):
+                row, w = jacobian[b, t, r], weight[b, t, r]
+                for i in range(columns):
+                    pull = w * row[i]
+                    if pull == 0.0:
+                        continue
+                    vector[b, index[i]] -= pull * residual[b, t, r]
+                    for j in range(i + 1):
+                        matrix[b, index[i], index[j]] += pull * row[j]
+
+
+@compiled
+def _add_gaussian(information: Array, gradient: Array, steps_end: int, matrix: Array, vector: Array) -> None:
+    size = gradient.shape[1]
+    beyond = vector.shape[1] - size  # what is shared stands after all steps
+    for b in range(len(gradient)):
+        for i in range(size):
+            row = i if i < steps_end else i + beyond
+            vector[b, row] += gradient[b, i]
+            for j in range(min(i + 1, steps_end)):
+                matrix[b, row, j] += information[b, i, j]
+            for j in range(steps_end, i + 1):
+                matrix[b, row, j + beyond] += information[b, i, j]
 
 
 @compiled

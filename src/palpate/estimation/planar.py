@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, compiled
+from palpate.compiled import Array, compiled
 
 _SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the closed form loses three digits
 

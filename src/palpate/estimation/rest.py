@@ -13,14 +13,13 @@ from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Step
-from palpate.estimation.unknowns import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
+from palpate.estimation.unknowns import CONTACT_SIZE, IN_STEP, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, STEP_SIZE
 from palpate.estimation.values import Values
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
 Array = NDArray[np.float64]
 _ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
-_SIZE = 3 + OBJECT_SIZE
 
 
 def measured_at_rest(
@@ -69,11 +68,8 @@ def measured_at_rest(
 
 def _by_object(factor: Factor, jacobian: Array) -> Array:
     """The columns (T, R, 3 + OBJECT_SIZE) of the object's pose and of what belongs to it, of a Jacobian (T, R, C)."""
-    chosen = np.zeros((*jacobian.shape[:2], _SIZE))
-    sensor = IN_STEP[SENSOR]
-    for column, (slot, place) in enumerate(zip(*factor.columns, strict=True)):
-        if slot >= 0 and sensor.start <= place < sensor.stop:
-            chosen[..., place - sensor.start] += jacobian[..., column]
-        elif slot < 0 and place >= CONTACT_SIZE:
-            chosen[..., 3 + place - CONTACT_SIZE] += jacobian[..., column]
-    return chosen
+    (in_step, in_shared), (of_step, of_shared) = factor.columns
+    every = np.zeros((*jacobian.shape[:2], STEP_SIZE + SHARED_SIZE))
+    every[..., in_step : in_step + of_step] = jacobian[..., :of_step]
+    every[..., STEP_SIZE + in_shared : STEP_SIZE + in_shared + of_shared] = jacobian[..., of_step:]
+    return np.concatenate([every[..., IN_STEP[SENSOR]], every[..., STEP_SIZE + CONTACT_SIZE :]], axis=-1)

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.compiled import Array, compiled
-from palpate.estimation.contact_model import ContactModel, pushing_angles
+from palpate.compiled import Array, compiled
+from palpate.estimation.contact_model import TOUCHING, ContactModel, pushing_angles
 from palpate.estimation.planar import between, exp_onto, log
 from palpate.estimation.unknowns import (
     FRICTION_CENTER,
@@ -20,6 +21,11 @@ from palpate.estimation.unknowns import (
     Unknown,
 )
 
+State = tuple[Array, Array, Array, Any, Array, float, complex]
+"""What a kernel takes of values: g and e (B, N, 3), what is shared (SHARED_SIZE, B), TOUCHING (B, N, tips), the angle
+of the pushing force (B, N, tips) [rad], c [m] of the model and its centre of friction [m]."""
+
+_NO_TOUCHING, _NO_ANGLE = np.empty((0, 0, 0), TOUCHING), np.empty((0, 0, 0))
 ANGLE_STEPS = 3
 """Steps before and after the one at which the angle of the pushing force is sought."""
 
@@ -62,6 +68,18 @@ class Values:
         g, e = self[SENSOR_IN_OBJECT], self[SENSOR]
         pushing_angles(g, e, self.touching, c, center, besides, ANGLE_STEPS, angle)
         return angle
+
+    @cached_property
+    def state(self) -> State:
+        """What kernels of factors take: g, e, what is shared, how tips touch, the force's angle, c and its centre."""
+        g, e, model = self[SENSOR_IN_OBJECT], self[SENSOR], self.model
+        return g, e, self.shared, self.touching, self.pushing_angle, model.friction_radius, model.friction_center
+
+    @cached_property
+    def poses(self) -> State:
+        """The same without what follows from the outline, for kernels that do not read it."""
+        c, center = self.model.friction_radius, self.model.friction_center
+        return self[SENSOR_IN_OBJECT], self[SENSOR], self.shared, _NO_TOUCHING, _NO_ANGLE, c, center
 
     def with_steps(self, change: Callable[[Array], Array]) -> "Values":
         """Return the values at other steps: what `change` makes of the array (B, N, dimension) of each unknown."""

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
+from palpate.compiled import is_cached
 from palpate.estimation.belief import Prior
-from palpate.estimation.compiled import is_cached
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.settings import NoiseSettings

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Columns, Factor, Rows, Step, Terms
+from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.first_pose import FirstPose
-from palpate.estimation.normal_equations import BandedEquations, DenseEquations, Gaussian, Solution
+from palpate.estimation.normal_equations import BandedEquations, DenseEquations, Gaussian
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     IN_SHARED,
@@ -58,7 +58,6 @@ class Window:
         """
         self._lag = lag
         self._factors = [FirstPose(priors), *factors]
-        self._columns = [factor.columns for factor in self._factors]
         self._terms = [_GrowingTerms() for _ in self._factors]
         poses = np.array([prior.pose for prior in priors])
         of_steps = {
@@ -115,9 +114,8 @@ class Window:
         steps = self._values.steps
         values = self._values.with_steps(lambda value: value[:, -ANGLE_STEPS - 1 :])
         errors = {}
-        for factor, grown in zip(self._factors, self._terms, strict=True):
-            if factor.tells_strain and len(grown):
-                places, data = grown.terms
+        for factor, (places, data), _ in self._linearised:
+            if factor.tells_strain:
                 mine = places[:, -1] == steps - 1
                 rows = factor.linearise(values, Terms(places[mine] + values.steps - steps, data[mine]))
                 errors[factor.name] = np.abs(rows.residual * np.sqrt(rows.information)).max(axis=1)
@@ -137,6 +135,13 @@ class Window:
             if first and len(grown):
                 for unknown, value in factor.first_guess(self._values, grown.terms).items():
                     self._values = self._values.with_value(unknown, value)
+        self._linearised = [
+            (factor, grown.terms, factor.empty_rows(self._values.smoothers, len(grown)))
+            for factor, grown in zip(self._factors, self._terms, strict=True)
+            if grown
+        ]
+        banded = self._past.steps <= 1 and all(grown.span <= 1 for grown in self._terms)
+        self._equations = BandedEquations if banded else DenseEquations
 
     def _continued(self, sensor_pose: Array) -> Values:
         """The values with one more step: the sensor goes on turning on the object as it did."""
@@ -151,34 +156,24 @@ class Window:
         return Values(values.model, of_steps, values.shared)
 
     def _solve(self) -> None:
-        for _ in range(_ITERATIONS):
-            change = self._improve()
-            if change < _CONVERGED:
-                break
+        with self._equations.threads():
+            for _ in range(_ITERATIONS):
+                if self._improve() < _CONVERGED:
+                    break
 
     def _improve(self) -> float:
         """Take a Gauss-Newton step and return its largest change of a pose [m], [rad]."""
         at = self._values
-        linearised: list[tuple[Terms, Rows, Columns]] = []
-        for factor, grown, columns in zip(self._factors, self._terms, self._columns, strict=True):
-            if len(grown):
-                linearised.append((grown.terms, factor.linearise(at, grown.terms), columns))
-        self._linearised, self._linearised_at = linearised, at
-        equations = self._equations()
-        for terms, rows, columns in linearised:
-            equations.add(rows, terms.places, columns)
+        self._linearised_at = at
+        equations = self._equations(at.smoothers, at.steps)
+        for factor, terms, rows in self._linearised:
+            factor.linearise_into(rows, at, terms)
+            equations.add(rows, terms.places, factor.columns)
         equations.add_gaussian(self._past_seen_from(at))
-        solution: Solution = equations.solve()
+        solution = equations.solve()
         self._values = at.moved(solution.by_step, solution.by_shared)
         self._covariance = solution.covariance[:, _REPORTED[:, None], _REPORTED]
         return float(np.abs(solution.by_step).max())
-
-    def _equations(self) -> BandedEquations | DenseEquations:
-        """Empty equations that can hold all terms."""
-        kind = (
-            BandedEquations if self._past.steps <= 1 and all(one.span <= 1 for one in self._terms) else DenseEquations
-        )
-        return kind(self._values.smoothers, self._values.steps)
 
     def _past_seen_from(self, at: Values) -> Gaussian:
         """What was known of what is shared, and what the steps that left say, at other values."""
@@ -188,12 +183,12 @@ class Window:
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others and what is shared, as its terms were last linearised."""
         at = self._linearised_at
-        tied = [terms.places[terms.places[:, 0] == 0] for terms, _, _ in self._linearised]
+        tied = [terms.places[terms.places[:, 0] == 0] for _, terms, _ in self._linearised]
         reach = max([int(places.max()) for places in tied if len(places)], default=0)
         steps = min(max(reach + 1, 2, self._past.steps), at.steps)
         equations = DenseEquations(at.smoothers, steps)
-        for terms, rows, columns in self._linearised:
-            equations.add(rows, terms.places, columns, of_oldest=True)
+        for factor, terms, rows in self._linearised:
+            equations.add(rows, terms.places, factor.columns, of_oldest=True)
         equations.add_gaussian(self._past_seen_from(at))
         self._past = equations.without_oldest()
         self._past_at = _without_oldest(at)
@@ -237,33 +232,33 @@ class _GrowingTerms:
 
     def append(self, arrived: Terms, now: int) -> None:
         """Take terms that arrive with the step at place now, as far as the window reaches."""
-        places, data = arrived.places + now, arrived.data
-        if places.shape[1] > 1:
-            kept = places[:, 0] >= 0
-            places, data = places[kept], data[kept]
-            if len(places):
-                self.span = max(self.span, int((places[:, -1] - places[:, 0]).max()))
+        places, data = arrived
+        earliest = int(places[0, 0] if len(places) == 1 else places[:, 0].min())
+        if now + earliest < 0:
+            kept = places[:, 0] >= -now
+            places, data, earliest = places[kept], data[kept], -now
         count = len(places)
+        if not count:
+            return
         if self._end + count > len(self._data):
             self._make_room(count, places, data)
-        self._places[self._end : self._end + count] = places
+        if places.shape[1] > 1:
+            self.span = max(self.span, -earliest)
+        np.add(places, now, out=self._places[self._end : self._end + count])
         self._data[self._end : self._end + count] = data
         self._end += count
-        self.begun |= count > 0
+        self.begun = True
 
     def drop_oldest(self) -> None:
         """Drop the terms that are tied to the oldest step, and move the places of the others on by a step."""
         places = self._places[self._first : self._end]
         places -= 1
-        gone = places[:, 0] < 0
-        count = int(np.count_nonzero(gone))
-        if gone[:count].all():
-            self._first += count
-        else:
-            kept, data = ~gone, self._data[self._first : self._end]
-            left = len(places) - count
-            places[:left], data[:left] = places[kept], data[kept]
-            self._end = self._first + left
+        if self.span <= 1:
+            self._first += int(np.searchsorted(places[:, 0], 0))
+            return
+        kept, data = places[:, 0] >= 0, self._data[self._first : self._end]
+        self._end = self._first + int(np.count_nonzero(kept))
+        self._places[self._first : self._end], self._data[self._first : self._end] = places[kept], data[kept]
 
     def _make_room(self, count: int, places: NDArray[np.int64], data: NDArray[np.void]) -> None:
         """Move the terms to the front of arrays in which as many again have room."""

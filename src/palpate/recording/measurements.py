@@ -81,13 +81,15 @@ class ObjectPose(Measurement):
     def __post_init__(self) -> None:
         pose, covariance = _numbers(self.pose, (3,)), _numbers(self.covariance, (3, 3))
         if pose is None:
-            raise EstimationError(f"object pose is {self.pose!r}; it must be three finite numbers x [m], y [m], theta")
+            raise EstimationError(
+                f"object pose is {_shown(self.pose)}; it must be three finite numbers x [m], y [m], theta [rad]"
+            )
         if covariance is None or not np.allclose(covariance, covariance.T):
             raise EstimationError(
-                f"object pose has covariance {self.covariance!r}; it must be a symmetric (3, 3) of finite numbers"
+                f"object pose has covariance {_shown(self.covariance)}; it must be a symmetric (3, 3) of finite numbers"
             )
         if not (np.linalg.eigvalsh(covariance) > 0.0).all():
-            raise EstimationError(f"object pose has covariance {covariance.tolist()}; it must be positive definite")
+            raise EstimationError(f"object pose has covariance {_shown(covariance)}; it must be positive definite")
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "covariance", covariance)
 
@@ -114,6 +116,11 @@ def _check(what: str, angle: float, variance: float) -> None:
         raise EstimationError(
             f"{what} has angle {angle!r} and variance {variance!r}; they must be finite, the variance above 0"
         )
+
+
+def _shown(given: object) -> str:
+    """What was given, in one line."""
+    return repr(given.tolist() if isinstance(given, np.ndarray) else given)
 
 
 def _numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:

@@ -120,6 +120,6 @@ def _differences(old: dict[str, Any], new: dict[str, Any], within: str = "") -> 
     for key in {**new, **old}:
         before, after = old.get(key), new.get(key)
         if isinstance(before, dict) and isinstance(after, dict):
-            yield from _differences(before, after, f"{key} ")
+            yield from _differences(before, after, f"{within}{key} ")
         elif before != after:
             yield f"{within}{key} was {before!r}, is {after!r}"

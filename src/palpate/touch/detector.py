@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from palpate.touch.background import Background, Image, Levels, background_of, check_channel_order, check_image
+from palpate.touch.area import area_means
+from palpate.touch.background import Background, Image, background_of, check_channel_order, check_image
 
 FIRST_FRAMES = 15
 """Frames, half a second at 30 Hz, that are taken as untouched where no background is given."""
@@ -92,19 +93,13 @@ class ContactDetector:
         self._background = background
         height, width = background.mean.shape[:2]
         pixels = max(min(height, width) / _CELLS, 1.0)  # across a cell
-        self._size = (round(width / pixels), round(height / pixels))
-        self._mean = self._cells(background.mean)
-        noise = self._cells(background.deviation) * np.float32(min(_ALIKE / pixels, 1.0))
+        self._size = (round(height / pixels), round(width / pixels))
+        self._mean = area_means(background.mean, *self._size)
+        noise = area_means(background.deviation, *self._size) * np.float32(min(_ALIKE / pixels, 1.0))
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(noise, np.float32(_LEAST_DEVIATION))
 
-    def _cells(self, levels: Image | Levels) -> Levels:
-        import cv2
-
-        # Not as bytes: rounding would cost what averaging gains.
-        return np.asarray(cv2.resize(levels.astype(np.float32), self._size, interpolation=cv2.INTER_AREA), np.float32)
-
     def _significant(self, image: Image) -> float:
-        cells = self._cells(image)
+        cells = area_means(image, *self._size)
         brightness = np.median(cells / np.maximum(self._mean, 1.0), axis=(0, 1))
         return float((np.abs(cells - brightness * self._mean) > self._tolerance).mean())
 

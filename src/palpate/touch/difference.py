@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.touch.area import area_means
+
 Difference = NDArray[np.float32]
 
 ROWS, COLUMNS = 32, 128
@@ -15,9 +17,8 @@ _LEVELS = 32.0  # grey levels that make 1, about as much as a firm contact adds
 
 def reduced(image: NDArray[np.uint8] | Difference) -> NDArray[np.float32]:
     """Return an image or a background's mean (height, width, 3) as (ROWS, COLUMNS, 3) [grey levels]."""
-    import cv2
-
-    return np.asarray(cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), np.float32)
+    means = area_means(image, ROWS, COLUMNS)
+    return np.rint(means) if image.dtype == np.uint8 else means  # as OpenCV would, with whom the networks were trained
 
 
 def difference(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:

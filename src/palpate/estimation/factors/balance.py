@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale
 from palpate.estimation.factors.pushing import (
+    DATA,
     center_moved,
     center_of_friction,
     pushing_terms,
@@ -21,8 +22,8 @@ from palpate.estimation.factors.pushing import (
 )
 from palpate.estimation.planar import cauchy, cross, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO, SENSOR, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO, IN_SHARED, SENSOR, SENSOR_IN_OBJECT
+from palpate.estimation.values import State
 
 
 @dataclass(frozen=True)
@@ -38,56 +39,26 @@ class BalanceSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the balance."""
 
 
-class Balance(Factor):
-    """One term a step, on the step and the one before, for a sensor with one tip."""
-
-    name = "balance"
-    steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
-    shared = (FRICTION_RATIO, FRICTION_CENTER)
-    rows = 1
-    is_motion = True
-    tells_strain = True
-
-    def __init__(self, settings: BalanceSettings, model: ContactModel) -> None:
-        self._settings, self._kernel = settings, kernel_scale(settings.kernel)
-        self._model = model
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        return pushing_terms(step, 1) if self._model.tips == 1 else None
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, given, model = at[SENSOR_IN_OBJECT], self._settings, self._model
-        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 15)
-        friction = at[FRICTION_RATIO], at[FRICTION_CENTER], model.friction_radius, model.friction_center
-        _linearise(g, at[SENSOR], at.touching, *friction, *terms, given.still, given.share, self._kernel, *rows)
-        return rows
+_RATIO, _CENTER = IN_SHARED[FRICTION_RATIO].start, IN_SHARED[FRICTION_CENTER].start
 
 
 @compiled
 def _linearise(
-    g: Array,
-    e: Array,
-    touching: Records,
-    ratio: Array,
-    besides: Array,
-    c: float,
-    model_center: complex,
+    state: State,
     places: Places,
     data: Records,
-    still: float,
-    share: float,
-    kernel: float,
+    given: Given,
     residual: Array,
     jacobian: Array,
     information: Array,
     weight: Array,
 ) -> None:
+    g, e, shared, touching, _angle, c, model_center = state
+    still, share, kernel = given
     by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(len(g)):
-        c_squared = c * c * math.exp(ratio[0, b])
-        center = center_of_friction(model_center, c, besides[0, b], besides[1, b])
+        c_squared = c * c * math.exp(shared[_RATIO, b])
+        center = center_of_friction(model_center, c, shared[_CENTER, b], shared[_CENTER + 1, b])
         for t in range(len(places)):
             before, now = places[t, 0], places[t, 1]
             g0, e0, g1, e1 = g[b, before], e[b, before], g[b, now], e[b, now]
@@ -107,6 +78,27 @@ def _linearise(
             row[12] = -c_squared * omega
             row[13] = c * ((lever * by_center).imag - way.imag)
             row[14] = c * ((lever * by_center).real + way.real)
-            given = math.hypot(still, share * data[t].moved * c) ** -2.0
-            information[b, t, 0] = given
-            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)
+            inverse_variance = math.hypot(still, share * data[t].moved * c) ** -2.0
+            information[b, t, 0] = inverse_variance
+            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
+class Balance(Factor):
+    """One term a step, on the step and the one before, for a sensor with one tip."""
+
+    name = "balance"
+    steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
+    shared = (FRICTION_RATIO, FRICTION_CENTER)
+    rows = 1
+    data = DATA
+    kernel = _linearise
+    is_motion = True
+    tells_strain = True
+
+    def __init__(self, settings: BalanceSettings, model: ContactModel) -> None:
+        self.given = settings.still, settings.share, kernel_scale(settings.kernel)
+        self._tips = model.tips
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return pushing_terms(step, 1) if self._tips == 1 else None

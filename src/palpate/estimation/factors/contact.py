@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
 from palpate.estimation.planar import cauchy
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import DEPTH, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import DEPTH, IN_SHARED, SENSOR_IN_OBJECT
+from palpate.estimation.values import State
 
 DATA = np.dtype([("tip", np.int64)])
 
@@ -29,6 +29,32 @@ class ContactSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
 
 
+_DEPTH = IN_SHARED[DEPTH].start
+
+
+@compiled
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, _e, shared, touching, _angle, _c, _model_center = state
+    inverse_variance, kernel = given
+    for b in range(len(g)):
+        for t in range(len(places)):
+            touch = touching[b, places[t, 0], data[t].tip]
+            residual[b, t, 0] = touch.gap + shared[_DEPTH, b]
+            jacobian[b, t, 0, :3] = touch.gap_by_g
+            jacobian[b, t, 0, 3] = 1.0
+            information[b, t, 0] = inverse_variance
+            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
 class Contact(Factor):
     """One term a step and tip: they touch."""
 
@@ -36,41 +62,13 @@ class Contact(Factor):
     steps = ((SENSOR_IN_OBJECT,),)
     shared = (DEPTH,)
     rows = 1
+    data = DATA
+    kernel = _linearise
 
     def __init__(self, settings: ContactSettings, model: ContactModel) -> None:
-        self._information, self._kernel = settings.deviation**-2.0, kernel_scale(settings.kernel)
-        self._data = [(tip,) for tip in range(model.tips)]
+        self.given = settings.deviation**-2.0, kernel_scale(settings.kernel)
+        self._tips = [(tip,) for tip in range(model.tips)]
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor."""
-        return terms_now(self._data, DATA)
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        touching, depth = at.touching, at[DEPTH]
-        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 4)
-        _linearise(touching, depth, *terms, self._information, self._kernel, *rows)
-        return rows
-
-
-@compiled
-def _linearise(
-    touching: Records,
-    depth: Array,
-    places: Places,
-    data: Records,
-    given: float,
-    kernel: float,
-    residual: Array,
-    jacobian: Array,
-    information: Array,
-    weight: Array,
-) -> None:
-    for b in range(depth.shape[1]):
-        for t in range(len(places)):
-            touch = touching[b, places[t, 0], data[t].tip]
-            residual[b, t, 0] = touch.gap + depth[0, b]
-            jacobian[b, t, 0, :3] = touch.gap_by_g
-            jacobian[b, t, 0, 3] = 1.0
-            information[b, t, 0] = given
-            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)
+        return terms_now(self._tips, DATA)

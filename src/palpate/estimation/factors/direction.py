@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.errors import SettingError
-from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
 from palpate.estimation.planar import cauchy, cross, rotation
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import DIRECTION_BIAS, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import DIRECTION_BIAS, IN_SHARED, SENSOR_IN_OBJECT
+from palpate.estimation.values import State
 from palpate.recording.measurements import ContactDirection
 
 DATA = np.dtype([("angle", np.float64), ("information", np.float64)])
@@ -35,6 +34,39 @@ class DirectionSettings(Settings):
     wrong by far more than its variance, and one bad image must not bend the path."""
 
 
+_BIAS = IN_SHARED[DIRECTION_BIAS].start
+
+
+@compiled
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, _e, shared, touching, _angle, _c, _model_center = state
+    (kernel,) = given
+    for b in range(len(g)):
+        for t in range(len(places)):
+            k = places[t, 0]
+            touch, inverse_variance = touching[b, k, 0], data[t].information
+            normal = touch.normal
+            off = -normal * rotation(shared[_BIAS, b] - data[t].angle - g[b, k, 2])
+            residual[b, t, 0] = math.atan2(off.imag, off.real)
+            # The spline's gradient has length 1 but near the medial axis; where it vanishes there is no direction.
+            square = max(normal.real**2 + normal.imag**2, _NO_GRADIENT)
+            for k in range(3):
+                jacobian[b, t, 0, k] = cross(normal, touch.normal_by_g[k]) / square
+            jacobian[b, t, 0, 2] -= 1.0  # the direction stays while the sensor turns
+            jacobian[b, t, 0, 3] = 1.0
+            information[b, t, 0] = inverse_variance
+            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
 class Direction(Factor):
     """One term for each contact direction that touch tells."""
 
@@ -42,52 +74,15 @@ class Direction(Factor):
     steps = ((SENSOR_IN_OBJECT,),)
     shared = (DIRECTION_BIAS,)
     rows = 1
+    data = DATA
+    kernel = _linearise
     takes = ContactDirection
 
     def __init__(self, settings: DirectionSettings, model: ContactModel) -> None:
-        self._share, self._kernel = settings.share, kernel_scale(settings.kernel)
-        self._tips = model.tips
+        self.given = (kernel_scale(settings.kernel),)
+        self._share, self._tips = settings.share, model.tips
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
-        said = [one for one in step.measurements if isinstance(one, ContactDirection)]
-        if said and self._tips > 1:
-            raise SettingError(f"the sensor has {self._tips} tips; touch can say direction and turn for one tip only")
+        said = one_tip_only([one for one in step.measurements if isinstance(one, ContactDirection)], self._tips)
         return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, bias = at[SENSOR_IN_OBJECT], at[DIRECTION_BIAS]
-        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 4)
-        _linearise(g, at.touching, bias, *terms, self._kernel, *rows)
-        return rows
-
-
-@compiled
-def _linearise(
-    g: Array,
-    touching: Records,
-    bias: Array,
-    places: Places,
-    data: Records,
-    kernel: float,
-    residual: Array,
-    jacobian: Array,
-    information: Array,
-    weight: Array,
-) -> None:
-    for b in range(len(g)):
-        for t in range(len(places)):
-            k = places[t, 0]
-            touch, given = touching[b, k, 0], data[t].information
-            normal = touch.normal
-            off = -normal * rotation(bias[0, b] - data[t].angle - g[b, k, 2])
-            residual[b, t, 0] = math.atan2(off.imag, off.real)
-            # The spline's gradient has length 1 but near the medial axis; where it vanishes there is no direction.
-            square = max(normal.real**2 + normal.imag**2, _NO_GRADIENT)
-            for c in range(3):
-                jacobian[b, t, 0, c] = cross(normal, touch.normal_by_g[c]) / square
-            jacobian[b, t, 0, 2] -= 1.0  # the direction stays while the sensor turns
-            jacobian[b, t, 0, 3] = 1.0
-            information[b, t, 0] = given
-            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)

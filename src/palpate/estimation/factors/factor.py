@@ -8,14 +8,17 @@ know none of them by name. Jacobians are with respect to right (body-frame) pert
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.compiled import Array, Places
+from palpate.compiled import Array, Places
+from palpate.errors import SettingError
 from palpate.estimation.unknowns import IN_SHARED, IN_STEP, Unknown
 from palpate.estimation.values import Values
 from palpate.recording.measurements import Measurement
@@ -101,15 +104,9 @@ class Rows(NamedTuple):
     weight: Array
     """Inverse variances with the kernel, (B, T, R)."""
 
-    @classmethod
-    def empty(cls, smoothers: int, terms: int, rows: int, columns: int) -> "Rows":
-        """Return rows to be filled in."""
-        shape = (smoothers, terms, rows)
-        return cls(np.empty(shape), np.zeros((*shape, columns)), np.empty(shape), np.empty(shape))
-
 
 class Factor(ABC):
-    """One kind of term. A factor says on what it is by class attributes and does the rest in two methods."""
+    """One kind of term: class attributes say what it is on, `terms` what it is made of, `kernel` what it is."""
 
     name: ClassVar[str]
     """As settings and messages call it."""
@@ -119,8 +116,17 @@ class Factor(ABC):
     """The unknowns that all steps share."""
     rows: ClassVar[int]
     """Rows of a term."""
+    data: ClassVar[np.dtype]
+    """What a term compares the values with: a structured type."""
+    kernel: ClassVar[Callable[..., None]]
+    """Linearises terms: a compiled function that takes `Values.state`, Terms, `given` and fills in Rows, as far as they
+    are not 0. It reads like the formula, term by term."""
+    given: tuple[Any, ...]
+    """Settings that the kernel takes."""
     tells_strain: ClassVar[bool] = False
     """Whether its error tells that touch and pushing contradict each other."""
+    reads_outline: ClassVar[bool] = True
+    """Whether its kernel takes how tips touch the outline and the angle of the force."""
     is_motion: ClassVar[bool] = False
     """Whether it says how object and sensor move and not what is measured of them: a filter draws it."""
     holds_at_rest: ClassVar[bool] = False
@@ -128,7 +134,7 @@ class Factor(ABC):
     takes: ClassVar[type[Measurement] | None] = None
     """The kind of measurement that it makes terms of; None if it needs none."""
 
-    @property
+    @cached_property
     def columns(self) -> "Columns":
         """Where the columns of its Jacobian stand."""
         return columns_of(self.steps, self.shared)
@@ -137,34 +143,64 @@ class Factor(ABC):
     def terms(self, step: Step) -> Terms | None:
         """Return the terms that arrive with a step, places counted from it (0 is the step, -1 the one before)."""
 
-    @abstractmethod
     def linearise(self, at: Values, terms: Terms) -> Rows:
         """Return the terms linearised at the values; places are those of the values' steps."""
+        rows = self.empty_rows(at.smoothers, len(terms.data))
+        self.linearise_into(rows, at, terms)
+        return rows
+
+    def linearise_into(self, rows: Rows, at: Values, terms: Terms) -> None:
+        """Linearise into rows that were made for as many terms."""
+        type(self).kernel(at.state if self.reads_outline else at.poses, *terms, self.given, *rows)
+
+    def empty_rows(self, smoothers: int, terms: int) -> Rows:
+        """Return rows for so many smoothers and terms, to be filled in; Jacobians are 0."""
+        shape = (smoothers, terms, self.rows)
+        columns = int(self.columns.size.sum())
+        return Rows(np.empty(shape), np.zeros((*shape, columns)), np.empty(shape), np.empty(shape))
+
+    def no_terms(self) -> Terms:
+        """Return no terms, in arrays of the right type."""
+        return Terms(np.empty((0, len(self.steps)), np.int64), np.empty(0, self.data))
 
     def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
-        """Return better values (B, dimension) of unknowns that its first terms of a contact bring into being."""
+        """Return better values (dimension, B) of the unknowns that its first term in a contact brings into being."""
         return {}
 
 
 class Columns(NamedTuple):
-    """Where the columns of a factor's Jacobian stand among the unknowns."""
+    """Where the columns of a factor's Jacobian stand: for each of its steps in order, and last for what is shared."""
 
-    slot: Places
-    """Which of a term's steps a column belongs to (C,); -1 for what is shared."""
-    place: Places
-    """Which number of that step or of what is shared it is (C,)."""
+    first: Places
+    """The first number of a step, or of what is shared, that it is on (K + 1,)."""
+    size: Places
+    """How many it is on from there (K + 1,)."""
+
+    @property
+    def slot(self) -> Places:
+        """Which of a term's steps each column belongs to (C,); -1 for what is shared."""
+        return np.repeat([*range(len(self.size) - 1), -1], self.size)
+
+    @property
+    def place(self) -> Places:
+        """Which number of that step, or of what is shared, each column is (C,)."""
+        return np.concatenate([first + np.arange(size) for first, size in zip(*self, strict=True)])
 
 
 def columns_of(steps: Sequence[Sequence[Unknown]], shared: Sequence[Unknown]) -> Columns:
-    """Return where columns stand that follow these unknowns in order."""
-    found = [(slot, at) for slot, unknowns in enumerate(steps) for one in unknowns for at in _range(IN_STEP[one])]
-    found += [(-1, at) for one in shared for at in _range(IN_SHARED[one])]
-    slot, place = np.array(found, np.int64).T
-    return Columns(np.ascontiguousarray(slot), np.ascontiguousarray(place))
+    """Return where columns stand that follow these unknowns in order, which is that of `unknowns`."""
+    spans = [_span([IN_STEP[one] for one in unknowns]) for unknowns in steps]
+    first, size = np.array([*spans, _span([IN_SHARED[one] for one in shared])], np.int64).T
+    return Columns(np.ascontiguousarray(first), np.ascontiguousarray(size))
 
 
-def _range(place: slice) -> range:
-    return range(place.start, place.stop)
+def _span(places: Sequence[slice]) -> tuple[int, int]:
+    """First number and count of places that follow one another without a gap."""
+    if any(before.stop != after.start for before, after in pairwise(places)):
+        raise ValueError(
+            f"places {places} of a factor's unknowns have gaps, or are in another order than unknowns.py has"
+        )
+    return (places[0].start, places[-1].stop - places[0].start) if places else (0, 0)
 
 
 def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | None:
@@ -175,6 +211,13 @@ def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | Non
     for index, row in enumerate(rows):
         data[index] = row
     return Terms(NOW[: len(rows)], data)
+
+
+def one_tip_only(said: list[M], tips: int) -> list[M]:
+    """Return what touch says of one tip; raises SettingError for a sensor with several."""
+    if said and tips > 1:
+        raise SettingError(f"the sensor has {tips} tips; touch can say direction and turn for one tip only")
+    return said
 
 
 def _nearest(times: Sequence[float], time: float) -> int:

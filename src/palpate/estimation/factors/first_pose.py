@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.belief import Prior
-from palpate.estimation.compiled import Array, compiled
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
+from palpate.estimation.factors.factor import Factor, Step, Terms, terms_now
 from palpate.estimation.planar import adjoint, log, log_by_pose, position, rotation, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import CONTACT_SIZE, OBJECT_SIZE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.values import State
 
 Sigmas = tuple[float, float, float]
-_NOTHING = np.dtype([])
+DATA = np.dtype([("nothing", np.int64)])
 
 
 @dataclass(frozen=True)
@@ -31,39 +31,6 @@ class FirstPoseSettings(Settings):
     """The object's known first pose [m, m, rad], body frame. Ground truth gives it exactly, so it is not tuned."""
     rest: Sigmas = setting((1e-5, 1e-5, 1e-4), tune=Tunable(1e-8, 1e-2, usual=False, components=(0, 1, 2)))
     """The object's motion between two contacts [m, m, rad]."""
-
-
-class FirstPose(Factor):
-    """One term, on the first step of a contact; made anew for each contact."""
-
-    name = "first_pose"
-    steps = ((SENSOR_IN_OBJECT, SENSOR),)
-    shared = OF_OBJECT
-    rows = 3 + OBJECT_SIZE
-
-    def __init__(self, priors: Sequence[Prior]) -> None:
-        """Take what each smoother knows."""
-        self._pose = np.array([prior.pose for prior in priors])
-        self._values = np.array([prior.values for prior in priors])
-        self._root = np.linalg.inv(np.linalg.cholesky(np.array([prior.covariance for prior in priors])))
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        return Terms(np.zeros((1, 1), np.int64), np.zeros(1, _NOTHING)) if step.before is None else None
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, e = at[SENSOR_IN_OBJECT], at[SENSOR]
-        values = at.shared[CONTACT_SIZE:].T
-        residual, jacobian = np.empty((len(g), self.rows)), np.zeros((len(g), self.rows, 6 + OBJECT_SIZE))
-        _linearise(g, e, self._pose, residual, jacobian)
-        residual[:, 3:] = values - self._values
-        jacobian[:, 3:, 6:] = np.eye(OBJECT_SIZE)
-        rows = Rows.empty(len(g), 1, self.rows, 6 + OBJECT_SIZE)
-        np.matmul(self._root, residual[:, :, None], out=rows.residual.transpose(0, 2, 1))
-        np.matmul(self._root, jacobian, out=rows.jacobian[:, 0])
-        rows.information[:] = rows.weight[:] = 1.0
-        return rows
 
 
 @compiled
@@ -86,6 +53,57 @@ def object_pose_error(g: Array, e: Array, known: Array, residual: Array, jacobia
 
 
 @compiled
-def _linearise(g: Array, e: Array, known: Array, residual: Array, jacobian: Array) -> None:
-    for b in range(len(g)):
-        object_pose_error(g[b, 0], e[b, 0], known[b], residual[b], jacobian[b])
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, e, shared, _touching, _angle, _c, _model_center = state
+    known_pose, known_values, root = given
+    off, by_poses = np.empty(3 + OBJECT_SIZE), np.empty((3, 6))
+    for b in range(len(g) if len(places) else 0):
+        first = places[0, 0]
+        object_pose_error(g[b, first], e[b, first], known_pose[b], off[:3], by_poses)
+        for k in range(OBJECT_SIZE):
+            off[3 + k] = shared[CONTACT_SIZE + k, b] - known_values[b, k]
+        for r in range(3 + OBJECT_SIZE):
+            row, whitening = jacobian[b, 0, r], root[b, r]
+            total = 0.0
+            for k in range(3 + OBJECT_SIZE):
+                total += whitening[k] * off[k]
+            residual[b, 0, r] = total
+            for k in range(6):
+                row[k] = whitening[0] * by_poses[0, k] + whitening[1] * by_poses[1, k] + whitening[2] * by_poses[2, k]
+            for k in range(OBJECT_SIZE):
+                row[6 + k] = whitening[3 + k]
+            information[b, 0, r] = weight[b, 0, r] = 1.0
+
+
+class FirstPose(Factor):
+    """One term, on the first step of a contact; made anew for each contact."""
+
+    name = "first_pose"
+    steps = ((SENSOR_IN_OBJECT, SENSOR),)
+    shared = OF_OBJECT
+    rows = 3 + OBJECT_SIZE
+    data = DATA
+    kernel = _linearise
+    reads_outline = False
+
+    def __init__(self, priors: Sequence[Prior]) -> None:
+        """Take what each smoother knows."""
+        root = np.linalg.inv(np.linalg.cholesky(np.array([prior.covariance for prior in priors])))
+        self.given = (
+            np.array([prior.pose for prior in priors]),
+            np.array([prior.values for prior in priors]),
+            root,
+        )
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return terms_now([(0,)], DATA) if step.before is None else None

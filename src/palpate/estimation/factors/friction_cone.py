@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale
 from palpate.estimation.factors.pushing import (
+    DATA,
     beyond,
     center_moved,
     center_of_friction,
@@ -22,8 +23,8 @@ from palpate.estimation.factors.pushing import (
 )
 from palpate.estimation.planar import cauchy, dot
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import FRICTION_CENTER, GRIP, SENSOR, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import FRICTION_CENTER, GRIP, IN_SHARED, SENSOR, SENSOR_IN_OBJECT
+from palpate.estimation.values import State
 
 
 @dataclass(frozen=True)
@@ -40,66 +41,34 @@ class FrictionConeSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the cone."""
 
 
-class FrictionCone(Factor):
-    """One term a step, on the step and the one before, for a sensor with one tip."""
-
-    name = "friction_cone"
-    steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
-    shared = (FRICTION_CENTER, GRIP)
-    rows = 1
-    is_motion = True
-
-    def __init__(self, settings: FrictionConeSettings, model: ContactModel) -> None:
-        self._settings, self._kernel = settings, kernel_scale(settings.kernel)
-        self._model = model
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        return pushing_terms(step, 1) if self._model.tips == 1 and self._settings.share is not None else None
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, given, model = at[SENSOR_IN_OBJECT], self._settings, self._model
-        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 15)
-        friction = at[FRICTION_CENTER], at[GRIP], model.friction_radius, model.friction_center
-        sharp = given.still, given.share or 0.0, given.width, self._kernel
-        _linearise(g, at[SENSOR], at.touching, at.pushing_angle, *friction, *terms, *sharp, *rows)
-        return rows
+_CENTER, _GRIP = IN_SHARED[FRICTION_CENTER].start, IN_SHARED[GRIP].start
 
 
 @compiled
 def _linearise(
-    g: Array,
-    e: Array,
-    touching: Records,
-    angle: Array,
-    besides: Array,
-    grip: Array,
-    c: float,
-    model_center: complex,
+    state: State,
     places: Places,
     data: Records,
-    still: float,
-    share: float,
-    width: float,
-    kernel: float,
+    given: Given,
     residual: Array,
     jacobian: Array,
     information: Array,
     weight: Array,
 ) -> None:
+    g, e, shared, touching, angle, c, model_center = state
+    still, share, width, kernel = given
     by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(len(g)):
-        center = center_of_friction(model_center, c, besides[0, b], besides[1, b])
+        grip = shared[_GRIP, b]
+        center = center_of_friction(model_center, c, shared[_CENTER, b], shared[_CENTER + 1, b])
         for t in range(len(places)):
             before, now = places[t, 0], places[t, 1]
+            g0, e0, g1, e1 = g[b, before], e[b, before], g[b, now], e[b, now]
             touch, row = touching[b, now, data[t].tip], jacobian[b, t, 0]
             force = angle[b, now, data[t].tip]
             side = 1.0 if force > 0.0 else -1.0 if force < 0.0 else 0.0
-            way, by_center = center_moved(
-                g[b, before], e[b, before], g[b, now], e[b, now], center, by_sensor0, by_sensor1
-            )
-            edge = side - 1j * grip[0, b]
+            way, by_center = center_moved(g0, e0, g1, e1, center, by_sensor0, by_sensor1)
+            edge = side - 1j * grip
             lever = edge * -touch.normal.conjugate()
             residual[b, t, 0] = (lever * way).imag
             put_center_derivatives(lever, by_sensor0, by_sensor1, row)
@@ -108,7 +77,27 @@ def _linearise(
             row[12] = c * (lever * by_center).imag
             row[13] = c * (lever * by_center).real
             row[14] = dot(touch.normal, way)
-            outside = beyond(force, math.atan(grip[0, b]), width)
-            given = outside * math.hypot(still, share * data[t].moved) ** -2.0
-            information[b, t, 0] = given
-            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)
+            outside = beyond(force, math.atan(grip), width)
+            inverse_variance = outside * math.hypot(still, share * data[t].moved) ** -2.0
+            information[b, t, 0] = inverse_variance
+            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
+class FrictionCone(Factor):
+    """One term a step, on the step and the one before, for a sensor with one tip."""
+
+    name = "friction_cone"
+    steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
+    shared = (FRICTION_CENTER, GRIP)
+    rows = 1
+    data = DATA
+    kernel = _linearise
+    is_motion = True
+
+    def __init__(self, settings: FrictionConeSettings, model: ContactModel) -> None:
+        self.given = settings.still, settings.share or 0.0, settings.width, kernel_scale(settings.kernel)
+        self._counts = model.tips == 1 and settings.share is not None
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return pushing_terms(step, 1) if self._counts else None

@@ -29,6 +29,8 @@ class Measured(Factor):
     steps = ((SENSOR_IN_OBJECT, SENSOR),)
     shared = SHARED
     rows = ROWS
+    data = DATA
+    given = ()
     takes = OwnMeasurement
     holds_at_rest = True
 
@@ -41,11 +43,10 @@ class Measured(Factor):
         data["measurement"], data["time"] = said, step.times[-1]
         return Terms(step.places_of(said), data)
 
-    def linearise(self, at: Values, terms: Terms) -> Rows:
+    def linearise_into(self, rows: Rows, at: Values, terms: Terms) -> None:
         """See Factor. A measurement that returns something unusable is named in a warning and left out from then on."""
-        columns, smoothers = len(self.columns.slot), len(at[SENSOR])
-        rows = Rows.empty(smoothers, len(terms.data), self.rows, columns)
-        rows.residual[:] = 0.0
+        smoothers = at.smoothers
+        rows.residual[:], rows.jacobian[:] = 0.0, 0.0
         rows.information[:] = rows.weight[:] = 1.0
         for t, ((place,), (measurement, time)) in enumerate(zip(terms.places, terms.data, strict=True)):
             if measurement is None:
@@ -58,10 +59,10 @@ class Measured(Factor):
                 except EstimationError as error:
                     logger.warning("frame at %.3f s: %s; it is left out", time, error)
                     terms.data["measurement"][t] = None
+                    rows.residual[:, t], rows.jacobian[:, t] = 0.0, 0.0
                     break
                 rows.residual[b, t, : len(residual)] = residual
                 rows.jacobian[b, t, : len(residual)] = jacobian
-        return rows
 
 
 def _is_at_rest(measurement: OwnMeasurement, step: Step) -> bool:

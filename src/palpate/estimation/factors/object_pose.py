@@ -2,15 +2,41 @@
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, Places, Records, compiled
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
+from palpate.compiled import Array, Given, Places, Records, compiled
+from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.first_pose import object_pose_error
 from palpate.estimation.unknowns import SENSOR, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.values import State
 from palpate.recording.measurements import ObjectPose as ObjectPoseMeasurement
 
 DATA = np.dtype([("pose", np.float64, (3,)), ("root", np.float64, (3, 3))])
 """Measured world_T_object, and the matrix that whitens its error."""
+
+
+@compiled
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, e, _shared, _touching, _angle, _c, _model_center = state
+    error, by_g_and_e = np.empty(3), np.empty((3, 6))
+    for b in range(len(g)):
+        for t in range(len(places)):
+            object_pose_error(g[b, places[t, 0]], e[b, places[t, 0]], data[t].pose, error, by_g_and_e)
+            root = data[t].root
+            for r in range(3):
+                residual[b, t, r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
+                for k in range(6):
+                    jacobian[b, t, r, k] = (
+                        root[r, 0] * by_g_and_e[0, k] + root[r, 1] * by_g_and_e[1, k] + root[r, 2] * by_g_and_e[2, k]
+                    )
+                information[b, t, r] = weight[b, t, r] = 1.0
 
 
 class ObjectPose(Factor):
@@ -19,6 +45,10 @@ class ObjectPose(Factor):
     name = "object_pose"
     steps = ((SENSOR_IN_OBJECT, SENSOR),)
     rows = 3
+    data = DATA
+    kernel = _linearise
+    reads_outline = False
+    given = ()
     takes = ObjectPoseMeasurement
     holds_at_rest = True
 
@@ -31,26 +61,3 @@ class ObjectPose(Factor):
         data["pose"] = [one.pose for one in said]
         data["root"] = np.linalg.inv(np.linalg.cholesky(np.array([one.covariance for one in said])))
         return Terms(step.places_of(said), data)
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, e = at[SENSOR_IN_OBJECT], at[SENSOR]
-        rows = Rows.empty(len(g), len(terms.data), self.rows, 6)
-        rows.information[:] = rows.weight[:] = 1.0
-        _linearise(g, e, *terms, rows.residual, rows.jacobian)
-        return rows
-
-
-@compiled
-def _linearise(g: Array, e: Array, places: Places, data: Records, residual: Array, jacobian: Array) -> None:
-    error, by_g_and_e = np.empty(3), np.empty((3, 6))
-    for b in range(len(g)):
-        for t in range(len(places)):
-            object_pose_error(g[b, places[t, 0]], e[b, places[t, 0]], data[t].pose, error, by_g_and_e)
-            root = data[t].root
-            for r in range(3):
-                residual[b, t, r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
-                for c in range(6):
-                    jacobian[b, t, r, c] = (
-                        root[r, 0] * by_g_and_e[0, c] + root[r, 1] * by_g_and_e[1, c] + root[r, 2] * by_g_and_e[2, c]
-                    )

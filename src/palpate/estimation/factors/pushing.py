@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, Complex, compiled
+from palpate.compiled import Array, Complex, compiled
 from palpate.estimation.factors.factor import NOW_AND_BEFORE, Step, Terms
 from palpate.estimation.planar import position, rotation
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimation.compiled import Array, Places, Records, compiled
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
+from palpate.compiled import Array, Given, Places, Records, compiled
+from palpate.errors import EstimationError
+from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.planar import adjoint, between, log, log_by_pose
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.values import State
 from palpate.recording.measurements import RelativePoses
 
 Sigmas = tuple[float, float, float]
@@ -32,36 +33,18 @@ class RelativePoseSettings(Settings):
     step are wrong all the same way."""
 
 
-class RelativePose(Factor):
-    """One term for each earlier step that touch compares a step with."""
-
-    name = "relative_pose"
-    steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
-    rows = 3
-    takes = RelativePoses
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        said = [one for one in step.measurements if isinstance(one, RelativePoses) and len(one.back)]
-        if not said:
-            return None
-        back = np.concatenate([one.back for one in said])
-        data = np.empty(len(back), DATA)
-        data["pose"] = np.concatenate([one.pose for one in said])
-        data["root"] = np.concatenate([np.linalg.inv(np.linalg.cholesky(one.covariance)) for one in said])
-        return Terms(np.column_stack([-back, np.zeros_like(back)]).astype(np.int64), data)
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g = at[SENSOR_IN_OBJECT]
-        rows = Rows.empty(len(g), len(terms.data), self.rows, 6)
-        rows.information[:] = rows.weight[:] = 1.0
-        _linearise(g, *terms, rows.residual, rows.jacobian)
-        return rows
-
-
 @compiled
-def _linearise(g: Array, places: Places, data: Records, residual: Array, jacobian: Array) -> None:
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, _e, _shared, _touching, _angle, _c, _model_center = state
     relative, apart, error, back = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     by_later, turned = np.empty((3, 3)), np.empty((3, 3))
     for b in range(len(g)):
@@ -86,3 +69,31 @@ def _linearise(g: Array, places: Places, data: Records, residual: Array, jacobia
                     jacobian[b, t, r, c] = -(
                         later_r[3] * turned[0, c] + later_r[4] * turned[1, c] + later_r[5] * turned[2, c]
                     )
+                information[b, t, r] = weight[b, t, r] = 1.0
+
+
+class RelativePose(Factor):
+    """One term for each earlier step that touch compares a step with."""
+
+    name = "relative_pose"
+    steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
+    rows = 3
+    data = DATA
+    kernel = _linearise
+    reads_outline = False
+    given = ()
+    takes = RelativePoses
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor. Raises EstimationError on a covariance that is not positive."""
+        said = [one for one in step.measurements if isinstance(one, RelativePoses) and len(one.back)]
+        if not said:
+            return None
+        back = np.concatenate([one.back for one in said])
+        data = np.empty(len(back), DATA)
+        data["pose"] = np.concatenate([one.pose for one in said])
+        try:
+            data["root"] = np.linalg.inv(np.linalg.cholesky(np.concatenate([one.covariance for one in said])))
+        except np.linalg.LinAlgError:
+            raise EstimationError("a relative pose has a covariance that is not positive definite") from None
+        return Terms(np.column_stack([-back, np.zeros_like(back)]).astype(np.int64), data)

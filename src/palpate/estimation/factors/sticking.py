@@ -14,14 +14,14 @@ are taken to hold.
 import math
 from dataclasses import dataclass
 
-from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale
-from palpate.estimation.factors.pushing import beyond, pushing_terms
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale
+from palpate.estimation.factors.pushing import DATA, beyond, pushing_terms
 from palpate.estimation.planar import cauchy, position, rotation
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import GRIP, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import GRIP, IN_SHARED, SENSOR_IN_OBJECT
+from palpate.estimation.values import State
 
 
 @dataclass(frozen=True)
@@ -44,39 +44,27 @@ class StickingSettings(Settings):
     """Scale of the Cauchy kernel on both rows together [standard deviations]; None is a plain square."""
 
 
-class Sticking(Factor):
-    """One term a step and tip, on the step and the one before."""
-
-    name = "sticking"
-    steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
-    rows = 2
-    is_motion = True
-    tells_strain = True
-
-    def __init__(self, settings: StickingSettings, model: ContactModel) -> None:
-        self._settings, self._kernel = settings, kernel_scale(settings.kernel)
-        self._model = model
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        return pushing_terms(step, self._model.tips)
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, given = at[SENSOR_IN_OBJECT], self._settings
-        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 6)
-        _linearise(g, at.touching, *terms, rows.residual, rows.jacobian)
-        shares = given.still, given.share, given.sliding_share
-        cone = given.margin, given.width, self._kernel, self._model.tips == 1
-        _weigh(at.pushing_angle, at[GRIP], *terms, *shares, *cone, rows.residual, rows.information, rows.weight)
-        return rows
+_GRIP = IN_SHARED[GRIP].start
 
 
 @compiled
-def _linearise(g: Array, touching: Records, places: Places, data: Records, residual: Array, jacobian: Array) -> None:
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, _e, shared, touching, angle, _c, _model_center = state
+    still, share, sliding_share, margin, width, kernel, may_slide = given
     for b in range(len(g)):
+        edge = math.atan(shared[_GRIP, b])
         for t in range(len(places)):
-            g0, touch = g[b, places[t, 0]], touching[b, places[t, 1], data[t].tip]
+            now, tip, moved = places[t, 1], data[t].tip, data[t].moved
+            g0, touch = g[b, places[t, 0]], touching[b, now, tip]
             turn0, material = rotation(g0[2]), touch.material
             slid = position(g0) + turn0 * material - touch.point
             residual[b, t, 0], residual[b, t, 1] = slid.real, slid.imag
@@ -84,38 +72,36 @@ def _linearise(g: Array, touching: Records, places: Places, data: Records, resid
             jacobian[b, t, 0, 0], jacobian[b, t, 1, 0] = turn0.real, turn0.imag
             jacobian[b, t, 0, 1], jacobian[b, t, 1, 1] = -turn0.imag, turn0.real
             jacobian[b, t, 0, 2], jacobian[b, t, 1, 2] = by_turn.real, by_turn.imag
-            for c in range(3):
-                by_g1 = turn0 * touch.material_by_g[c] - touch.point_by_g[c]
-                jacobian[b, t, 0, 3 + c], jacobian[b, t, 1, 3 + c] = by_g1.real, by_g1.imag
-
-
-@compiled
-def _weigh(
-    angle: Array,
-    grip: Array,
-    places: Places,
-    data: Records,
-    still: float,
-    share: float,
-    sliding_share: float,
-    margin: float,
-    width: float,
-    kernel: float,
-    may_slide: bool,
-    residual: Array,
-    information: Array,
-    weight: Array,
-) -> None:
-    for b in range(len(residual)):
-        edge = math.atan(grip[0, b])
-        for t in range(len(places)):
-            moved = data[t].moved
+            for k in range(3):
+                by_g1 = turn0 * touch.material_by_g[k] - touch.point_by_g[k]
+                jacobian[b, t, 0, 3 + k], jacobian[b, t, 1, 3 + k] = by_g1.real, by_g1.imag
             deviation = math.hypot(still, share * moved)
             if may_slide:
-                slides = beyond(angle[b, places[t, 1], data[t].tip], edge - margin, width)
+                slides = beyond(angle[b, now, tip], edge - margin, width)
                 deviation *= (math.hypot(still, sliding_share * moved) / deviation) ** slides
-            given = deviation**-2.0
-            square = given * (residual[b, t, 0] ** 2 + residual[b, t, 1] ** 2)
+            inverse_variance = deviation**-2.0
+            square = inverse_variance * (slid.real**2 + slid.imag**2)
             for r in range(2):
-                information[b, t, r] = given
-                weight[b, t, r] = given * cauchy(square, kernel)
+                information[b, t, r] = inverse_variance
+                weight[b, t, r] = inverse_variance * cauchy(square, kernel)
+
+
+class Sticking(Factor):
+    """One term a step and tip, on the step and the one before."""
+
+    name = "sticking"
+    steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
+    rows = 2
+    data = DATA
+    kernel = _linearise
+    is_motion = True
+    tells_strain = True
+
+    def __init__(self, settings: StickingSettings, model: ContactModel) -> None:
+        shares = settings.still, settings.share, settings.sliding_share
+        self.given = *shares, settings.margin, settings.width, kernel_scale(settings.kernel), model.tips == 1
+        self._tips = model.tips
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor."""
+        return pushing_terms(step, self._tips)

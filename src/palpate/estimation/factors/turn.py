@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.errors import SettingError
-from palpate.estimation.compiled import Array, Places, Records, compiled
+from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
 from palpate.estimation.planar import cauchy, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import SENSOR_IN_OBJECT, TURN_OFFSET, Unknown
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import IN_SHARED, SENSOR_IN_OBJECT, TURN_OFFSET, Unknown
+from palpate.estimation.values import State, Values
 from palpate.geometry import se2
 from palpate.recording.measurements import Turn as TurnMeasurement
 
@@ -32,6 +31,31 @@ class TurnSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
 
 
+_OFFSET = IN_SHARED[TURN_OFFSET].start
+
+
+@compiled
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, _e, shared, _touching, _angle, _c, _model_center = state
+    (kernel,) = given
+    for b in range(len(g)):
+        for t in range(len(places)):
+            inverse_variance = data[t].information
+            residual[b, t, 0] = wrap(g[b, places[t, 0], 2] - shared[_OFFSET, b] - data[t].angle)
+            jacobian[b, t, 0, 2], jacobian[b, t, 0, 3] = 1.0, -1.0
+            information[b, t, 0] = inverse_variance
+            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
 class Turn(Factor):
     """One term for each turn that touch tells."""
 
@@ -39,48 +63,21 @@ class Turn(Factor):
     steps = ((SENSOR_IN_OBJECT,),)
     shared = (TURN_OFFSET,)
     rows = 1
+    data = DATA
+    kernel = _linearise
+    reads_outline = False
     takes = TurnMeasurement
 
     def __init__(self, settings: TurnSettings, model: ContactModel) -> None:
-        self._share, self._kernel = settings.share, kernel_scale(settings.kernel)
-        self._tips = model.tips
+        self.given = (kernel_scale(settings.kernel),)
+        self._share, self._tips = settings.share, model.tips
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
-        said = [one for one in step.measurements if isinstance(one, TurnMeasurement)]
-        if said and self._tips > 1:
-            raise SettingError(f"the sensor has {self._tips} tips; touch can say direction and turn for one tip only")
+        said = one_tip_only([one for one in step.measurements if isinstance(one, TurnMeasurement)], self._tips)
         return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)
 
     def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
         """See Factor. Under its kernel a turn far off the offset would hardly pull."""
         yaw = at[SENSOR_IN_OBJECT][:, terms.places[0, 0], 2]
         return {TURN_OFFSET: se2.wrap(yaw - terms.data["angle"][0])[None]}
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """See Factor."""
-        g, offset = at[SENSOR_IN_OBJECT], at[TURN_OFFSET]
-        rows = Rows.empty(at.smoothers, len(terms.data), self.rows, 4)
-        _linearise(g, offset, *terms, self._kernel, *rows)
-        return rows
-
-
-@compiled
-def _linearise(
-    g: Array,
-    offset: Array,
-    places: Places,
-    data: Records,
-    kernel: float,
-    residual: Array,
-    jacobian: Array,
-    information: Array,
-    weight: Array,
-) -> None:
-    for b in range(len(g)):
-        for t in range(len(places)):
-            given = data[t].information
-            residual[b, t, 0] = wrap(g[b, places[t, 0], 2] - offset[0, b] - data[t].angle)
-            jacobian[b, t, 0, 2], jacobian[b, t, 0, 3] = 1.0, -1.0
-            information[b, t, 0] = given
-            weight[b, t, 0] = given * cauchy(given * residual[b, t, 0] ** 2, kernel)
