@@ -44,7 +44,7 @@ def main() -> None:
         assert background is not None
         touch = make_touch(mode, DIGIT, SIGMAS, SIGMAS, None, lambda known=background: known)
         frames = [Frame(k / 30, np.zeros(3), image=image) for k, image in enumerate(images)]
-        found = _median([lambda each=each, touch=touch: touch.feel(each) for each in frames])
+        found = _median([lambda each=each, touch=touch: touch.measure(each) for each in frames])
         print(f"{mode:28s} {found:6.2f} ms  {found / reference:5.2f} of decoding")
 
 

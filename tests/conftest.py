@@ -3,9 +3,17 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from palpate.estimation.warm_up import warm_up
+
 # A shared machine may stall for longer than any deadline; random inputs must not differ from run to run.
 settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled() -> None:
+    """Compile the estimator, so that no test waits for it or sees what is said of it."""
+    warm_up()
 
 
 @pytest.fixture(scope="session")

@@ -1,20 +1,30 @@
-"""Pushes from the estimator's own model, and the shapes and tips that several tests use."""
+"""Pushes from the estimator's own model, the shapes and tips that several tests use, and single rows of factors."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.estimation.contact_model import ContactModel, contact_model
+from palpate.estimation.factors.balance import Balance, BalanceSettings
+from palpate.estimation.factors.direction import Direction, DirectionSettings
+from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
+from palpate.estimation.factors.sticking import Sticking, StickingSettings
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.unknowns import IN_SHARED, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, Unknown
+from palpate.estimation.values import Values
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
-from palpate.graph import factors
-from palpate.graph.factors import ContactModel
-from palpate.graph.pushing import pushing, pushing_angle
 from palpate.recording.frame import Frame
+from palpate.recording.measurements import ContactDirection, Measurement
 from palpate.recording.sensor import SensorProfile
 from palpate.simulation.limit_surface import Steering, push
 
 Array = np.ndarray
+Shared = Mapping[Unknown, ArrayLike]
 
 RADIUS = 0.021  # [m], the DIGIT's
 RATE = 30.0  # [Hz]
@@ -27,40 +37,89 @@ SHAPES: dict[str, Shape] = {
 }
 
 
+def with_settings(noise: NoiseSettings, **groups: dict[str, Any]) -> NoiseSettings:
+    """The settings with some changed, by group: `sticking={"share": 0.1}`."""
+    return replace(noise, **{name: replace(getattr(noise, name), **group) for name, group in groups.items()})
+
+
 def sensor(radius: float = RADIUS, tips: tuple[tuple[float, float], ...] = ((0.0, 0.0),)) -> SensorProfile:
     return SensorProfile("test", radius=radius, tips=tips, rate=RATE)
 
 
 @cache
-def tips_of(name: str, profile: SensorProfile = sensor()) -> list[ContactModel]:  # noqa: B008
-    return factors.contact_models(SHAPES[name], profile)
+def model_of(name: str, profile: SensorProfile = sensor()) -> ContactModel:  # noqa: B008
+    return contact_model(SHAPES[name], profile)
 
 
-def contact_rows(g: Array, depth: float, tip: ContactModel) -> tuple[Array, Array]:
-    """`factors.contact`, with the outline looked up; and so those below."""
-    return factors.contact(factors.touching(g, tip), depth)
+def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, shared: Shared | None = None) -> Values:
+    """Values of B smoothers at N steps: g and e are (B, N, 3), what steps share is (dimension,) or (dimension, B)."""
+    of_steps = {SENSOR_IN_OBJECT: np.array(g, np.float64), SENSOR: np.array(g if e is None else e, np.float64)}
+    together = np.zeros((SHARED_SIZE, len(of_steps[SENSOR])))
+    for unknown, value in (shared or {}).items():
+        together[IN_SHARED[unknown]] = np.asarray(value, np.float64).reshape(unknown.dimension, -1)
+    return Values(model, of_steps, together)
 
 
-def direction_rows(g: Array, angle: Array | float, bias: Array | float, tip: ContactModel) -> tuple[Array, Array]:
-    return factors.direction(factors.touching(g, tip), angle, bias)
+def terms_of(
+    factor: Factor,
+    at: Values,
+    measurements: Sequence[Measurement] = (),
+    moved: float = 0.0,
+    pose: ArrayLike = (0, 0, 0),
+) -> Terms:
+    """The terms that arrive with the last step, at which the sensor was measured at a pose and has moved so far [m]."""
+    measured = np.array(pose, np.float64)
+    before = measured - [moved, 0.0, 0.0] if at.steps > 1 else None
+    arrived = factor.terms(Step(measured, before, measurements, np.arange(at.steps, dtype=np.float64).tolist()))
+    assert arrived is not None
+    return Terms(arrived.places + at.steps - 1, arrived.data)
 
 
-def pushing_rows(
-    g0: Array, e0: Array, g1: Array, e1: Array, tip: ContactModel, friction: ArrayLike, side: ArrayLike
-) -> tuple[Array, Array]:
-    return pushing(g0, e0, g1, e1, factors.touching(g1, tip), tip, friction, side)
+def rows_of(
+    factor: Factor,
+    at: Values,
+    measurements: Sequence[Measurement] = (),
+    moved: float = 0.0,
+    pose: ArrayLike = (0, 0, 0),
+) -> Rows:
+    """The same, linearised."""
+    return factor.linearise(at, terms_of(factor, at, measurements, moved, pose))
 
 
-def pushing_angles(g: Array, e: Array, tip: ContactModel, friction: ArrayLike) -> NDArray[np.float64]:
-    return pushing_angle(g, e, factors.touching(g, tip), tip, friction)
+def gaps(g: Array, model: ContactModel) -> Array:
+    """Gaps (..., tips) [m] between tips and outline at sensor poses g (..., 3) in the object frame."""
+    return model.touching(np.array(g, np.float64).reshape(1, -1, 3))["gap"].reshape(*np.shape(g)[:-1], model.tips)
 
 
-def touching(tip: ContactModel, y: Array | float, theta: Array | float = 0.0) -> Array:
+def contact_directions(g: Array, model: ContactModel) -> Array:
+    """Where the tip is touched (...) [rad] at sensor poses g (..., 3) in the object frame."""
+    at = values_at(model, np.reshape(g, (-1, 1, 3)))
+    rows = rows_of(Direction(DirectionSettings(), model), at, [ContactDirection(0.0, 1.0)])
+    return rows.residual[:, 0, 0].reshape(np.shape(g)[:-1])
+
+
+def pushing_residuals(
+    g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared: Shared | None = None
+) -> Array:
+    """Residuals (..., 3) of sticking and balance over steps from g0, e0 to g1, e1 (..., 3)."""
+    g, e = (np.stack([np.reshape(pose, (-1, 3)) for pose in ends], axis=1) for ends in ((g0, g1), (e0, e1)))
+    at = values_at(model, g, e, shared)
+    factors = Sticking(StickingSettings(), model), Balance(BalanceSettings(), model)
+    residual = np.concatenate([rows_of(factor, at).residual[:, 0] for factor in factors], axis=-1)
+    return residual.reshape(*np.shape(g1)[:-1], 3)
+
+
+def pushing_angles(g: Array, e: Array, model: ContactModel, shared: Shared | None = None) -> NDArray[np.float64]:
+    """Angles (N - 1,) of the pushing force at all steps (N, 3) but the first."""
+    return values_at(model, g[None], e[None], shared).pushing_angle[0, 1:, 0]
+
+
+def touching(model: ContactModel, y: Array | float, theta: Array | float = 0.0) -> Array:
     """Sensor poses in the object frame (..., 3) that touch the object's left side at height y, pushing along +x."""
     g = np.stack(np.broadcast_arrays(-0.13, y, theta), axis=-1).astype(float)
     for _ in range(50):
         # Never overshoots: the distance falls no faster than x grows.
-        g[..., 0] += factors.touching(g, tip).gap
+        g[..., 0] += gaps(g, model)[..., 0]
     return g
 
 
@@ -73,9 +132,9 @@ def pushed(
     radius: float = RADIUS,
 ) -> tuple[Array, Array]:
     """Noise-free object and sensor poses (steps + 1, 3) of one push from the left."""
-    tip = tips_of(name, sensor(radius))[0]
+    model = model_of(name, sensor(radius))
     first = np.zeros(3) if first is None else first
-    o, e = push(tip, first[None], touching(tip, np.array([y]), 0.05), steps, steering or Steering())
+    o, e = push(model, first[None], touching(model, np.array([y]), 0.05), steps, steering or Steering())
     return o[:, 0], e[:, 0]
 
 

@@ -6,44 +6,53 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from push_samples import contact_rows, direction_rows, noisy, pushed, pushing_rows, sensor, tips_of
+from numpy.typing import ArrayLike
+from push_samples import contact_directions, model_of, noisy, pushed, sensor, with_settings
 from scipy.optimize import least_squares
 
+from palpate.estimation.belief import Belief, Prior
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factor_list import make_factors
+from palpate.estimation.fixed_lag import FixedLag
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import BeginContact, Smoother, make_smoother
+from palpate.estimation.unknowns import (
+    DEPTH,
+    DIRECTION_BIAS,
+    FRICTION_CENTER,
+    FRICTION_RATIO,
+    IN_OBJECT,
+    OBJECT_SIZE,
+    TURN_OFFSET,
+    Priors,
+)
+from palpate.estimation.window import Window
 from palpate.geometry import se2
-from palpate.graph import factors, make_smoother
-from palpate.graph.factors import ContactModel
-from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import LASTING, OFFSET_SIGMA, Belief, Known, Smoother
-from palpate.recording.measurements import ContactDirection, Feeling, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
 from palpate.touch.relative import compared_frames
 
 Array = np.ndarray
-ROBUST = GraphNoise(
-    tactile=(1.0, 1.0, 0.02),
-    sticking_share=0.03,
-    sliding_share=3.0,
-    cone_margin=0.05,
-    cone_share=0.2,
-    sticking_kernel=5.0,
-    turning_share=0.03,
-    friction_ratio=(0.2, 0.3),
-    friction_center=0.12,
-    grip=(0.4, 0.12),
-    direction_share=0.8,
-    turn_share=20.0,
+ROBUST = with_settings(
+    NoiseSettings(
+        priors=Priors(friction_ratio=(0.2, 0.3), friction_center=(0.0, 0.12), grip=(0.4, 0.12)),
+    ),
+    relative_pose={"oracle": (1.0, 1.0, 0.02)},
+    sticking={"share": 0.03, "sliding_share": 3.0, "margin": 0.05, "kernel": 5.0},
+    balance={"share": 0.03},
+    friction_cone={"share": 0.2},
+    direction={"share": 0.8},
+    turn={"share": 20.0},
 )
 """With all kernels and weights that depend on the estimate, as the defaults have them, but with numbers that tests of
 smoothing may rely on: the defaults move with what `palpate tune` finds."""
-PLAIN = replace(
+PLAIN = with_settings(
     ROBUST,
-    sliding_share=ROBUST.sticking_share,
-    cone_share=None,
-    sticking_kernel=None,
-    turning_kernel=None,
-    contact_kernel=None,
-    feeling_kernel=None,
-    direction_share=0.4,
-    turn_share=4.0,
+    contact={"kernel": None},
+    direction={"share": 0.4, "kernel": None},
+    turn={"share": 4.0, "kernel": None},
+    sticking={"sliding_share": ROBUST.sticking.share, "kernel": None},
+    balance={"kernel": None},
+    friction_cone={"share": None, "kernel": None},
 )
 """No weight depends on the estimate, so that what is solved is one least-squares problem."""
 POSES = slice(0, 6)
@@ -56,15 +65,15 @@ class Contact:
     """What a smoother is given of one contact."""
 
     truth: Array  # g, (N, 3)
-    tips: list[ContactModel]
+    model: ContactModel
     sensor: Array  # (N, 3)
-    known: Known
+    prior: Prior
     relative: list[RelativePoses | None]
     directions: list[ContactDirection | None]
     turns: list[Turn | None]
 
-    def feeling(self, t: int) -> Feeling:
-        return Feeling(self.relative[t], self.directions[t], self.turns[t])
+    def said(self, t: int) -> tuple[Measurement, ...]:
+        return tuple(one for one in (self.relative[t], self.directions[t], self.turns[t]) if one is not None)
 
 
 OFFSET = math.pi - 0.06  # [rad]; the sensor's yaw on the object, about 0.05, makes turns fall on both sides of +-pi
@@ -73,7 +82,7 @@ FELT = 0.01  # [rad], the standard deviation of directions and turns
 
 def contact(
     steps: int,
-    noise: GraphNoise,
+    noise: NoiseSettings,
     seed: int = 0,
     tips: Any = ((0.0, 0.0),),
     name: str = "rectangle",
@@ -84,37 +93,38 @@ def contact(
     if len(tips) > 1:  # two points on one side hold the object as they are
         o = se2.compose(e, se2.inverse(np.array([-0.2363 / 2, 0.01, 0.0])))
     g = se2.between(o, e)
-    covariance = np.diag(np.square(noise.tactile))
-    covariance[0, 2] = covariance[2, 0] = 0.3 * noise.tactile[0] * noise.tactile[2]  # not every one is diagonal
+    sigmas = noise.relative_pose.oracle
+    covariance = np.diag(np.square(sigmas))
+    covariance[0, 2] = covariance[2, 0] = 0.3 * sigmas[0] * sigmas[2]  # not every one is diagonal
     relative: list[RelativePoses | None] = [None]
     for t in range(1, steps + 1):
         back = np.append(compared_frames(t), 2 if t > 2 else [])[:].astype(int)
-        pose = noisy(se2.between(g[t - back], g[t]), (0.5, 0.5, noise.tactile[2]), rng)
+        pose = noisy(se2.between(g[t - back], g[t]), (0.5, 0.5, sigmas[2]), rng)
         said = RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3)))
         relative.append(said if len(back) and t % 7 else None)
     return Contact(
         g,
-        tips_of(name, sensor(tips=tuple(tips))),
-        noisy(e, noise.sensor, rng),
-        known_at(noisy(o[0], noise.first_pose, rng), noise, 1e-7 * np.ones((3, 3))),
+        model_of(name, sensor(tips=tuple(tips))),
+        noisy(e, noise.sensor_pose.deviation, rng),
+        prior_at(noisy(o[0], noise.first_pose.deviation, rng), noise, 1e-7 * np.ones((3, 3))),
         relative,
         [None] * (steps + 1),
         [None] * (steps + 1),
     )
 
 
-def known_at(pose: Array, noise: GraphNoise, more: Array | float = 0.0, lasting: Array | None = None) -> Known:
+def prior_at(pose: Array, noise: NoiseSettings, more: ArrayLike = 0.0, values: Array | None = None) -> Prior:
     """What is known of an object before its first contact, its pose with some more covariance (3, 3)."""
-    mean, deviation = noise.lasting
-    covariance = np.diag(np.square(np.concatenate([noise.first_pose, deviation])))
-    return Known(pose, mean if lasting is None else lasting, covariance).loosened(np.broadcast_to(more, (3, 3)))
+    covariance = np.diag(np.square(np.concatenate([noise.first_pose.deviation, noise.priors.deviation])))
+    known = Prior(pose, noise.priors.mean if values is None else values, covariance)
+    return known.loosened(np.broadcast_to(more, (3, 3)))
 
 
 def felt(given: Contact, direction: bool = True, turn: bool = True, seed: int = 0, first: int = 0) -> Contact:
     """The same contact with directions and turns at most steps from the first one that has any."""
     rng = np.random.default_rng(seed)
     steps = len(given.truth)
-    angle = direction_rows(given.truth, 0.0, 0.0, given.tips[0])[0][:, 0] + rng.normal(0.0, FELT, steps)
+    angle = contact_directions(given.truth, given.model) + rng.normal(0.0, FELT, steps)
     yaw = given.truth[:, 2] - OFFSET + rng.normal(0.0, FELT, steps)
     said = [t >= first and t % 4 != 3 for t in range(steps)]
     directions = [ContactDirection(angle[t], FELT**2) if direction and said[t] else None for t in range(steps)]
@@ -126,10 +136,41 @@ def without_relative(given: Contact) -> Contact:
     return replace(given, relative=[None] * len(given.relative))
 
 
-def fed(smoother: Smoother, given: Contact, check: bool = False) -> Smoother:
-    smoother.begin(given.sensor[0], given.known, given.feeling(0))
+def settled(given: Contact, steps: int = 4) -> Contact:
+    """The same contact, at the end of which the sensor stands still: each step takes another Gauss-Newton step."""
+    nothing = [None] * steps
+    return replace(
+        given,
+        truth=np.concatenate([given.truth, np.repeat(given.truth[-1:], steps, axis=0)]),
+        sensor=np.concatenate([given.sensor, np.repeat(given.sensor[-1:], steps, axis=0)]),
+        relative=given.relative + nothing,
+        directions=given.directions + nothing,
+        turns=given.turns + nothing,
+    )
+
+
+def make(name: str, given: Contact, noise: NoiseSettings) -> BeginContact:
+    """What begins a contact with the smoother of that name."""
+    chosen: Any = name
+    return make_smoother(chosen, noise, given.model)
+
+
+def lagged(lag: int, given: Contact, noise: NoiseSettings) -> BeginContact:
+    """What begins a contact with a window of so many steps."""
+    return lagged_begin(lag, noise, given.model)
+
+
+def lagged_begin(lag: int, noise: NoiseSettings, model: ContactModel) -> BeginContact:
+    """The same with what touches what."""
+    factors = make_factors(noise, model)
+    return lambda prior, pose, said, time: FixedLag(factors, model, prior, pose, said, time, lag)
+
+
+def fed(begin: BeginContact, given: Contact, check: bool = False) -> Smoother:
+    """The smoother of a whole contact."""
+    smoother = begin(given.prior, given.sensor[0], given.said(0), 0.0)
     for t in range(1, len(given.sensor)):
-        smoother.add(given.sensor[t], given.feeling(t))
+        smoother.add(given.sensor[t], given.said(t), t / 30)
         if check:
             covariance = smoother.belief().covariance
             np.testing.assert_allclose(covariance, covariance.T, rtol=1e-6, atol=1e-18)
@@ -141,9 +182,13 @@ def fed(smoother: Smoother, given: Contact, check: bool = False) -> Smoother:
     return smoother
 
 
-def make(name: str, given: Contact, noise: GraphNoise) -> Smoother:
-    chosen: Any = name
-    return make_smoother(chosen, given.tips, noise)
+def window_of(given: Contact, noise: NoiseSettings, lag: int, priors: Sequence[Prior] = ()) -> Window:
+    """The window of a whole contact, for a bank of smoothers if there are several priors."""
+    factors = make_factors(noise, given.model)
+    window = Window(factors, given.model, priors or [given.prior], given.sensor[0], given.said(0), 0.0, lag)
+    for t in range(1, len(given.sensor)):
+        window.add(given.sensor[t], given.said(t), t / 30)
+    return window
 
 
 @dataclass(frozen=True)
@@ -151,18 +196,19 @@ class Solved:
     """A contact solved at once."""
 
     poses: Array  # (N, 2, 3)
-    lasting: Array  # (LASTING,)
+    values: Array  # (OBJECT_SIZE,)
     offset: float  # of the turns
-    covariance: Array  # (6 + LASTING, 6 + LASTING), of the last step and what lasts
+    covariance: Array  # (6 + OBJECT_SIZE, 6 + OBJECT_SIZE), of the last step and what belongs to the object
 
 
-def batch(given: Contact, noise: GraphNoise) -> Solved:
-    """The whole contact at once, by SciPy, from the factors; with weights that do not depend on the estimate."""
-    known = given.known
-    root = np.linalg.inv(np.linalg.cholesky(known.covariance))
+def batch(given: Contact, noise: NoiseSettings) -> Solved:
+    """The whole contact at once, by SciPy and residuals of its own; with weights that do not depend on the estimate."""
+    prior, model = given.prior, given.model
+    root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     moved = np.hypot(*np.diff(given.sensor[:, :2], axis=0).T)
-    resting = np.broadcast_to(se2.between(known.pose, given.sensor[0]), given.sensor.shape)
-    start = np.stack([resting, given.sensor], axis=1)
+    slip_sigma = np.hypot(noise.sticking.still, noise.sticking.share * moved)[:, None]
+    torque_sigma = np.hypot(noise.balance.still, noise.balance.share * moved * model.friction_radius)
+    start = np.stack([np.broadcast_to(se2.between(prior.pose, given.sensor[0]), given.sensor.shape), given.sensor], 1)
     nothing = RelativePoses(np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 3)))
     said = [(t, relative or nothing) for t, relative in enumerate(given.relative)]
     i = np.concatenate([t - relative.back for t, relative in said])
@@ -171,44 +217,68 @@ def batch(given: Contact, noise: GraphNoise) -> Solved:
     whiten = np.linalg.inv(np.linalg.cholesky(np.concatenate([relative.covariance for _, relative in said])))
     directed, direction = angles_of(given.directions)
     turned, turn = angles_of(given.turns)
-    direction_sigma, turn_sigma = FELT * np.sqrt([noise.direction_share, noise.turn_share])
-    first_offset = resting[0, 2] - turn[0] if len(turn) else 0.0
-    still, ahead = np.zeros((len(moved), 4)), np.zeros(len(moved))
-    roots = [np.sqrt(noise.pushing_weight(still, moved, tip, ahead, grip=1.0)) for tip in given.tips]
+    direction_sigma, turn_sigma = FELT * np.sqrt([noise.direction.share, noise.turn.share])
+    first_offset = start[0, 0, 2] - turn[0] if len(turn) else 0.0
+    assert TURN_OFFSET.prior is not None
 
-    def residuals(offset: float, lasting: Array, poses: Array) -> Array:
+    def residuals(offset: float, values: Array, poses: Array) -> Array:
         g, e = poses[:, 0], poses[:, 1]
-        bias, depth, *friction = lasting
-        rows = [root @ factors.known(g[0], e[0], lasting, known.pose, known.lasting)[0]]
-        rows.append(factors.prior(e, given.sensor)[0] / noise.sensor)
-        for tip, of_pushing in zip(given.tips, roots, strict=True):
-            rows.append(contact_rows(g, depth, tip)[0] / noise.contact)
-            rows.append(of_pushing * pushing_rows(g[:-1], e[:-1], g[1:], e[1:], tip, friction, 1.0)[0])
-        rows.append(np.einsum("nij,nj->ni", whiten, factors.between(g[i], g[j], measured)[0]))
-        rows.append(direction_rows(g[directed], direction, bias, given.tips[0])[0] / direction_sigma)
+        known = se2.log(se2.between(prior.pose, se2.compose(e[0], se2.inverse(g[0]))))
+        rows = [root @ np.concatenate([known, values - prior.values])]
+        rows.append(se2.log(se2.between(given.sensor, e)) / noise.sensor_pose.deviation)
+        for tip in range(model.tips):
+            gap, normal, point = outline_at(g, model, tip)
+            rows.append((gap + values[IN_OBJECT[DEPTH]]) / noise.contact.deviation)
+            before = se2.transform(g[:-1], se2.transform(se2.inverse(g[1:]), point[1:]))
+            rows.append((before - point[1:]) / slip_sigma)
+            if model.tips == 1:
+                rows.append(imbalance(g, e, point, model, values) / torque_sigma)
+        apart = se2.log(se2.between(measured, se2.between(g[i], g[j])))
+        rows.append(np.einsum("nij,nj->ni", whiten, apart))
+        _, normal, _ = outline_at(g[directed], model, 0)
+        touched = np.arctan2(-normal[:, 1], -normal[:, 0]) - g[directed, 2]
+        rows.append(se2.wrap(touched + values[IN_OBJECT[DIRECTION_BIAS]] - direction) / direction_sigma)
         rows.append(se2.wrap(g[turned, 2] - offset - turn) / turn_sigma)
-        rows.append(np.array([offset / OFFSET_SIGMA]))
+        rows.append(np.array([offset / TURN_OFFSET.prior[1]]))  # pyright: ignore[reportOptionalSubscript]
         return np.concatenate([row.ravel() for row in rows])
 
     def at(change: Array) -> tuple[float, Array, Array]:
-        poses = se2.compose(start, se2.exp(change[1 + LASTING :].reshape(start.shape)))
-        return first_offset + change[0], known.lasting + change[1 : 1 + LASTING], poses
+        poses = se2.compose(start, se2.exp(change[1 + OBJECT_SIZE :].reshape(start.shape)))
+        return first_offset + change[0], prior.values + change[1 : 1 + OBJECT_SIZE], poses
 
-    size = 1 + LASTING + start.size
+    size = 1 + OBJECT_SIZE + start.size
     # Depth and bias are far smaller than poses: without a scale the end of the search would be hard to tell.
     solved = least_squares(
         lambda change: residuals(*at(change)), np.zeros(size), method="lm", x_scale="jac", xtol=1e-11
     )
-    offset, lasting, poses = at(solved.x)
+    offset, values, poses = at(solved.x)
 
     def near(step: Array) -> Array:
-        moves = step[1 + LASTING :].reshape(start.shape)
-        return residuals(offset + step[0], lasting + step[1 : 1 + LASTING], se2.compose(poses, se2.exp(moves)))
+        moves = step[1 + OBJECT_SIZE :].reshape(start.shape)
+        return residuals(offset + step[0], values + step[1 : 1 + OBJECT_SIZE], se2.compose(poses, se2.exp(moves)))
 
     jacobian = np.stack([(near(step) - near(-step)) / 2e-6 for step in 1e-6 * np.eye(size)], axis=-1)
-    last = [*range(size - 6, size), *range(1, 1 + LASTING)]
+    last = [*range(size - 6, size), *range(1, 1 + OBJECT_SIZE)]
     covariance = np.linalg.inv(jacobian.T @ jacobian)[np.ix_(last, last)]
-    return Solved(poses, lasting, offset, covariance)
+    return Solved(poses, values, offset, covariance)
+
+
+def outline_at(g: Array, model: ContactModel, tip: int) -> tuple[Array, Array, Array]:
+    """Gap (N,), outward normal and the tip's nearest point (N, 2) at sensor poses (N, 3) in the object frame."""
+    center = se2.transform(g, np.array([model.centers[tip].real, model.centers[tip].imag]))
+    distance, normal, _ = model.field.value_gradient_hessian(center)
+    return distance - model.radius, normal, center - model.radius * normal
+
+
+def imbalance(g: Array, e: Array, point: Array, model: ContactModel, values: Array) -> Array:
+    """`p x v - c^2 omega` (N - 1,) [m^2] of all steps (N, 3), touched at points p (N, 2)."""
+    aside = values[IN_OBJECT[FRICTION_CENTER]] * model.friction_radius
+    center = np.array([model.friction_center.real, model.friction_center.imag]) + aside
+    o = se2.compose(e, se2.inverse(g))
+    before = se2.transform(se2.inverse(o[1:]), se2.transform(o[:-1], center))
+    arm, way, omega = point[1:] - center, center - before, se2.wrap(o[1:, 2] - o[:-1, 2])
+    c_squared = model.friction_radius**2 * np.exp(values[IN_OBJECT[FRICTION_RATIO]])
+    return arm[:, 0] * way[:, 1] - arm[:, 1] * way[:, 0] - c_squared * omega
 
 
 def angles_of(said: Sequence[ContactDirection | Turn | None]) -> tuple[Array, Array]:
@@ -227,6 +297,6 @@ def scaled_difference(belief: Belief, other: Solved | Belief, unknowns: slice = 
     g, e = other.poses[-1] if isinstance(other, Solved) else (other.g, other.e)
     deviation = np.sqrt(np.diag(other.covariance))
     poses = [se2.log(se2.between(belief.g, g)), se2.log(se2.between(belief.e, e))]
-    mean = np.concatenate([*poses, other.lasting - belief.lasting]) / deviation
+    mean = np.concatenate([*poses, other.values - belief.values]) / deviation
     difference = (belief.covariance - other.covariance) / np.outer(deviation, deviation)
     return float(np.abs(mean[unknowns]).max()), float(np.abs(difference[unknowns, unknowns]).max())

@@ -144,7 +144,7 @@ def drawn_results(trials: Sequence[Trial]) -> dict[str, Any]:
         "settings": {
             "methods": [str(method) for method in methods],
             "pressure": "uniform",
-            "noise": {"sensor": [1e-4]},
+            "noise": {"sensor_pose": {"deviation": [1e-4]}},
         },
         "study": {
             "palpate": "0.1.0",

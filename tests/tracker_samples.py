@@ -4,19 +4,21 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from push_samples import RADIUS, SHAPES, sensor
+from push_samples import RADIUS, SHAPES, sensor, with_settings
 
-from palpate.graph.noise import GraphNoise
+from palpate.estimation.settings import NoiseSettings
 from palpate.recording.frame import Frame
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]
-AS_DRAWN = dataclasses.replace(GraphNoise(), depth=(0.0, 4e-4), friction_ratio=(0.0, 0.3))
+AS_DRAWN = with_settings(NoiseSettings(), priors={"depth": (0.0, 4e-4), "friction_ratio": (0.0, 0.3)})
 """The defaults, expecting what pushes are drawn with: the object only just touches, and c is the model's."""
 
 
-def settings(tactile: Any = "oracle", smoother: Any = "fixed-lag", noise: GraphNoise | None = None) -> TrackerSettings:
+def settings(
+    tactile: Any = "oracle", smoother: Any = "fixed-lag", noise: NoiseSettings | None = None
+) -> TrackerSettings:
     return TrackerSettings(tactile, smoother, noise or AS_DRAWN)
 
 

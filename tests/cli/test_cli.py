@@ -11,8 +11,8 @@ from recording_samples import pushed, trajectory
 
 from palpate import formats
 from palpate.cli import demo, main, options
+from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
-from palpate.graph.smoother import SmootherName
 from palpate.tracker import TrackerSettings
 from palpate.tracking.run_folder import FILES
 

@@ -223,11 +223,11 @@ def test_an_export_that_differs_is_an_error(model):
     network: Any = PairNetwork()
     restore(network, model.networks["pair"])
     inputs = {"earlier": torch.randn(3, 16), "later": torch.randn(3, 16)}
-    export._check(network, inputs, model.networks["pair"])
+    export.check(network, inputs, model.networks["pair"])
     with torch.no_grad():
         network.layers[-1].bias += 0.001  # of the log variance; that of the mean cancels
     with pytest.raises(EstimationError, match=r"ONNX Runtime differs from torch by 0.001; 0.0001 is allowed"):
-        export._check(network, inputs, model.networks["pair"])
+        export.check(network, inputs, model.networks["pair"])
 
 
 # --- another run ---

@@ -10,12 +10,15 @@ import pytest
 from recording_samples import pushed
 
 from palpate.cli import main
+from palpate.estimation.factors.contact import ContactSettings
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.settings_file import read_noise, write_noise
 from palpate.formats.palpate_h5 import write_recording
-from palpate.graph.noise import GraphNoise
-from palpate.graph.noise_file import read_noise, write_noise
 from palpate.tuning import tuning
 
-WORDS = ("tune", "all", "--out", "noise.json", "--tactile", "oracle", "--parameters", "contact", "tactile")
+TUNED = ("contact.deviation", "relative_pose.oracle")
+WORDS = ("tune", "all", "--out", "noise.json", "--tactile", "oracle", "--parameters", *TUNED)
+DEVIATION_5_MM = NoiseSettings(contact=ContactSettings(deviation=5e-3))
 
 
 @pytest.fixture(autouse=True)
@@ -60,9 +63,13 @@ def test_tune_leaves_a_file_that_track_takes(capsys):
     assert tuned["after"]["score"] < tuned["before"]["score"]
     assert set(tuned["held_out_after"]) == set(tuned["held_out_before"]) == set(tuned["before"])
     noise = read_noise("noise.json")
-    assert noise == replace(GraphNoise(), contact=noise.contact, tactile=noise.tactile) != GraphNoise()
-    assert tuned["parameters"]["contact"] == {"before": 1e-3, "after": noise.contact}
-    assert tuned["parameters"]["tactile"] == {"before": GraphNoise().tactile[2], "after": noise.tactile[2]}
+    before = NoiseSettings()
+    contact = replace(before.contact, deviation=noise.contact.deviation)
+    relative_pose = replace(before.relative_pose, oracle=noise.relative_pose.oracle)
+    assert noise == replace(before, contact=contact, relative_pose=relative_pose) != before
+    deviation, oracle = (tuned["parameters"][name] for name in TUNED)
+    assert deviation == {"before": 1e-3, "after": contact.deviation}
+    assert oracle == {"before": before.relative_pose.oracle[2], "after": relative_pose.oracle[2]}
 
     assert palpate("track", "all/push-0.h5", "--noise", "noise.json", "--json") == 0
     settings = json.loads(Path("runs/push-0/settings.json").read_text())
@@ -72,7 +79,7 @@ def test_tune_leaves_a_file_that_track_takes(capsys):
 def test_tune_shows_what_it_found(capsys):
     assert palpate(*WORDS, "--evaluations", "2", "--smoother", "isam2") == 0
     out = capsys.readouterr().out
-    assert all(word in out for word in ("contact", "tactile", "tuned on", "held out", "oracle, isam2", "noise.json"))
+    assert all(word in out for word in (*TUNED, "tuned on", "held out", "oracle, isam2", "noise.json"))
     words = ("--tactile", "none", "--parameters", "pressure", "--evaluations", "2")
     assert palpate("tune", "all", "--out", "c.json", *words) == 0
     out = capsys.readouterr().out
@@ -83,15 +90,15 @@ def test_tune_shows_what_it_found(capsys):
 
 
 def test_tuning_goes_on_from_its_file(capsys):
-    write_noise(replace(GraphNoise(), contact=5e-3), "noise.json", {})
+    write_noise(DEVIATION_5_MM, "noise.json", {})
     said = failure(capsys, *WORDS)
     assert "noise.json: already exists" in said and "--start noise.json" in said
-    assert read_noise("noise.json").contact == 5e-3
+    assert read_noise("noise.json") == DEVIATION_5_MM
     assert palpate(*WORDS, "--start", "noise.json", "--evaluations", "2") == 0
     tuned = json.loads(Path("noise.json").read_text())["tuned"]
-    assert tuned["start"] == "noise.json" and tuned["parameters"]["contact"]["before"] == 5e-3
+    assert tuned["start"] == "noise.json" and tuned["parameters"]["contact.deviation"]["before"] == 5e-3
     assert palpate(*WORDS[:3], "other.json", *WORDS[4:], "--start", "published", "--evaluations", "1") == 0
-    assert json.loads(Path("other.json").read_text())["tuned"]["parameters"]["contact"]["before"] == 1e-2
+    assert json.loads(Path("other.json").read_text())["tuned"]["parameters"]["contact.deviation"]["before"] == 1e-2
 
 
 def test_an_interrupted_tuning_leaves_the_best_so_far(monkeypatch):
@@ -108,8 +115,8 @@ def test_an_interrupted_tuning_leaves_the_best_so_far(monkeypatch):
     tuned = content["tuned"]
     assert (tuned["evaluations"], tuned["before"]["score"], tuned["after"]["score"]) == (3, 3.0, 2.0)
     assert tuned["held_out_after"] is None
-    assert content["noise"]["contact"] == tuned["parameters"]["contact"]["after"]
-    assert asdict(read_noise("noise.json")) != asdict(GraphNoise())
+    assert content["noise"]["contact"]["deviation"] == tuned["parameters"]["contact.deviation"]["after"]
+    assert asdict(read_noise("noise.json")) != asdict(NoiseSettings())
 
 
 def test_recordings_that_are_of_no_use_are_named_and_the_others_used(capsys):
@@ -133,7 +140,7 @@ def test_what_cannot_be_tuned(capsys):
     assert "no recording can be tuned on; the first: all/push-0.h5: has no images, which tactile learnt needs" in said
     assert "evaluations is 0; it must be at least 1" in failure(capsys, *WORDS, "--evaluations", "0")
     said = failure(capsys, *WORDS[:4], "--parameters", "magic")
-    assert "'magic' cannot be tuned; allowed are" in said and "contact_kernel" in said
+    assert "'magic' cannot be tuned; allowed are" in said and "contact.kernel" in said
     said = failure(capsys, *WORDS, "--start", "magic")
     assert "noise is 'magic'; allowed are 'palpate', 'sticking', 'published'" in said
     assert "the folder away does not exist" in failure(capsys, *WORDS[:3], "away/noise.json")

@@ -2,37 +2,44 @@
 
 The graph has two Gaussians on the gap between tip and outline: contact says what it is, the normal row of sticking how
 it changes in a step. A draw of one alone would contradict the other, so `draw_residuals` draws from their product.
-Kernels are off, for a Cauchy kernel is not the likelihood of the Gaussians drawn. What lasts is drawn from its prior as
-well, but that the contact always sticks, at whatever angle it is pushed.
+Kernels are off, for a Cauchy kernel is not the likelihood of the Gaussians drawn. What belongs to the object is drawn
+from its prior as well, but that the contact always sticks, at whatever angle it is pushed.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
-from push_samples import direction_rows, noisy, tips_of, touching
-from smoother_samples import PLAIN, known_at
+from push_samples import contact_directions, model_of, noisy, touching, with_settings
+from smoother_samples import FELT, PLAIN, lagged_begin, prior_at
 
+from palpate.estimation.belief import Belief
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import make_smoother
+from palpate.estimation.unknowns import (
+    DEPTH,
+    DIRECTION_BIAS,
+    FRICTION_CENTER,
+    FRICTION_RATIO,
+    GRIP,
+    IN_OBJECT,
+    OBJECT_SIZE,
+)
 from palpate.geometry import se2
-from palpate.graph.fixed_lag import FixedLagSmoother
-from palpate.graph.isam2 import Isam2Smoother
-from palpate.graph.noise import GraphNoise
-from palpate.graph.smoother import DEPTH, FRICTION, LASTING, Belief
-from palpate.recording.measurements import ContactDirection, Feeling, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
 from palpate.simulation.limit_surface import Steering, draw_residuals, push
 from palpate.touch.relative import compared_frames
 from palpate.tracking.metrics import nees
 
 Array = np.ndarray
 TOLD = PLAIN
-FELT = 0.01  # [rad], what directions and turns are told to be known to
 STEPS, LAG = 16, 13  # the last steps marginalise, and drop pairs, which costs information but not consistency
 
 
 @dataclass(frozen=True)
 class Draw:
-    lasting: Array  # (count, LASTING)
+    values: Array  # (count, OBJECT_SIZE)
     object_poses: Array  # (N, count, 3)
     sensor_poses: Array
     first: Array  # (count, 3), measured
@@ -43,25 +50,26 @@ class Draw:
 
 
 @cache
-def draw(noise: GraphNoise, count: int, seed: int, direction: float = FELT, turn: float = FELT) -> Draw:
+def draw(noise: NoiseSettings, count: int, seed: int, direction: float = FELT, turn: float = FELT) -> Draw:
     """Count pushes on the rectangle's left side and all that is measured in them, with this noise."""
     rng = np.random.default_rng(seed)
-    tip, steering = tips_of("rectangle")[0], Steering()
-    mean, deviation = noise.lasting
-    lasting = mean + rng.normal(size=(count, LASTING)) * deviation
-    gap, slip, torque = draw_residuals(tip, noise, steering.speed, np.pi, STEPS, count, rng)
-    g = touching(tip, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
-    g[:, 0] -= gap - lasting[:, DEPTH]
+    model, steering = model_of("rectangle"), Steering()
+    values = noise.priors.mean + rng.normal(size=(count, OBJECT_SIZE)) * noise.priors.deviation
+    friction = {unknown: values[:, IN_OBJECT[unknown]].T for unknown in (FRICTION_RATIO, FRICTION_CENTER)}
+    gap, slip, torque = draw_residuals(model, noise, steering.speed, np.pi, STEPS, count, rng)
+    g = touching(model, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
+    g[:, 0] -= gap - values[:, IN_OBJECT[DEPTH]][:, 0]
     anywhere, phase = rng.uniform(-np.pi, np.pi, (count, 3)), rng.uniform(0, 2 * np.pi, count)
-    o, e = push(tip, anywhere, g, STEPS, steering, phase, slip, torque, lasting[:, FRICTION])
+    o, e = push(model, anywhere, g, STEPS, steering, phase, slip, torque, friction)
     g = se2.between(o, e)
-    relative = [noisy(se2.between(g[t - compared_frames(t)], g[t]), noise.tactile, rng) for t in range(STEPS + 1)]
-    first, measured = noisy(o[0], noise.first_pose, rng), noisy(e, noise.sensor, rng)
-    directions = direction_rows(g, 0.0, lasting[:, 0], tip)[0][..., 0]
-    directions += rng.normal(0.0, direction * np.sqrt(noise.direction_share), g.shape[:-1])
+    pairs = noise.relative_pose.oracle
+    relative = [noisy(se2.between(g[t - compared_frames(t)], g[t]), pairs, rng) for t in range(STEPS + 1)]
+    first, measured = noisy(o[0], noise.first_pose.deviation, rng), noisy(e, noise.sensor_pose.deviation, rng)
+    directions = contact_directions(g, model) + values[:, IN_OBJECT[DIRECTION_BIAS]][:, 0]
+    directions += rng.normal(0.0, direction * np.sqrt(noise.direction.share), g.shape[:-1])
     turns = g[..., 2] - rng.uniform(-np.pi, np.pi, count)
-    turns += rng.normal(0.0, turn * np.sqrt(noise.turn_share), g.shape[:-1])
-    return Draw(lasting, o, e, first, measured, relative, directions, se2.wrap(turns))
+    turns += rng.normal(0.0, turn * np.sqrt(noise.turn.share), g.shape[:-1])
+    return Draw(values, o, e, first, measured, relative, directions, se2.wrap(turns))
 
 
 def estimated(name: str, drawn: Draw, felt: bool = False) -> list[Belief]:
@@ -69,21 +77,22 @@ def estimated(name: str, drawn: Draw, felt: bool = False) -> list[Belief]:
 
     Touch says relative poses, or directions and turns.
     """
-    tactile = np.diag(np.square(TOLD.tactile))
+    pair = np.diag(np.square(TOLD.relative_pose.oracle))
+    model = model_of("rectangle")
+    begin = make_smoother("isam2", TOLD, model) if name == "isam2" else lagged_begin(LAG, TOLD, model)
+
+    def said(t: int, k: int) -> tuple[Measurement, ...]:
+        if felt:
+            return ContactDirection(drawn.direction[t, k], FELT**2), Turn(drawn.turn[t, k], FELT**2)
+        back = compared_frames(t)
+        covariance = np.broadcast_to(pair, (len(back), 3, 3))
+        return (RelativePoses(back, drawn.relative[t][:, k], covariance),) if t else ()
+
     found = []
     for k in range(len(drawn.first)):
-        tips = tips_of("rectangle")
-        smoother = Isam2Smoother(tips, TOLD) if name == "isam2" else FixedLagSmoother(tips, TOLD, LAG)
-        feelings = [
-            Feeling(None, ContactDirection(direction, FELT**2), Turn(turn, FELT**2)) if felt else Feeling()
-            for direction, turn in zip(drawn.direction[:, k], drawn.turn[:, k], strict=True)
-        ]
-        smoother.begin(drawn.sensor[0, k], known_at(drawn.first[k], TOLD), feelings[0])
+        smoother = begin(prior_at(drawn.first[k], TOLD), drawn.sensor[0, k], said(0, k), 0.0)
         for t in range(1, STEPS + 1):
-            back = compared_frames(t)
-            covariance = np.broadcast_to(tactile, (len(back), 3, 3))
-            relative = RelativePoses(back, drawn.relative[t][:, k], covariance)
-            smoother.add(drawn.sensor[t, k], feelings[t] if felt else Feeling(relative))
+            smoother.add(drawn.sensor[t, k], said(t, k), t / 30)
         found.append(smoother.belief())
     return found
 
@@ -96,8 +105,8 @@ def last_beliefs(name: str, count: int, seed: int, felt: bool) -> list[Belief]:
 
 def last_nees(beliefs: list[Belief], drawn: Draw) -> Array:
     """NEES (count,) of the object pose at the last step."""
-    known = [belief.known for belief in beliefs]
-    covariances = np.array([each.covariance[:3, :3] for each in known])
+    known = [belief.prior for belief in beliefs]
+    covariances = np.array([each.pose_covariance for each in known])
     return nees(np.array([each.pose for each in known]), covariances, drawn.object_poses[-1])
 
 
@@ -123,12 +132,18 @@ def test_mean_nees_lies_in_its_interval(name, count):
     assert 0.95 - 3.1 * np.sqrt(0.95 * 0.05 / count) < np.mean(found < 7.815) <= 1.0
 
 
+def times(factor: float, deviations: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple((factor * np.array(deviations)).tolist())
+
+
 LARGER = {
     # After 16 steps the first pose decides most of where the object is; of the rest it takes more.
-    "first pose": replace(TOLD, first_pose=tuple(2 * np.array(TOLD.first_pose))),
-    "sticking": replace(TOLD, sticking_share=4 * TOLD.sticking_share, sliding_share=4 * TOLD.sliding_share),
-    "tactile": replace(TOLD, tactile=(1.0, 1.0, 5 * TOLD.tactile[2])),
-    "sensor": replace(TOLD, sensor=tuple(5 * np.array(TOLD.sensor))),
+    "first pose": with_settings(TOLD, first_pose={"deviation": times(2, TOLD.first_pose.deviation)}),
+    "sticking": with_settings(
+        TOLD, sticking={"share": 4 * TOLD.sticking.share, "sliding_share": 4 * TOLD.sticking.sliding_share}
+    ),
+    "relative pose": with_settings(TOLD, relative_pose={"oracle": (1.0, 1.0, 5 * TOLD.relative_pose.oracle[2])}),
+    "sensor pose": with_settings(TOLD, sensor_pose={"deviation": times(5, TOLD.sensor_pose.deviation)}),
 }
 
 
@@ -155,19 +170,22 @@ def test_angles_noisier_than_told_show(direction, turn):
 
 
 @pytest.mark.parametrize(("count", "seed", "felt"), [(200, 0, False), (80, 2, True)])
-def test_what_lasts_is_known_as_well_as_said(count, seed, felt):
+def test_what_belongs_to_the_object_is_known_as_well_as_said(count, seed, felt):
     drawn, beliefs = draw(TOLD, count, seed), last_beliefs("fixed-lag", count, seed, felt)
-    error = np.array([belief.lasting for belief in beliefs]) - drawn.lasting
+    error = np.array([belief.values for belief in beliefs]) - drawn.values
     covariance = np.array([belief.covariance[6:, 6:] for belief in beliefs])
     # But the grip: nothing tells of it where the contact sticks at whatever angle.
-    found = nees_of(error[:, :-1], covariance[:, :-1, :-1])
-    low, high = interval(count, LASTING - 1)  # 4.57 to 5.45, 4.33 to 5.72
+    grip = IN_OBJECT[GRIP].start
+    rest = np.delete(np.arange(OBJECT_SIZE), grip)
+    found = nees_of(error[:, rest], covariance[:, rest[:, None], rest])
+    low, high = interval(count, OBJECT_SIZE - 1)  # 4.57 to 5.45, 4.33 to 5.72
     assert low < found.mean() < high
-    prior = np.square(TOLD.lasting[1])
-    np.testing.assert_allclose(covariance[:, -1, -1], prior[-1], rtol=1e-6)
+    prior = np.square(TOLD.priors.deviation)
+    np.testing.assert_allclose(covariance[:, grip, grip], prior[grip], rtol=1e-6)
     # Something has been learnt: of the depth from the contact, of where the centre of friction is along the side from
     # which way the object turned, of the bias where directions are felt.
     learnt = np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0) / prior
-    assert learnt[DEPTH] < 0.8
-    assert learnt[FRICTION][2] < 0.6
-    assert learnt[0] < 0.5 if felt else learnt[0] == pytest.approx(1.0)
+    assert learnt[IN_OBJECT[DEPTH]] < 0.8
+    assert learnt[IN_OBJECT[FRICTION_CENTER]][1] < 0.6
+    bias = learnt[IN_OBJECT[DIRECTION_BIAS]]
+    assert bias < 0.5 if felt else bias == pytest.approx(1.0)

@@ -1,54 +1,54 @@
 """What pushes tell of friction: where an object's pressure is, how well the contact grips, and that it slides."""
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, direction_rows, frames, noisy, pushing_angles, pushing_rows, sensor, tips_of, touching
-from smoother_samples import FELT, ROBUST, known_at
+from numpy.typing import ArrayLike
+from push_samples import (
+    contact_directions,
+    frames,
+    model_of,
+    noisy,
+    pushing_angles,
+    rows_of,
+    touching,
+    values_at,
+    with_settings,
+)
+from smoother_samples import FELT, ROBUST, prior_at
 
+from palpate.estimation.belief import Belief
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.factors.balance import Balance, BalanceSettings
+from palpate.estimation.factors.friction_cone import FrictionCone, FrictionConeSettings
+from palpate.estimation.factors.sticking import Sticking, StickingSettings
+from palpate.estimation.settings import STICKING, NoiseSettings
+from palpate.estimation.smoother import make_smoother
+from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT, Unknown
 from palpate.geometry import se2
-from palpate.graph.fixed_lag import FixedLagSmoother
-from palpate.graph.noise import STICKING, GraphNoise
-from palpate.graph.smoother import FRICTION, Belief
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Feeling
+from palpate.recording.measurements import ContactDirection
 from palpate.simulation.limit_surface import Steering, push
-from palpate.tracker import Tracker, TrackerSettings
 
 Array = np.ndarray
-TIP = tips_of("rectangle")[0]
-DEEPER = np.array([ROBUST.depth[0], 0.0, 0.0])  # [m], into the left side as deep as is expected
-HOLDING = replace(ROBUST, grip=(0.8, 0.12))  # so well that it holds in all pushes that are drawn to stick
+MODEL = model_of("rectangle")
+DEEPER = np.array([ROBUST.priors.depth[0], 0.0, 0.0])  # [m], into the left side as deep as is expected
+HOLDING = with_settings(ROBUST, priors={"grip": (0.8, 0.12)})  # so well that it holds in all that is drawn to stick
 
 
-def directions(g: Array, seed: int) -> list[Feeling]:
+def directions(g: Array, seed: int) -> list[ContactDirection]:
     """What touch says of where it is touched."""
-    angle = direction_rows(g, 0.0, 0.0, TIP)[0][:, 0]
-    angle += np.random.default_rng(seed).normal(0.0, FELT, len(g))
-    return [Feeling(None, ContactDirection(one, FELT**2), None) for one in angle]
+    angle = contact_directions(g, MODEL) + np.random.default_rng(seed).normal(0.0, FELT, len(g))
+    return [ContactDirection(one, FELT**2) for one in angle]
 
 
-class Told:
-    """A touch that says the next of what it is given."""
-
-    def __init__(self, said: list[Feeling]) -> None:
-        self.said = iter(said)
-
-    def feel(self, frame: Frame) -> Feeling:
-        return next(self.said)
-
-    def lift(self) -> None:
-        pass
-
-
-def two_pushes(friction: Array, steps: int = 80) -> tuple[Array, Array, Array]:
+def two_pushes(friction: Mapping[Unknown, ArrayLike], steps: int = 80) -> tuple[Array, Array, Array]:
     """Object and sensor poses, and contact: pushed above its centre, let go and pushed below it, always sticking."""
     objects, sensors, first = [], [], np.zeros(3)
     for y in (0.045, -0.045):
-        g = touching(TIP, np.array([y])) + DEEPER
-        o, e = push(TIP, first[None], g, steps, Steering(), friction=friction)
+        g = touching(MODEL, np.array([y])) + DEEPER
+        o, e = push(MODEL, first[None], g, steps, Steering(), friction=friction)
         away = se2.compose(o[-1, 0], np.tile([-0.25, 0.0, 0.0], (10, 1)))
         objects += [o[:, 0], np.tile(o[-1, 0], (10, 1))]
         sensors += [e[:, 0], away]
@@ -58,27 +58,28 @@ def two_pushes(friction: Array, steps: int = 80) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(
-    "true", [(math.log(2.0), 0.15, -0.1, 0.8), (math.log(0.7), -0.2, 0.15, 0.8)], ids=["wider", "narrower"]
-)
+@pytest.mark.parametrize("true", [(math.log(2.0), 0.15, -0.1), (math.log(0.7), -0.2, 0.15)], ids=["wider", "narrower"])
 def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
-    true = np.array(true)
-    o, e, contact = two_pushes(true)
-    e = noisy(e, ROBUST.sensor, np.random.default_rng(seed))
-    told = Told(directions(se2.between(o, e)[contact], seed))
-    how = TrackerSettings(noise=HOLDING)
-    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], how, touch=told)
-    known = [tracker._known]
+    friction = {FRICTION_RATIO: true[0], FRICTION_CENTER: true[1:]}
+    o, e, contact = two_pushes(friction)
+    e = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
+    said = iter(directions(se2.between(o, e)[contact], seed))
+    estimator = Estimator(MODEL, HOLDING, "fixed-lag", o[0])
+    known = [estimator.known]
     for frame in frames(o, e, contact):
-        tracker.update(frame)
-        known.append(tracker._known)
+        if frame.contact:
+            estimator.touch(frame.sensor_pose, [next(said)], frame.time)
+        else:
+            estimator.end_contact()
+            estimator.rest(frame.sensor_pose, (), frame.time)
+        known.append(estimator.known)
     prior, first, resting, last = (known[k] for k in (0, 81, 91, -1))
     # What is known rests with the object, the pose aside.
-    np.testing.assert_array_equal(resting.lasting, first.lasting)
+    np.testing.assert_array_equal(resting.values, first.values)
     np.testing.assert_array_equal(resting.covariance, first.covariance)
-    what = slice(0, 3)  # not the grip, which needs slides
-    error = [np.abs(each.lasting[FRICTION] - true)[what] for each in (prior, first, last)]
-    deviation = [np.sqrt(np.diag(each.covariance)[3:][FRICTION])[what] for each in (prior, first, last)]
+    what = slice(IN_OBJECT[FRICTION_RATIO].start, IN_OBJECT[FRICTION_CENTER].stop)  # not the grip, which needs slides
+    error = [np.abs(each.values[what] - true) for each in (prior, first, last)]
+    deviation = [np.sqrt(np.diag(each.covariance)[3:])[what] for each in (prior, first, last)]
     # c^2 and the centre come closer than they were held to be, the centre by far, and are as well known as said.
     assert (error[-1] < error[0]).all()
     assert (error[-1][1:] < 0.6 * error[0][1:]).all()
@@ -89,7 +90,7 @@ def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
     # One contact tells a single number of the centre's two and c, the second one, which begins with that, another.
     assert (deviation[2][1:] < 0.5 * deviation[1][1:]).all()
     off = se2.log(se2.between(last.pose, o[-1]))
-    assert off @ np.linalg.solve(last.covariance[:3, :3], off) < 11.3  # 99 %
+    assert off @ np.linalg.solve(last.pose_covariance, off) < 11.3  # 99 %
 
 
 def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Array]:
@@ -98,35 +99,41 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
     The sensor goes straight on at an angle of heading [rad] from the side's normal at first, outside the friction cone.
     The object moves as the balance says with the force at the cone's edge, and the sensor stays on its side.
     """
-    friction, side = (0.0, 0.0, 0.0, grip), np.sign(heading)
-    g = touching(TIP, y) + DEEPER
+    factors = (
+        Sticking(StickingSettings(), MODEL),
+        Balance(BalanceSettings(), MODEL),
+        FrictionCone(FrictionConeSettings(), MODEL),
+    )
+    by_g1 = slice(3, 6), slice(6, 9), slice(6, 9)
     on_normal_balance_and_cone = [0, 2, 3]
+    g = touching(MODEL, y) + DEEPER
     touches, sensors = [g], [g]
     for _ in range(steps):
         e = sensors[-1] + 1e-3 * np.array([math.cos(heading), math.sin(heading), 0.0])
         g = touches[-1]
         for _ in range(8):
-            residual, jacobian = pushing_rows(touches[-1], sensors[-1], g, e, TIP, friction, side)
-            kept = residual[on_normal_balance_and_cone]
-            g = se2.compose(g, se2.exp(-np.linalg.solve(jacobian[on_normal_balance_and_cone, 6:9], kept)))
+            at = values_at(MODEL, [[touches[-1], g]], [[sensors[-1], e]], {GRIP: grip})
+            rows = [rows_of(factor, at) for factor in factors]
+            residual = np.concatenate([one.residual[0, 0] for one in rows])[on_normal_balance_and_cone]
+            jacobian = np.concatenate([one.jacobian[0, 0, :, part] for one, part in zip(rows, by_g1, strict=True)])
+            change = -np.linalg.solve(jacobian[on_normal_balance_and_cone], residual)
+            g = se2.compose(g, se2.exp(change))
         touches.append(g)
         sensors.append(e)
     return se2.compose(np.array(sensors), se2.inverse(np.array(touches))), np.array(sensors)
 
 
-def followed(o: Array, e: Array, noise: GraphNoise, seed: int) -> tuple[Belief, float, float]:
+def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belief, float, float]:
     """The belief at the end of a contact in which directions are felt, its error along the side [m] and its NEES."""
     told = directions(se2.between(o, e), seed)
-    seen = noisy(e, ROBUST.sensor, np.random.default_rng(seed))
-    smoother = FixedLagSmoother([TIP], noise)
-    smoother.begin(seen[0], known_at(o[0], noise), told[0])
-    for pose, feeling in zip(seen[1:], told[1:], strict=True):
-        smoother.add(pose, feeling)
+    seen = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
+    smoother = make_smoother("fixed-lag", noise, MODEL)(prior_at(o[0], noise), seen[0], told[:1], 0.0)
+    for k in range(1, len(seen)):
+        smoother.add(seen[k], [told[k]], k / 30)
     belief = smoother.belief()
-    error = se2.log(se2.between(belief.known.pose, o[-1]))
-    covariance = belief.known.covariance[:3, :3]
+    error = se2.log(se2.between(belief.prior.pose, o[-1]))
     along = belief.g[1] - se2.between(o[-1], e[-1])[1]
-    return belief, float(along), float(error @ np.linalg.solve(covariance, error))
+    return belief, float(along), float(error @ np.linalg.solve(belief.prior.pose_covariance, error))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -139,13 +146,13 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
     g = se2.between(o, e)
     way = g[-1, 1] - g[0, 1]
     assert abs(way) > 0.015 and np.sign(way) == np.sign(heading)
-    angle = pushing_angles(g, e, TIP, (0.0, 0.0, 0.0, grip))
+    angle = pushing_angles(g, e, MODEL)
     np.testing.assert_allclose(angle, np.sign(heading) * math.atan(grip), atol=0.01)
     belief, along, nees = followed(o, e, ROBUST, seed)
     assert abs(along) < 0.5 * abs(way)
     assert nees < 11.3  # 99 %
     # Of a slide the grip is learnt as well.
-    assert belief.known.covariance[-1, -1] < 0.7 * ROBUST.grip[1] ** 2
+    assert belief.prior.covariance[-1, -1] < 0.7 * ROBUST.priors.grip[1] ** 2
     # Taken for sticking it is missed altogether, and nothing says so.
     _, along, nees = followed(o, e, STICKING, seed)
     assert abs(along) > 0.9 * abs(way)
@@ -154,12 +161,12 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
 
 def test_a_push_that_sticks_is_not_taken_for_a_slide():
     # Well inside the cone the defaults are as sure of the place along the side as sticking says.
-    g = touching(TIP, np.array([0.005])) + DEEPER
-    o, e = (poses[:, 0] for poses in push(TIP, np.zeros((1, 3)), g, 60, Steering()))
-    assert np.abs(pushing_angles(se2.between(o, e), e, TIP, (0.0, 0.0, 0.0, 0.4))).max() < 0.2
+    g = touching(MODEL, np.array([0.005])) + DEEPER
+    o, e = (poses[:, 0] for poses in push(MODEL, np.zeros((1, 3)), g, 60, Steering()))
+    assert np.abs(pushing_angles(se2.between(o, e), e, MODEL)).max() < 0.2
     for seed in range(2):
         belief, along, nees = followed(o, e, ROBUST, seed)
         assert abs(along) < 1.5e-3
         assert nees < 11.3
         assert np.sqrt(belief.covariance[1, 1]) < 1.5e-3
-        np.testing.assert_allclose(belief.lasting[-1], ROBUST.grip[0], atol=0.01)
+        np.testing.assert_allclose(belief.prior[GRIP], ROBUST.priors.grip[0], atol=0.01)

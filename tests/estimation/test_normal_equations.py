@@ -1,125 +1,222 @@
+"""Both kinds of normal equations against NumPy, from random rows of factors."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
-from palpate.graph.normal_equations import (
-    NOTHING,
-    SHARED,
-    Block,
-    DenseBlock,
-    NeighbourBlock,
-    NormalEquations,
-    PairBlock,
-    StepBlock,
-)
+from palpate.errors import EstimationError
+from palpate.estimation.banded_equations import BandedEquations
+from palpate.estimation.dense_equations import DenseEquations
+from palpate.estimation.factors.factor import Columns, Rows, columns_of
+from palpate.estimation.normal_equations import LAST_SIZE, Gaussian, Solution
+from palpate.estimation.unknowns import OF_OBJECT, OF_STEP, SENSOR, SENSOR_IN_OBJECT, SHARED, SHARED_SIZE, STEP_SIZE
 
-STEPS = 5
-SIZE = 6 * STEPS + SHARED  # what is shared is last
-
-
-def rows(residual, jacobian, information, columns):
-    """J^T W J and -J^T W r of one factor, its Jacobian spread over all unknowns."""
-    spread = np.zeros((len(residual), SIZE))
-    for place, column in enumerate(columns):
-        spread[:, column] += jacobian[:, place]
-    return spread.T @ information @ spread, -spread.T @ information @ residual
+Array = np.ndarray
+Equations = BandedEquations | DenseEquations
+SMOOTHERS, STEPS = 3, 5
+SIZE = STEP_SIZE * STEPS + SHARED_SIZE  # what is shared is last
+STEP, G, E = tuple(OF_STEP), (SENSOR_IN_OBJECT,), (SENSOR,)
 
 
-def own_of(step, unknowns):
-    return range(6 * step + unknowns.start, 6 * step + unknowns.stop)
+@dataclass(frozen=True)
+class Case:
+    """Terms of one factor."""
+
+    rows: Rows
+    places: Array  # (T, K)
+    columns: Columns
+
+    def summed(self, kept: Callable[[Array], bool] = lambda _: True) -> tuple[Array, Array]:
+        """J^T W J (B, SIZE, SIZE) and -J^T W r (B, SIZE) by NumPy, its Jacobian spread over all unknowns."""
+        matrix, vector = np.zeros((SMOOTHERS, SIZE, SIZE)), np.zeros((SMOOTHERS, SIZE))
+        for t, places in enumerate(self.places):
+            if not kept(places):
+                continue
+            spread = np.zeros((SMOOTHERS, self.rows.residual.shape[2], SIZE))
+            for column, (slot, place) in enumerate(zip(self.columns.slot, self.columns.place, strict=True)):
+                first = STEP_SIZE * STEPS if slot < 0 else STEP_SIZE * places[slot]
+                spread[:, :, first + place] = self.rows.jacobian[:, t, :, column]
+            pulled = spread.transpose(0, 2, 1) * self.rows.weight[:, t, None]
+            matrix += pulled @ spread
+            vector -= (pulled @ self.rows.residual[:, t, :, None])[..., 0]
+        return matrix, vector
 
 
-def shared_of(shared):
-    return range(6 * STEPS + shared.start, 6 * STEPS + shared.stop)
+def case(rng: np.random.Generator, places: list[list[int]], steps: tuple, shared: tuple, rows: int) -> Case:
+    columns = columns_of(steps, shared)
+    shape = (SMOOTHERS, len(places), rows)
+    residual, jacobian = rng.normal(size=shape), rng.normal(size=(*shape, len(columns.slot)))
+    given = Rows(residual, jacobian, np.full(shape, np.nan), rng.uniform(1.0, 2.0, shape))
+    return Case(given, np.array(places, np.int64).reshape(-1, len(steps)), columns)
 
 
-def cases(rng: np.random.Generator) -> list[tuple[Block, list, list[int]]]:
-    """Blocks, with the same factors one by one as (residual, jacobian, information, columns), and their first steps."""
-    found = []
-    for unknowns, width, weight, shared in (
-        (slice(0, 3), 1, rng.uniform(1, 2, (STEPS, 1)), NOTHING),
-        (slice(0, 3), 1, rng.uniform(1, 2, (STEPS, 1)), slice(0, 1)),
-        (slice(3, 6), 3, rng.uniform(1, 2, 3), NOTHING),  # one weight for all
-        (slice(0, 3), 2, rng.uniform(1, 2, (STEPS, 2)), slice(3, 7)),
-    ):
-        columns = [[*own_of(k, unknowns), *shared_of(shared)] for k in range(STEPS)]
-        r, j = rng.normal(size=(STEPS, width)), rng.normal(size=(STEPS, width, len(columns[0])))
-        each = np.broadcast_to(weight, r.shape)
-        parts = [(r[k], j[k], np.diag(each[k]), columns[k]) for k in range(STEPS)]
-        found.append((StepBlock(unknowns, r, j, weight, shared), parts, list(range(STEPS))))
-    # On the oldest step alone, and all that is shared but the first.
-    columns = [*range(6), *shared_of(slice(1, 7))]
-    r, j, weight = rng.normal(size=(1, 9)), rng.normal(size=(1, 9, 12)), rng.uniform(1, 2, 9)
-    parts = [(r[0], j[0], np.diag(weight), columns)]
-    found.append((StepBlock(slice(0, 6), r, j, weight, slice(1, 7)), parts, [0]))
-    for shared in (NOTHING, slice(3, 7)):
-        columns = [[*range(6 * k, 6 * k + 12), *shared_of(shared)] for k in range(4)]
-        r, j, weight = rng.normal(size=(4, 3)), rng.normal(size=(4, 3, len(columns[0]))), rng.uniform(1, 2, (4, 3))
-        parts = [(r[k], j[k], np.diag(weight[k]), columns[k]) for k in range(4)]
-        found.append((NeighbourBlock(r, j, weight, shared), parts, list(range(4))))
-    # Pairs out of order, one of them twice, neighbours and the two ends.
-    first, second = np.array([2, 0, 1, 0, 0, 3]), np.array([4, 4, 2, 4, 1, 4])
-    r, j, root = rng.normal(size=(6, 3)), rng.normal(size=(6, 3, 6)), rng.normal(size=(6, 3, 3))
-    information = root @ root.transpose(0, 2, 1)
-    columns = [[*range(6 * a, 6 * a + 3), *range(6 * b, 6 * b + 3)] for a, b in zip(first, second, strict=True)]
-    parts = [(r[k], j[k], information[k], columns[k]) for k in range(6)]
-    found.append((PairBlock(first, second, r, j, information), parts, first.tolist()))
-    return found
+def neighbours(seed: int) -> list[Case]:
+    """Terms that tie a step and the next one at most: on all steps, on one, on one twice, with all that is shared."""
+    rng = np.random.default_rng(seed)
+    every, pairs = [[k] for k in range(STEPS)], [[k, k + 1] for k in range(STEPS - 1)]
+    return [
+        case(rng, every, (G,), (), 3),
+        case(rng, every, (E,), (), 3),
+        case(rng, every, (STEP,), SHARED, 2),
+        case(rng, [[2], [0], [2]], (G,), (SHARED[1],), 1),
+        case(rng, [[0]], (STEP,), OF_OBJECT, 9),
+        case(rng, pairs, (G, G), (), 2),
+        case(rng, pairs, (STEP, STEP), SHARED[3:], 1),
+        case(rng, [pairs[3], pairs[1]], (E, STEP), SHARED, 2),
+        case(rng, [], (G,), SHARED, 2),
+    ]
 
 
-def dense(parts):
-    summed = [rows(*part) for part in parts]
-    return sum(a for a, _ in summed), sum(b for _, b in summed)
+def ties(seed: int) -> list[Case]:
+    """Terms that tie steps apart: out of order, one of them twice, neighbours and the two ends."""
+    rng = np.random.default_rng(seed)
+    pairs = [[2, 4], [0, 4], [1, 2], [0, 4], [0, 1], [3, 4]]
+    return [case(rng, pairs, (G, G), (), 3), case(rng, pairs[:2], (STEP, G), SHARED, 2)]
 
 
-def test_each_block_and_all_together_equal_a_dense_sum():
-    known = cases(np.random.default_rng(1))
-    for block, parts, _ in known:
-        normal = NormalEquations(STEPS, [block])
-        information, gradient = dense(parts)
-        np.testing.assert_allclose(normal.matrix, information, atol=1e-12)
-        np.testing.assert_allclose(normal.vector, gradient, atol=1e-12)
-    everything = NormalEquations(STEPS, [block for block, _, _ in known])
-    information, gradient = dense([part for _, parts, _ in known for part in parts])
-    np.testing.assert_allclose(everything.matrix, information, atol=1e-12)
-    np.testing.assert_allclose(everything.matrix, everything.matrix.T, atol=1e-12)
-    np.testing.assert_allclose(everything.vector, gradient, atol=1e-12)
+def gaussian(seed: int, steps: int) -> Gaussian:
+    """One on so many of the oldest steps and what is shared."""
+    rng = np.random.default_rng(seed)
+    size = STEP_SIZE * steps + SHARED_SIZE
+    root = rng.normal(size=(SMOOTHERS, size, size))
+    return Gaussian(steps, root @ root.transpose(0, 2, 1), rng.normal(size=(SMOOTHERS, size)))
 
 
-@pytest.mark.parametrize("which", range(8))
-def test_the_factors_of_the_oldest_step(which):
-    block, parts, first = cases(np.random.default_rng(2))[which]
-    normal = NormalEquations(STEPS, [block.of_oldest()])
-    information, gradient = dense([part for part, step in zip(parts, first, strict=True) if step == 0])
-    np.testing.assert_allclose(normal.matrix, information, atol=1e-12)
-    np.testing.assert_allclose(normal.vector, gradient, atol=1e-12)
+def solved(equations: Equations) -> Solution:
+    with equations.threads():
+        return equations.solve()
 
 
-def test_a_dense_block_is_on_the_oldest_steps_and_all_that_is_shared():
-    rng = np.random.default_rng(3)
-    root, gradient = rng.normal(size=(12 + SHARED, 12 + SHARED)), rng.normal(size=12 + SHARED)
-    block = DenseBlock(root @ root.T, gradient)
-    on, off = [*range(12), *range(6 * STEPS, SIZE)], range(12, 6 * STEPS)
-    for same in (block, block.of_oldest()):
-        normal = NormalEquations(STEPS, [same, same])
-        np.testing.assert_allclose(normal.matrix[np.ix_(on, on)], 2 * root @ root.T)
-        np.testing.assert_allclose(normal.vector[on], 2 * gradient)
-        assert not normal.matrix[off].any()
-        assert not normal.matrix[:, off].any()
-        assert not normal.vector[off].any()
+def check(solution: Solution, matrix: Array, vector: Array) -> None:
+    """Check a solution against NumPy's."""
+    wanted = np.linalg.solve(matrix, vector[..., None])[..., 0]
+    assert solution.by_step.shape == (SMOOTHERS, STEPS, STEP_SIZE)
+    found = np.concatenate([solution.by_step.reshape(SMOOTHERS, -1), solution.by_shared], axis=1)
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-10)
+    covariance = np.linalg.inv(matrix)[:, -LAST_SIZE:, -LAST_SIZE:]
+    np.testing.assert_allclose(solution.covariance, covariance, rtol=1e-8, atol=1e-10)
 
 
-def test_a_dense_block_on_no_step_is_on_what_is_shared_alone():
-    rng = np.random.default_rng(4)
-    root, gradient = rng.normal(size=(SHARED, SHARED)), rng.normal(size=SHARED)
-    normal = NormalEquations(STEPS, [DenseBlock(root @ root.T, gradient)])
-    np.testing.assert_allclose(normal.matrix[-SHARED:, -SHARED:], root @ root.T)
-    np.testing.assert_allclose(normal.vector[-SHARED:], gradient)
-    assert np.count_nonzero(normal.matrix) == SHARED**2
-    assert np.count_nonzero(normal.vector) == SHARED
+@pytest.mark.parametrize("kind", [BandedEquations, DenseEquations])
+@pytest.mark.parametrize("past", [0, 1])
+def test_terms_of_neighbours(kind, past):
+    equations, known = kind(SMOOTHERS, STEPS), gaussian(7, past)
+    matrix, vector = spread_gaussian(known)
+    for each in neighbours(1):
+        equations.add(each.rows, each.places, each.columns)
+        information, gradient = each.summed()
+        matrix, vector = matrix + information, vector + gradient
+    equations.add_gaussian(known)
+    check(solved(equations), matrix, vector)
 
 
-def test_no_pairs_add_nothing():
-    none = PairBlock(np.empty(0, int), np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 6)), np.empty((0, 3, 3)))
-    normal = NormalEquations(STEPS, [none, none.of_oldest()])
-    assert not normal.matrix.any()
-    assert not normal.vector.any()
+@pytest.mark.parametrize("which", range(9))
+@pytest.mark.parametrize("kind", [BandedEquations, DenseEquations])
+def test_each_kind_of_terms_by_itself(kind, which):
+    # On top of something that is known of everything.
+    each, known = neighbours(2)[which], [neighbours(3)[0], neighbours(3)[1], neighbours(3)[2]]
+    equations = kind(SMOOTHERS, STEPS)
+    matrix, vector = spread_gaussian(gaussian(8, 0))
+    for one in (each, *known):
+        equations.add(one.rows, one.places, one.columns)
+        information, gradient = one.summed()
+        matrix, vector = matrix + information, vector + gradient
+    equations.add_gaussian(gaussian(8, 0))
+    check(solved(equations), matrix, vector)
+
+
+@pytest.mark.parametrize("past", [0, 1, 3, 5])
+def test_terms_of_any_steps(past):
+    equations, known = DenseEquations(SMOOTHERS, STEPS), gaussian(9, past)
+    matrix, vector = spread_gaussian(known)
+    for each in [*neighbours(4), *ties(5)]:
+        equations.add(each.rows, each.places, each.columns)
+        information, gradient = each.summed()
+        matrix, vector = matrix + information, vector + gradient
+    equations.add_gaussian(known)
+    check(solved(equations), matrix, vector)
+
+
+def spread_gaussian(known: Gaussian) -> tuple[Array, Array]:
+    """The same on all unknowns."""
+    on = [*range(STEP_SIZE * known.steps), *range(STEP_SIZE * STEPS, SIZE)]
+    matrix, vector = np.zeros((SMOOTHERS, SIZE, SIZE)), np.zeros((SMOOTHERS, SIZE))
+    matrix[:, np.array(on)[:, None], on], vector[:, on] = known.information, known.gradient
+    return matrix, vector
+
+
+def test_one_step_alone():
+    rng = np.random.default_rng(6)
+    one, known = case(rng, [[0]], (STEP,), SHARED, 13), gaussian(3, 1)
+    wanted = None
+    for kind in (BandedEquations, DenseEquations):
+        equations = kind(SMOOTHERS, 1)
+        equations.add(one.rows, one.places, one.columns)
+        equations.add_gaussian(known)
+        found = solved(equations)
+        pulled = one.rows.jacobian[:, 0].transpose(0, 2, 1) * one.rows.weight[:, 0, None]
+        matrix = known.information + pulled @ one.rows.jacobian[:, 0]
+        np.testing.assert_allclose(found.covariance, np.linalg.inv(matrix), rtol=1e-8, atol=1e-10)
+        vector = known.gradient - (pulled @ one.rows.residual[:, 0, :, None])[..., 0]
+        wanted = np.linalg.solve(matrix, vector[..., None])[..., 0]
+        np.testing.assert_allclose(np.hstack([found.by_step[:, 0], found.by_shared]), wanted, rtol=1e-8)
+
+
+def test_without_the_oldest_step_there_is_a_schur_complement():
+    # Of all terms those that are tied to the oldest step alone take part.
+    equations, known = DenseEquations(SMOOTHERS, STEPS), gaussian(10, 2)
+    matrix, vector = spread_gaussian(known)
+    for each in [*neighbours(11), *ties(12)]:
+        equations.add(each.rows, each.places, each.columns, of_oldest=True)
+        information, gradient = each.summed(lambda places: 0 in places)
+        matrix, vector = matrix + information, vector + gradient
+    equations.add_gaussian(known)
+    left = equations.without_oldest()
+    assert left.steps == STEPS - 1
+    gone, rest = slice(0, STEP_SIZE), slice(STEP_SIZE, None)
+    share = matrix[:, rest, gone] @ np.linalg.inv(matrix[:, gone, gone])
+    np.testing.assert_allclose(left.information, matrix[:, rest, rest] - share @ matrix[:, gone, rest], atol=1e-9)
+    np.testing.assert_allclose(left.gradient, vector[:, rest] - (share @ vector[:, gone, None])[..., 0], atol=1e-9)
+
+
+def test_a_gaussian_seen_from_elsewhere():
+    # Of a Gaussian with its mean at m the negative gradient at x is A (m - x).
+    known, rng = gaussian(13, 2), np.random.default_rng(14)
+    change = rng.normal(size=known.gradient.shape)
+    mean = np.linalg.solve(known.information, known.gradient[..., None])[..., 0]
+    found = known.moved(change)
+    wanted = (known.information @ (mean - change)[..., None])[..., 0]
+    np.testing.assert_allclose(found.gradient, wanted, rtol=1e-8, atol=1e-9)
+    assert found.steps == known.steps
+    np.testing.assert_array_equal(found.information, known.information)
+
+
+@pytest.mark.parametrize("kind", [BandedEquations, DenseEquations])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, None])
+def test_what_leaves_no_solution_is_refused(kind, bad):
+    equations = kind(SMOOTHERS, STEPS)
+    for each in neighbours(1)[:2]:
+        if bad is not None:
+            each.rows.residual[1, 2, 0] = each.rows.jacobian[1, 2, 0, 0] = bad
+        equations.add(each.rows, each.places, each.columns)
+    if bad is not None:  # without, nothing is known of what is shared
+        equations.add_gaussian(gaussian(7, 0))
+    with pytest.raises(EstimationError, match=r"indeterminate|not finite"):
+        solved(equations)
+
+
+def test_an_oldest_step_of_which_nothing_is_known_is_refused():
+    with pytest.raises(EstimationError, match="the step that leaves the window is indeterminate"):
+        DenseEquations(SMOOTHERS, STEPS).without_oldest()
+
+
+def test_columns_follow_the_unknowns():
+    columns = columns_of((G, STEP), SHARED[1:3])
+    assert columns.slot.tolist() == [0] * 3 + [1] * 6 + [-1] * 2
+    assert columns.place.tolist() == [0, 1, 2, 0, 1, 2, 3, 4, 5, 1, 2]
+    with pytest.raises(ValueError, match="have gaps, or are in another order"):
+        columns_of(((SENSOR, SENSOR_IN_OBJECT),), ())
+    with pytest.raises(ValueError, match="have gaps, or are in another order"):
+        columns_of((G,), (SHARED[0], SHARED[2]))

@@ -1,13 +1,22 @@
 import json
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
 
 import pytest
+from push_samples import with_settings
 
 from palpate.errors import FileError, SettingError
-from palpate.graph.noise import PRESETS, PUBLISHED, GraphNoise
-from palpate.graph.noise_file import FORMAT, VERSION, noise_of, read_noise, write_noise
+from palpate.estimation.settings import PRESETS, PUBLISHED, NoiseSettings
+from palpate.estimation.settings_file import FORMAT, VERSION, noise_from_dict, noise_of, read_noise, write_noise
 
-CHANGED = replace(PUBLISHED, contact=0.1 + 0.2, sensor=(1e-5, 2e-5, 3e-4), sticking_kernel=1.5, grip=(0.5, 0.2))
+CHANGED = with_settings(
+    PUBLISHED,
+    contact={"deviation": 0.1 + 0.2},
+    sensor_pose={"deviation": (1e-5, 2e-5, 3e-4)},
+    sticking={"kernel": 1.5},
+    priors={"grip": (0.5, 0.2), "friction_center": (0.1, 0.2)},
+)
 
 
 def write(path, **changes):
@@ -28,22 +37,105 @@ def test_a_file_holds_every_setting_to_the_last_digit(tmp_path):
     write_noise(CHANGED, path, {"evaluations": 3})
     assert read_noise(path) == CHANGED
     content = json.loads(path.read_text())
-    assert (content["format"], content["version"], content["tuned"]) == ("palpate-noise", 1, {"evaluations": 3})
-    assert list(content["noise"]) == [field.name for field in fields(GraphNoise)]
-    assert content["noise"]["contact_kernel"] is None  # the published settings have none
-    assert content["noise"]["cone_share"] is None
-    assert content["noise"]["grip"] == [0.5, 0.2]
+    assert (content["format"], content["version"], content["tuned"]) == ("palpate-noise", 2, {"evaluations": 3})
+    noise = content["noise"]
+    assert list(noise) == [field.name for field in fields(NoiseSettings)]
+    assert all(list(noise[name]) == [each.name for each in fields(getattr(CHANGED, name))] for name in noise)
+    assert noise["contact"] == {"deviation": 0.1 + 0.2, "kernel": None}  # the published settings have none
+    assert noise["friction_cone"]["share"] is None
+    assert noise["priors"]["grip"] == [0.5, 0.2]
     with pytest.raises(FileError, match="already exists"):
-        write_noise(GraphNoise(), path, {})
+        write_noise(NoiseSettings(), path, {})
     assert read_noise(path) == CHANGED
-    write_noise(GraphNoise(), path, {}, overwrite=True)
-    assert read_noise(path) == GraphNoise()
+    write_noise(NoiseSettings(), path, {}, overwrite=True)
+    assert read_noise(path) == NoiseSettings()
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_a_file_leaves_out_has_its_default(tmp_path):
-    assert read_noise(write(tmp_path / "few.json", noise={"contact": 1})) == replace(GraphNoise(), contact=1.0)
-    assert type(read_noise(tmp_path / "few.json").contact) is float
+    path = write(tmp_path / "few.json", noise={"contact": {"deviation": 1}, "turn": {}})
+    assert read_noise(path) == with_settings(NoiseSettings(), contact={"deviation": 1.0})
+    assert type(read_noise(path).contact.deviation) is float
+
+
+OLD: dict[str, Any] = {
+    "tactile": [1.0, 1.1, 0.07],
+    "constant": [1.2, 1.3, 4.0],
+    "sticking": 3e-5,
+    "sticking_share": 0.07,
+    "sliding_share": 1.9,
+    "cone_margin": 0.05,
+    "cone_width": 0.02,
+    "cone_share": 0.14,
+    "sticking_kernel": 2.5,
+    "turning": 3e-7,
+    "turning_share": 0.014,
+    "turning_kernel": None,
+    "friction_ratio": [0.1, 0.6],
+    "friction_center": 0.07,
+    "grip": [0.5, 0.2],
+    "depth": [2e-4, 3e-4],
+    "direction_bias": 0.02,
+    "direction_share": 1.9,
+    "turn_share": 80.0,
+    "contact": 2e-3,
+    "contact_kernel": 3.5,
+    "feeling_kernel": 2.9,
+    "sensor": [1.5e-4, 2e-4, 2e-3],
+    "first_pose": [6e-4, 7e-4, 6e-3],
+    "rest": [2e-5, 3e-5, 2e-4],
+}
+"""All settings of a file of version 1, none of them a default."""
+
+
+def test_a_file_of_version_1_is_still_read(tmp_path):
+    read = read_noise(write(tmp_path / "old.json", version=1, noise=OLD))
+    assert asdict(read) == {
+        "sensor_pose": {"deviation": (1.5e-4, 2e-4, 2e-3)},
+        "first_pose": {"deviation": (6e-4, 7e-4, 6e-3), "rest": (2e-5, 3e-5, 2e-4)},
+        "contact": {"deviation": 2e-3, "kernel": 3.5},
+        "direction": {"share": 1.9, "kernel": 2.9},
+        "turn": {"share": 80.0, "kernel": 2.9},
+        "relative_pose": {"oracle": (1.0, 1.1, 0.07), "constant": (1.2, 1.3, 4.0)},
+        "sticking": {
+            "still": 3e-5,
+            "share": 0.07,
+            "sliding_share": 1.9,
+            "margin": 0.05,
+            "width": 0.02,
+            "kernel": 2.5,
+        },
+        "balance": {"still": 3e-7, "share": 0.014, "kernel": None},
+        "friction_cone": {"still": 3e-5, "share": 0.14, "width": 0.02, "kernel": None},
+        "priors": {
+            "direction_bias": (0.0, 0.02),
+            "depth": (2e-4, 3e-4),
+            "friction_ratio": (0.1, 0.6),
+            "friction_center": (0.0, 0.07),
+            "grip": (0.5, 0.2),
+        },
+    }
+    # And what it leaves out has its default.
+    few = read_noise(write(tmp_path / "few.json", version=1, noise={"cone_share": None}))
+    assert few == with_settings(NoiseSettings(), friction_cone={"share": None})
+    assert "noise 'contcat' is not known; known are tactile, constant," in failure(
+        write(tmp_path / "bad.json", version=1, noise={"contcat": 1e-3})
+    )
+    assert "contact.deviation is -0.001; it must be a finite number above 0" in failure(
+        write(tmp_path / "bad.json", version=1, noise={"contact": -1e-3})
+    )
+
+
+def test_the_studys_settings_are_still_read():
+    path = Path(__file__).parents[2] / "docs" / "study" / "tuning.json"
+    wanted = json.loads(path.read_text())
+    found = read_noise(path)
+    if wanted["version"] == 1:
+        assert found.sticking.share == wanted["noise"]["sticking_share"]
+        assert found.priors.friction_ratio == tuple(wanted["noise"]["friction_ratio"])
+    else:
+        assert found.sticking.share == wanted["noise"]["sticking"]["share"]
+        assert found.priors.friction_ratio == tuple(wanted["noise"]["priors"]["friction_ratio"])
 
 
 def test_a_preset_or_a_file(tmp_path, monkeypatch):
@@ -58,38 +150,49 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
         noise_of(str(tmp_path))
 
 
+ABOVE = "it must be a finite number above 0"
+THREE = "it must be 3 finite numbers above 0"
+GROUPS = "sensor_pose, first_pose, contact, direction, turn, relative_pose, sticking, balance, friction_cone, priors"
+
+
 @pytest.mark.parametrize(
     ("noise", "said"),
     [
-        ({"contcat": 1e-3}, "noise 'contcat' is not known; known are tactile, constant,"),
-        ({"sensor": [1e-4, 1e-4]}, "noise sensor is [0.0001, 0.0001]; it must be 3 finite numbers"),
-        ({"sensor": 1e-4}, "noise sensor is 0.0001; it must be 3 finite numbers"),
-        ({"sensor": [1e-4, "1e-4", 1e-3]}, "it must be 3 finite numbers"),
-        ({"contact": float("nan")}, "noise contact is nan; it must be a finite number"),
-        ({"contact": float("inf")}, "noise contact is inf; it must be a finite number"),
-        ({"contact": 10**400}, "it must be a finite number"),
-        ({"contact": "1"}, "noise contact is '1'; it must be a finite number"),
-        ({"contact": True}, "noise contact is True; it must be a finite number"),
-        ({"contact": None}, "noise contact is None; it must be a finite number"),
-        ({"contact_kernel": [1.0]}, "noise contact_kernel is [1.0]; it must be a finite number or null"),
-        ({"contact": -1e-3}, "noise contact is -0.001; it must be finite and above 0"),
-        ({"cone_share": "1"}, "noise cone_share is '1'; it must be a finite number or null"),
-        ({"sliding_share": None}, "noise sliding_share is None; it must be a finite number"),
-        ({"grip": 0.4}, "noise grip is 0.4; it must be 2 finite numbers"),
-        ({"grip": [0.4, 0.0]}, "noise grip is (0.4, 0.0); it must be finite and above 0"),
-        ({"pushing_kernel": 1.0}, "noise 'pushing_kernel' is not known"),  # of an older palpate
-        ({"rest": [0.0, 1.0, 1.0]}, "noise rest is (0.0, 1.0, 1.0); it must be finite and above 0"),
+        ({"contcat": {}}, f"noise has no 'contcat'; known are {GROUPS}"),
+        ({"contact": {"deviaton": 1e-3}}, "noise contact has no 'deviaton'; known are deviation, kernel"),
+        ({"contact": 1e-3}, "noise contact is 0.001, expected an object of settings"),  # as version 1 has it
+        ({"sensor_pose": {"deviation": [1e-4, 1e-4]}}, f"sensor_pose.deviation is [0.0001, 0.0001]; {THREE}"),
+        ({"sensor_pose": {"deviation": 1e-4}}, f"sensor_pose.deviation is 0.0001; {THREE}"),
+        ({"sensor_pose": {"deviation": [1e-4, "1e-4", 1e-3]}}, THREE),
+        ({"contact": {"deviation": float("nan")}}, f"contact.deviation is nan; {ABOVE}"),
+        ({"contact": {"deviation": float("inf")}}, f"contact.deviation is inf; {ABOVE}"),
+        pytest.param({"contact": {"deviation": 10**400}}, ABOVE, id="huge"),
+        ({"contact": {"deviation": "1"}}, f"contact.deviation is '1'; {ABOVE}"),
+        ({"contact": {"deviation": True}}, f"contact.deviation is True; {ABOVE}"),
+        ({"contact": {"deviation": None}}, f"contact.deviation is None; {ABOVE}"),
+        ({"contact": {"kernel": [1.0]}}, f"contact.kernel is [1.0]; {ABOVE}, or None"),
+        ({"contact": {"deviation": -1e-3}}, f"contact.deviation is -0.001; {ABOVE}"),
+        (
+            {"friction_cone": {"share": "1"}},
+            "friction_cone.share is '1'; it must be a finite number at least 0, or None",
+        ),
+        ({"sticking": {"sliding_share": None}}, "sliding_share is None; it must be a finite number at least 0"),
+        ({"priors": {"grip": 0.4}}, "priors.grip is 0.4; it must be a finite mean and a finite standard deviation"),
+        ({"priors": {"grip": [0.4, 0.0]}}, "priors.grip is [0.4, 0.0]; it must be a finite mean and a finite standard"),
+        ({"first_pose": {"rest": [0.0, 1.0, 1.0]}}, f"first_pose.rest is [0.0, 1.0, 1.0]; {THREE}"),
     ],
 )
 def test_settings_that_are_wrong(tmp_path, noise, said):
     assert said in failure(write(tmp_path / "bad.json", noise=noise))
+    with pytest.raises(SettingError):
+        noise_from_dict(noise)
 
 
 def test_files_that_are_wrong(tmp_path):
     path = tmp_path / "bad.json"
     assert "format is None, expected 'palpate-noise'" in failure(write(path, format=None))
-    for version in (2, 0, "1", True, None):
-        assert f"version is {version!r}, this palpate reads up to version 1" in failure(write(path, version=version))
+    for version in (3, 0, "1", True, None):
+        assert f"version is {version!r}, this palpate reads up to version 2" in failure(write(path, version=version))
     assert "noise is [1], expected an object of settings" in failure(write(path, noise=[1]))
     path.write_text("{")
     assert "is not valid JSON" in failure(path)

@@ -2,20 +2,22 @@ import math
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, contact_rows, pushing_rows, sensor, tips_of, touching
+from push_samples import SHAPES, gaps, model_of, pushing_residuals, sensor, touching
 
+from palpate.errors import EstimationError
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO
 from palpate.geometry import se2
-from palpate.graph.noise import GraphNoise
-from palpate.simulation.limit_surface import NOMINAL, Steering, draw_residuals, push
+from palpate.simulation.limit_surface import Steering, draw_residuals, push
 
 STRAIGHT = Steering(speed=1e-3, aim=0.0, sway=0.0)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.021])
 def test_a_disc_pushed_through_its_centre_goes_straight(radius):
-    tip = tips_of("disc", sensor(radius))[0]
+    model = model_of("disc", sensor(radius))
     heading = 0.7
-    o, e = push(tip, np.array([[0.1, -0.2, heading]]), np.array([[-0.088, 0.0, 0.0]]), 100, STRAIGHT)
+    o, e = push(model, np.array([[0.1, -0.2, heading]]), np.array([[-0.088, 0.0, 0.0]]), 100, STRAIGHT)
     assert o.shape == e.shape == (101, 1, 3)
     # Object and sensor both go 1 mm a step along the heading. A spline cell's error in the normal may turn it by 1e-6.
     ahead = 1e-3 * np.arange(101)[:, None] * [math.cos(heading), math.sin(heading)]
@@ -28,11 +30,11 @@ def test_a_disc_pushed_through_its_centre_goes_straight(radius):
 def test_momentary_rotation_of_a_push_off_centre(y):
     # The contact point p = (px, py) moves by (d, 0) and sticks: vx - omega py = d, vy + omega px = 0, and
     # px vy - py vx = c^2 omega. Hence omega (c^2 + px^2 + py^2) = -py d.
-    tip = tips_of("rectangle", sensor(0.0))[0]
+    model = model_of("rectangle", sensor(0.0))
     tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
     px = -0.2363 / 2
-    o, _ = push(tip, np.zeros((1, 3)), np.array([[px, y, 0.0]]), 1, tiny)
-    omega = -y * 1e-6 / (tip.friction_radius**2 + px**2 + y**2)
+    o, _ = push(model, np.zeros((1, 3)), np.array([[px, y, 0.0]]), 1, tiny)
+    omega = -y * 1e-6 / (model.friction_radius**2 + px**2 + y**2)
     # To first order in the 1 micrometre of the step, 1e-5 of the lengths.
     np.testing.assert_allclose(o[1, 0], [1e-6 + omega * y, -omega * px, omega], rtol=1e-4)
 
@@ -40,13 +42,13 @@ def test_momentary_rotation_of_a_push_off_centre(y):
 def test_momentary_rotation_with_another_friction():
     # As above about a centre of friction at (0.01, -0.02), from which the arm is (px, py), and with 1.5 times the c^2.
     # Its own motion v adds to that of the contact point: omega (c^2 + px^2 + py^2) = -py d again.
-    tip = tips_of("rectangle", sensor(0.0))[0]
+    model = model_of("rectangle", sensor(0.0))
     tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
-    aside = np.array([0.01, -0.02]) / tip.friction_radius
-    friction = (math.log(1.5), *aside, 0.4)
-    o, _ = push(tip, np.zeros((1, 3)), np.array([[-0.2363 / 2, 0.03, 0.0]]), 1, tiny, friction=friction)
+    aside = np.array([0.01, -0.02]) / model.friction_radius
+    friction = {FRICTION_RATIO: math.log(1.5), FRICTION_CENTER: aside}
+    o, _ = push(model, np.zeros((1, 3)), np.array([[-0.2363 / 2, 0.03, 0.0]]), 1, tiny, friction=friction)
     px, py = -0.2363 / 2 - 0.01, 0.03 + 0.02
-    omega = -py * 1e-6 / (1.5 * tip.friction_radius**2 + px**2 + py**2)
+    omega = -py * 1e-6 / (1.5 * model.friction_radius**2 + px**2 + py**2)
     assert o[1, 0, 2] == pytest.approx(omega, rel=1e-4)
     # The contact point goes with the sensor.
     np.testing.assert_allclose(o[1, 0, :2], [1e-6 + omega * 0.03, omega * 0.2363 / 2], rtol=1e-4)
@@ -54,24 +56,24 @@ def test_momentary_rotation_with_another_friction():
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_noise_free_push_keeps_all_residuals_at_zero(name):
-    tip = tips_of(name)[0]
-    g = touching(tip, np.array([0.015]), 0.1)
-    o, e = push(tip, np.array([[0.3, 0.1, 3.1]]), g, 80, Steering())
+    model = model_of(name)
+    g = touching(model, np.array([0.015]), 0.1)
+    o, e = push(model, np.array([[0.3, 0.1, 3.1]]), g, 80, Steering())
     g = se2.between(o, e)
-    residual, _ = pushing_rows(g[:-1], e[:-1], g[1:], e[1:], tip, NOMINAL, 1.0)
-    np.testing.assert_allclose(residual[..., :3], 0.0, atol=1e-12)
+    residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
+    np.testing.assert_allclose(residual, 0.0, atol=1e-12)
     # Rolling costs r omega^2 / 2 a step in the gap: below 0.021 (0.01 rad)^2 / 2 = 1e-6 m each.
-    assert np.abs(contact_rows(g, 0.0, tip)[0]).max() < 80 * 1e-6
+    assert np.abs(gaps(g, model)).max() < 80 * 1e-6
 
 
 def test_drawn_slip_and_torque_are_what_the_residuals_show():
     rng = np.random.default_rng(1)
-    tip = tips_of("ellipse")[0]
+    model = model_of("ellipse")
     slip, torque = rng.normal(0, 5e-5, (30, 4, 2)), rng.normal(0, 2e-5, (30, 4))
-    g = touching(tip, np.linspace(-0.03, 0.03, 4))
-    o, e = push(tip, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
+    g = touching(model, np.linspace(-0.03, 0.03, 4))
+    o, e = push(model, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
     g = se2.between(o, e)
-    residual, _ = pushing_rows(g[:-1], e[:-1], g[1:], e[1:], tip, NOMINAL, 1.0)
+    residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
     np.testing.assert_allclose(residual[..., :2], slip, atol=1e-12)
     np.testing.assert_allclose(residual[..., 2], torque, atol=1e-12)
     # The sensor goes as it is steered, whatever slips: 1 mm along its own arc a step.
@@ -82,14 +84,16 @@ def test_drawn_slip_and_torque_are_what_the_residuals_show():
 
 def test_many_pushes_at_once_are_each_as_alone():
     rng = np.random.default_rng(2)
-    tip = tips_of("rectangle")[0]
-    first, g, phase = rng.normal(size=(5, 3)), touching(tip, rng.uniform(-0.03, 0.03, 5)), rng.uniform(0, 6, 5)
+    model = model_of("rectangle")
+    first, g, phase = rng.normal(size=(5, 3)), touching(model, rng.uniform(-0.03, 0.03, 5)), rng.uniform(0, 6, 5)
     slip, torque = rng.normal(0, 5e-5, (20, 5, 2)), rng.normal(0, 2e-5, (20, 5))
-    friction = rng.normal(0.0, 0.2, (5, 4))
-    o, e = push(tip, first, g, 20, Steering(), phase, slip, torque, friction)
+    ratio, aside = rng.normal(0.0, 0.2, 5), rng.normal(0.0, 0.2, (2, 5))
+    friction = {FRICTION_RATIO: ratio, FRICTION_CENTER: aside}
+    o, e = push(model, first, g, 20, Steering(), phase, slip, torque, friction)
     for k in range(5):
         one = slice(k, k + 1)
-        o1, e1 = push(tip, first[one], g[one], 20, Steering(), phase[one], slip[:, one], torque[:, one], friction[k])
+        friction = {FRICTION_RATIO: ratio[k], FRICTION_CENTER: aside[:, k]}
+        o1, e1 = push(model, first[one], g[one], 20, Steering(), phase[one], slip[:, one], torque[:, one], friction)
         # Newton stops when the slowest of them has converged to 1e-12.
         np.testing.assert_allclose(o[:, one], o1, atol=1e-9)
         np.testing.assert_allclose(e[:, one], e1, atol=1e-9)
@@ -97,22 +101,27 @@ def test_many_pushes_at_once_are_each_as_alone():
 
 def test_drawn_gaps_and_slips_belong_together():
     # On a side whose normal points to -x: a slip by s along the normal takes the gap with it, gap_1 = gap_0 - s.
-    tip = tips_of("rectangle", sensor(0.0))[0]
-    noise = GraphNoise()
-    gap, slip, torque = draw_residuals(tip, noise, 1e-3, math.pi, 30, 50, np.random.default_rng(3))
+    model = model_of("rectangle", sensor(0.0))
+    noise = NoiseSettings()
+    gap, slip, torque = draw_residuals(model, noise, 1e-3, math.pi, 30, 50, np.random.default_rng(3))
     g = np.zeros((50, 3))
     g[:, 0] = -0.2363 / 2 - gap
-    o, e = push(tip, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
-    found = contact_rows(se2.between(o, e), 0.0, tip)[0][..., 0]
+    o, e = push(model, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
+    found = gaps(se2.between(o, e), model)[..., 0]
     wanted = gap - np.concatenate([np.zeros((1, 50)), np.cumsum(-slip[..., 0], axis=0)])
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     # Along the side and in torque, plain draws: 1500 of each, whose deviation is known to 1.8 %.
-    sigmas = np.hypot(
-        [noise.sticking, noise.sticking, noise.turning],
-        1e-3 * np.array([noise.sticking_share, noise.sticking_share, noise.turning_share * tip.friction_radius]),
-    )
-    assert np.std(slip[..., 1]) == pytest.approx(sigmas[1], rel=0.06)
-    assert np.std(torque) == pytest.approx(sigmas[2], rel=0.06)
+    slip_sigma = np.hypot(noise.sticking.still, 1e-3 * noise.sticking.share)
+    torque_sigma = np.hypot(noise.balance.still, 1e-3 * noise.balance.share * model.friction_radius)
+    assert np.std(slip[..., 1]) == pytest.approx(slip_sigma, rel=0.06)
+    assert np.std(torque) == pytest.approx(torque_sigma, rel=0.06)
     # Two Gaussians on each gap's neighbourhood: tighter than either alone.
-    assert np.std(found) < noise.contact
-    assert np.std(slip[..., 0]) < sigmas[0]
+    assert np.std(found) < noise.contact.deviation
+    assert np.std(slip[..., 0]) < slip_sigma
+
+
+def test_a_torque_that_no_motion_has_is_refused():
+    model = model_of("rectangle")
+    g = touching(model, np.array([0.02]))
+    with pytest.raises(EstimationError, match="has no solution near the last one; make it smaller"):
+        push(model, np.zeros((1, 3)), g, 2, Steering(), torque=1.0)

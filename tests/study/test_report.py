@@ -134,7 +134,7 @@ def test_what_went_wrong_is_told(page):
     assert "a.json.gz: has no images" in words
     assert "frame 7: cannot be solved" in words
     assert "palpate evaluate recordings --out report" in words
-    assert "noise.sensor [0.0001]" in words
+    assert "noise.sensor_pose.deviation [0.0001]" in words
 
 
 def test_origins_are_told_once_for_each_kind(page):

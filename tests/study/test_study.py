@@ -10,9 +10,10 @@ import pytest
 from recording_samples import pushed
 
 from palpate.errors import EstimationError, FileError, SettingError
+from palpate.estimation.factors.contact import ContactSettings
+from palpate.estimation.settings import PUBLISHED, NoiseSettings
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
-from palpate.graph.noise import PUBLISHED, GraphNoise
 from palpate.study import job as study_job
 from palpate.study import study as study_module
 from palpate.study.comparison import check_common, compare, read_scores
@@ -253,8 +254,9 @@ def test_an_interrupted_study_goes_on_where_it_was():
 
 def test_a_study_goes_on_with_the_same_settings_and_files_only():
     study()
-    noise = GraphNoise(contact=2e-3)
-    with pytest.raises(SettingError, match=r"out: was made with other settings \(noise contact was 0.001, is 0.002\)"):
+    noise = NoiseSettings(contact=ContactSettings(2e-3))
+    said = r"out: was made with other settings \(noise contact deviation was 0.001, is 0.002\)"
+    with pytest.raises(SettingError, match=said):
         study(dataclasses.replace(SETTINGS, noise=noise), resume=True)
     with pytest.raises(SettingError, match=r"pressure was 'uniform', is 0.03"):
         study(dataclasses.replace(SETTINGS, pressure=0.03), resume=True)
@@ -393,7 +395,7 @@ def test_results_hold_everything_as_plain_data():
     ]
     assert read["broken"] == [{"recording": "edges-0.h5", "error": "is empty"}]
     assert read["skipped"][0]["method"] == "learnt"
-    assert (read["settings"]["noise_preset"], read["settings"]["noise"]["contact"]) == ("palpate", 1e-3)
+    assert (read["settings"]["noise_preset"], read["settings"]["noise"]["contact"]["deviation"]) == ("palpate", 1e-3)
     lines = Path("out/sequences.csv").read_text().splitlines()
     assert len(lines) == 5 and lines[0].startswith("recording,group,tactile,smoother,lost,frames")
     assert lines[1].startswith("disc-1.h5,disc,none,fixed-lag,True,20")

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 from study_samples import drawn_results, drawn_trial, drawn_trials, with_summary
 
+from palpate.estimation.smoother import SmootherName
 from palpate.geometry.shapes import Disc, shape_to_dict
-from palpate.graph.smoother import SmootherName
 from palpate.study.figures import Key, Sheet, Tile, render, study_sheets
 from palpate.study.figures.final_errors import ROTATION, TRANSLATION, against_sheets, box_sheet, slid_sheet
 from palpate.study.figures.methods import COLOURS, DASHES, groups_of, main_method, methods_of

@@ -8,6 +8,7 @@ import pytest
 
 from palpate.errors import EstimationError, SettingError
 from palpate.recording.frame import Frame
+from palpate.recording.measurements import ContactDirection, Turn
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
 from palpate.touch.background import Background
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
@@ -70,29 +71,32 @@ def test_difference_is_of_reduced_images():
 
 
 @pytest.mark.parametrize(
-    ("mode", "direction", "turn"), [("learnt", 1, 1), ("learnt-direction", 1, 0), ("learnt-turn", 0, 1)]
+    ("mode", "kinds"),
+    [
+        ("learnt", [ContactDirection, Turn]),
+        ("learnt-direction", [ContactDirection]),
+        ("learnt-turn", [Turn]),
+    ],
 )
-def test_images_tell_direction_and_turn(mode, direction, turn):
-    feeling = touch(mode).feel(frame(7))
-    assert feeling.relative is None
-    assert (feeling.direction is not None) == direction
-    assert (feeling.turn is not None) == turn
-    if direction:
-        assert feeling.direction.angle == pytest.approx(0.07)
-        assert feeling.direction.variance == pytest.approx(0.01 * 2.0 * 3.0)
-    if turn:
-        assert feeling.turn.angle == pytest.approx(0.14)
-        assert feeling.turn.variance == pytest.approx(0.02 * 0.5 * 4.0)
+def test_images_tell_direction_and_turn(mode, kinds):
+    said = {type(one): one for one in touch(mode).measure(frame(7))}
+    assert list(said) == kinds
+    if ContactDirection in kinds:
+        assert said[ContactDirection].angle == pytest.approx(0.07)
+        assert said[ContactDirection].variance == pytest.approx(0.01 * 2.0 * 3.0)
+    if Turn in kinds:
+        assert said[Turn].angle == pytest.approx(0.14)
+        assert said[Turn].variance == pytest.approx(0.02 * 0.5 * 4.0)
 
 
 @pytest.mark.parametrize(("mode", "variance"), [("learnt-pairs", 0.03 * 30.0), ("learnt-linear", 0.01 * 5.0)])
 def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
     # The ellipse's weight of the linear model is 2 and its sine is told; the stand-in's pairs tell the angle itself.
     told = (lambda back: np.arcsin(2.0 * 0.01 * back)) if mode == "learnt-linear" else (lambda back: 0.01 * back)
-    felt = touch(mode)
-    assert felt.feel(frame(0)).relative is None
+    pairs = touch(mode)
+    assert not pairs.measure(frame(0))
     for k in range(1, 60):
-        found = felt.feel(frame(k)).relative
+        (found,) = pairs.measure(frame(k))
         assert found.back.tolist() == compared_frames(k).tolist()
         np.testing.assert_allclose(
             found.pose, np.column_stack([0 * found.back, 0 * found.back, told(found.back)]), atol=1e-6
@@ -100,20 +104,29 @@ def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
         np.testing.assert_allclose(
             found.covariance, np.broadcast_to(np.diag([1.0, 1.0, variance]), (len(found.back), 3, 3))
         )
-    felt.lift()
-    assert felt.feel(frame(60)).relative is None
-    assert felt.feel(frame(61)).relative.back.tolist() == [1]
+    pairs.end_contact()
+    assert not pairs.measure(frame(60))
+    (found,) = pairs.measure(frame(61))
+    assert found.back.tolist() == [1]
     assert BACK[0] > 1
 
 
 def test_a_contact_keeps_the_background_it_began_with():
     light = [100.0]
-    felt = touch("learnt", lambda: Background(BACKGROUND.mean * np.float32(light[0] / 100.0), BACKGROUND.deviation))
-    assert felt.feel(frame(5)).direction.angle == pytest.approx(0.05)
+    images = touch(
+        "learnt-direction",
+        lambda: Background(BACKGROUND.mean * np.float32(light[0] / 100.0), BACKGROUND.deviation),
+    )
+
+    def angle() -> float:
+        (direction,) = images.measure(frame(5))
+        return direction.angle
+
+    assert angle() == pytest.approx(0.05)
     light[0] = 104.0
-    assert felt.feel(frame(5)).direction.angle == pytest.approx(0.05)
-    felt.lift()
-    assert felt.feel(frame(5)).direction.angle == pytest.approx(0.01, rel=1e-4)
+    assert angle() == pytest.approx(0.05)
+    images.end_contact()
+    assert angle() == pytest.approx(0.01, rel=1e-4)
 
 
 def test_linear_touch_mixes_kinds_as_likely_as_they_are():
@@ -125,7 +138,7 @@ def test_linear_touch_mixes_kinds_as_likely_as_they_are():
 
 def test_bad_input_is_named():
     with pytest.raises(EstimationError, match=r"frame at 0\.100 s has no image"):
-        touch("learnt").feel(Frame(0.1, np.zeros(3)))
+        touch("learnt").measure(Frame(0.1, np.zeros(3)))
     model: Any = StandIn()
     with pytest.raises(SettingError, match="'GelSight Mini' has images of 240 x 320 px; the touch model is of 'DIGIT'"):
         make_touch("learnt", GELSIGHT_MINI, SIGMAS, SIGMAS, model, lambda: BACKGROUND)

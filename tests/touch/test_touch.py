@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -6,7 +7,7 @@ import pytest
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Feeling, Turn
+from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
 from palpate.recording.sensor import POINT
 from palpate.touch import modes
 from palpate.touch.relative import BACK, Touch, compared_frames
@@ -21,6 +22,13 @@ def no_background() -> Any:
 
 def make_touch(mode: Any) -> Touch:
     return modes.make_touch(mode, POINT, SIGMAS, CONSTANT, None, no_background)
+
+
+def only(said: Sequence[Measurement]) -> RelativePoses:
+    """The relative poses, which are all that is said."""
+    (found,) = said
+    assert isinstance(found, RelativePoses)
+    return found
 
 
 def frame(k: int, object_pose: Any = None, sensor_pose: Any = (0.0, 0.0, 0.0)) -> Frame:
@@ -51,25 +59,25 @@ def test_compared_frames(age, back):
 
 def test_no_touch_says_nothing():
     touch = make_touch("none")
-    assert all(touch.feel(frame(k, (0, 0, 0))) == Feeling() for k in range(50))
-    touch.lift()
+    assert not any(touch.measure(frame(k, (0, 0, 0))) for k in range(50))
+    touch.end_contact()
 
 
 def test_constant_touch_says_that_nothing_turned():
     touch = make_touch("constant")
-    felt = [touch.feel(frame(k)) for k in range(50)]
-    assert felt[0] == Feeling()
-    assert all(feeling.direction is feeling.turn is None for feeling in felt)
+    said = [touch.measure(frame(k)) for k in range(50)]
+    assert not said[0]
+    assert all(isinstance(one, RelativePoses) for measurements in said for one in measurements)
     for age in (1, 9, 10, 39, 49):
-        found: Any = felt[age].relative
+        found = only(said[age])
         assert found.back.tolist() == compared_frames(age).tolist()
         assert not found.pose.any()
         assert found.pose.shape == (len(found.back), 3)
         assert (found.covariance == np.diag([1.0, 1.0, 0.25])).all()
         assert found.covariance.shape == (len(found.back), 3, 3)
-    touch.lift()
-    assert touch.feel(frame(50)) == Feeling()
-    again: Any = touch.feel(frame(51)).relative
+    touch.end_contact()
+    assert not touch.measure(frame(50))
+    again = only(touch.measure(frame(51)))
     assert again.back.tolist() == [1]
 
 
@@ -78,8 +86,8 @@ def test_oracle_by_hand():
     # object. It moves to (1.02, -0.1), turned by 0.1: at (-0.1, -0.02) for the object, and turned as much.
     touch = make_touch("oracle")
     object_pose = (1, 0, np.pi / 2)
-    assert touch.feel(frame(0, object_pose, (1, -0.1, np.pi / 2))) == Feeling()
-    found: Any = touch.feel(frame(1, object_pose, (1.02, -0.1, np.pi / 2 + 0.1))).relative
+    assert not touch.measure(frame(0, object_pose, (1, -0.1, np.pi / 2)))
+    found = only(touch.measure(frame(1, object_pose, (1.02, -0.1, np.pi / 2 + 0.1))))
     assert found.back.tolist() == [1]
     np.testing.assert_allclose(found.pose, [[0, -0.02, 0.1]], atol=1e-15)
     np.testing.assert_allclose(found.covariance, [np.diag([1.0, 4.0, 4e-4])])
@@ -91,8 +99,9 @@ def test_oracle_compares_with_the_frames_it_names():
     touch = make_touch("oracle")
     felt = se2.between(objects, sensors)
     for k in range(60):
-        found: Any = touch.feel(frame(k, objects[k], sensors[k])).relative
+        said = touch.measure(frame(k, objects[k], sensors[k]))
         if k:
+            found = only(said)
             assert found.back.tolist() == compared_frames(k).tolist()
             np.testing.assert_allclose(found.pose, se2.between(felt[k - found.back], felt[k]), atol=1e-12)
 
@@ -102,27 +111,27 @@ def test_a_frame_of_unknown_truth_says_nothing_then_and_later():
     unknown = {12, 15}
     for k in range(60):
         truth = None if k == 12 else (np.nan, 0, 0) if k == 15 else (0, 0, 0.001 * k)
-        found = touch.feel(frame(k, truth)).relative
+        said = touch.measure(frame(k, truth))
         if k == 0 or k in unknown:
-            assert found is None
+            assert not said
             continue
         wanted = [back for back in compared_frames(k) if k - back not in unknown]
         if not wanted:
-            assert found is None
+            assert not said
             continue
-        assert found is not None
+        found = only(said)
         assert found.back.tolist() == wanted
         np.testing.assert_allclose(found.pose[:, 2], -0.001 * found.back, atol=1e-15)
         assert len(found.covariance) == len(wanted)
 
 
-def test_a_lift_makes_the_oracle_forget():
+def test_the_end_of_a_contact_makes_the_oracle_forget():
     touch = make_touch("oracle")
     for k in range(20):
-        touch.feel(frame(k, (0, 0, 0)))
-    touch.lift()
-    assert touch.feel(frame(20, (0, 0, 0))) == Feeling()
-    found: Any = touch.feel(frame(21, (0, 0, 0.1))).relative
+        touch.measure(frame(k, (0, 0, 0)))
+    touch.end_contact()
+    assert not touch.measure(frame(20, (0, 0, 0)))
+    found = only(touch.measure(frame(21, (0, 0, 0.1))))
     assert found.back.tolist() == [1]
     np.testing.assert_allclose(found.pose, [[0, 0, -0.1]])
 

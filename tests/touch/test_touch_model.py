@@ -1,4 +1,4 @@
-"""A touch model on disk and what makes feelings of it, with networks that need no training."""
+"""A touch model on disk and what makes measurements of it, with networks that need no training."""
 
 import json
 from types import SimpleNamespace
@@ -10,6 +10,7 @@ from training_samples import LINEAR, SPREAD, model_settings
 
 from palpate.errors import EstimationError, FileError
 from palpate.recording.frame import Frame
+from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
 from palpate.touch.learnt import ImageTouch, PairTouch, View, linear_touch, pair_touch
@@ -188,16 +189,16 @@ def stand_in(**changes: Any) -> Any:
 
 def test_what_an_image_tells_is_believed_as_far_as_was_measured():
     gel = Gel()
-    feeling: Any = ImageTouch(stand_in(), View(gel)).feel(frame(110))
-    assert feeling.relative is None
-    assert feeling.direction.angle == pytest.approx(-0.1)
-    assert feeling.direction.variance == pytest.approx(0.1 * 2.0 * 3.0)  # scale and together
-    assert feeling.turn.angle == pytest.approx(0.1)
-    assert feeling.turn.variance == pytest.approx(0.2 * 5.0 * 1.5)
-    only: Any = ImageTouch(stand_in(), View(gel), turn=False).feel(frame(110))
-    assert only.direction is not None and only.turn is None
-    only = ImageTouch(stand_in(), View(gel), direction=False).feel(frame(110))
-    assert only.direction is None and only.turn is not None
+    direction, turn = ImageTouch(stand_in(), View(gel)).measure(frame(110))
+    assert isinstance(direction, ContactDirection) and isinstance(turn, Turn)
+    assert direction.angle == pytest.approx(-0.1)
+    assert direction.variance == pytest.approx(0.1 * 2.0 * 3.0)  # scale and together
+    assert turn.angle == pytest.approx(0.1)
+    assert turn.variance == pytest.approx(0.2 * 5.0 * 1.5)
+    (only,) = ImageTouch(stand_in(), View(gel), turn=False).measure(frame(110))
+    assert isinstance(only, ContactDirection)
+    (only,) = ImageTouch(stand_in(), View(gel), direction=False).measure(frame(110))
+    assert isinstance(only, Turn)
 
 
 @pytest.mark.parametrize("make", [pair_touch, linear_touch])
@@ -205,11 +206,13 @@ def test_pairs_tell_the_turn_since_each_earlier_frame(make):
     gel = Gel()
     touch = make(stand_in(), View(gel))
     for age in range(60):
-        relative: Any = touch.feel(frame(100 + age)).relative
+        said = touch.measure(frame(100 + age))
         back = compared_frames(age) if age <= BACK[-1] else BACK
         if not len(back):
-            assert relative is None
+            assert not said
             continue
+        (relative,) = said
+        assert isinstance(relative, RelativePoses)
         np.testing.assert_array_equal(relative.back, back)
         # The level rises by 1 a frame: yaw by 0.01, or the key point by as much, which of discs is the sine.
         wanted = 0.01 * back if make is pair_touch else np.arcsin(0.01 * back)
@@ -218,8 +221,8 @@ def test_pairs_tell_the_turn_since_each_earlier_frame(make):
         np.testing.assert_allclose(relative.covariance[:, 2, 2], told, rtol=1e-6)
         assert (relative.covariance[:, [0, 1], [0, 1]] >= 1.0).all()  # nothing is told of x and y, a metre is nothing
         assert not relative.pose[:, :2].any()
-    touch.lift()
-    assert touch.feel(frame(100)).relative is None  # another contact
+    touch.end_contact()
+    assert not touch.measure(frame(100))  # another contact
     assert gel.asked == 2
 
 
@@ -232,7 +235,7 @@ def test_pairs_are_asked_with_features_in_the_order_of_back():
 
     touch = PairTouch(View(Gel()), lambda seen: np.array([level_of(seen)]), compare)
     for age in range(13):
-        touch.feel(frame(100 + age))
+        touch.measure(frame(100 + age))
     earlier, later = asked[-1]
     np.testing.assert_allclose(later, [12.0], atol=1e-5)
     np.testing.assert_allclose(earlier[:, 0], 12.0 - compared_frames(12), atol=1e-5)

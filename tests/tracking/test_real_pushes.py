@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import formats
-from palpate.graph.noise import STICKING
+from palpate.estimation.settings import STICKING
 from palpate.recording.recording import Recording
 from palpate.tracker import TrackerSettings
 from palpate.tracking.inspection import inspect_recording

@@ -9,7 +9,7 @@ from recording_samples import pushed
 
 from palpate import formats
 from palpate.errors import FileError, SettingError
-from palpate.graph.noise import PRESETS
+from palpate.estimation.settings import PRESETS
 from palpate.tracker import TrackerSettings
 from palpate.tracking import run_folder
 from palpate.tracking.run import track
@@ -91,7 +91,7 @@ def test_a_run_leaves_a_folder(tracked, tmp_path):
         "uniform",
     )
     assert settings["noise_preset"] == "palpate"
-    assert settings["noise"]["contact"] == PRESETS["palpate"].contact
+    assert settings["noise"]["contact"] == dataclasses.asdict(PRESETS["palpate"].contact)
     assert settings["first_pose"] == tracked.first_pose.tolist()
     estimates: Any = formats.read(folder / "estimates.csv")
     assert np.array_equal(estimates.pose, tracked.online.pose)

@@ -1,15 +1,30 @@
 import dataclasses
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, contact_rows, frames, in_two_contacts, noisy, pushed, sensor, tips_of
+from push_samples import (
+    RADIUS,
+    SHAPES,
+    frames,
+    gaps,
+    in_two_contacts,
+    model_of,
+    noisy,
+    pushed,
+    sensor,
+    with_settings,
+)
 from tracker_samples import AS_DRAWN, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
 
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.settings import PUBLISHED, NoiseSettings
+from palpate.estimation.unknowns import DEPTH, IN_OBJECT
 from palpate.geometry import se2
-from palpate.graph.noise import PUBLISHED, GraphNoise
-from palpate.graph.smoother import DEPTH
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import Measurement
+from palpate.touch.relative import OracleTouch
 from palpate.tracker import Tracker
 from palpate.tracking.metrics import rotation_errors, translation_errors
 
@@ -94,7 +109,9 @@ def test_an_untouched_object_rests():
     assert set(statuses(found)) == {"resting"}
     for estimate in found:
         assert estimate.pose.tolist() == first.tolist()
-        np.testing.assert_allclose(estimate.covariance, np.diag(np.square(GraphNoise().first_pose)), rtol=1e-15)
+        np.testing.assert_allclose(
+            estimate.covariance, np.diag(np.square(NoiseSettings().first_pose.deviation)), rtol=1e-15
+        )
         assert estimate.contact is False
 
 
@@ -104,7 +121,7 @@ def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
     def distance(change: Array) -> float:
         both = [object_pose, sensor_pose]
         both[moved] = se2.compose(both[moved], se2.exp(change))
-        return contact_rows(se2.between(*both), 0.0, tips_of("disc")[0])[0].item()
+        return gaps(se2.between(*both), model_of("disc")).item()
 
     return np.array([(distance(step) - distance(-step)) / 2e-6 for step in 1e-6 * np.eye(3)])
 
@@ -112,28 +129,56 @@ def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
     o, e, contact = in_two_contacts("disc", 40)
-    noise = dataclasses.replace(AS_DRAWN, rest=(1e-3, 1e-3, 1e-2))
-    tracker = Tracker(SHAPES["disc"], sensor(), o[0], settings("none", smoother, noise))
-    found, knew = [], []
-    for frame in frames(o, e, contact):
-        found.append(tracker.update(frame))
-        knew.append(tracker._known)
+    noise = with_settings(AS_DRAWN, first_pose={"rest": (1e-3, 1e-3, 1e-2)})
+    estimator = Estimator(model_of("disc"), noise, smoother, o[0])
+    knew, covariances = [], []
+    for k, (pose, touched) in enumerate(zip(e, contact, strict=True)):
+        if touched:
+            estimator.touch(pose, (), k / 30)
+        else:
+            estimator.end_contact()
+            estimator.rest(pose, (), k / 30)
+        knew.append(estimator.known)
+        covariances.append(estimator.covariance)
+    # The tracker says the same.
+    _, found = track("disc", frames(o, e, contact), o[0], settings("none", smoother, noise))
+    np.testing.assert_array_equal(poses(found), [known.pose for known in knew])
+    np.testing.assert_array_equal([estimate.covariance for estimate in found], covariances)
     before, resting, again = found[40], found[41:51], found[51]
     for estimate in resting:
         np.testing.assert_array_equal(estimate.pose, before.pose)
         np.testing.assert_array_equal(estimate.covariance, before.covariance)
     # The first frame of contact adds resting and then one distance, the sensor's pose being uncertain too, less the
     # depth by which they overlap: with all that is known of pose and depth together.
-    known = knew[50].loosened(np.diag(np.square(noise.rest))).covariance
+    known = knew[50].loosened(np.diag(np.square(noise.first_pose.rest))).covariance
     gap = np.zeros(len(known))
-    gap[:3], gap[3 + DEPTH] = distance_by(before.pose, e[51], moved=0), 1.0
+    gap[:3], gap[3:][IN_OBJECT[DEPTH]] = distance_by(before.pose, e[51], moved=0), 1.0
     by_sensor = distance_by(before.pose, e[51], moved=1)
-    variance = noise.contact**2 + gap @ known @ gap + by_sensor @ np.diag(np.square(noise.sensor)) @ by_sensor
+    of_sensor = by_sensor @ np.diag(np.square(noise.sensor_pose.deviation)) @ by_sensor
+    variance = noise.contact.deviation**2 + gap @ known @ gap + of_sensor
     wanted = known - np.outer(known @ gap, known @ gap) / variance
     np.testing.assert_allclose(knew[51].covariance, wanted, rtol=0.01, atol=1e-8)
     np.testing.assert_allclose(again.covariance, wanted[:3, :3], rtol=0.01, atol=1e-9)
-    assert again.covariance[2, 2] > 4 * noise.first_pose[2] ** 2  # it was not reset to the first one's
+    assert again.covariance[2, 2] > 4 * noise.first_pose.deviation[2] ** 2  # it was not reset to the first one's
     assert yaw_deviations(found)[-1] > yaw_deviations(found)[51]
+
+
+class CountedTouch(OracleTouch):
+    """Touch that counts the contacts that begin."""
+
+    def __init__(self) -> None:
+        super().__init__(AS_DRAWN.relative_pose.oracle)
+        self.begun = 0
+        self._away = True
+
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
+        self.begun += self._away
+        self._away = False
+        return super().measure(frame)
+
+    def end_contact(self) -> None:
+        self._away = True
+        super().end_contact()
 
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)
@@ -145,17 +190,10 @@ def test_a_gap_in_time_ends_a_contact(smoother):
     soon = [*seen[:30], *(dataclasses.replace(frame, time=frame.time + 0.2) for frame in seen[30:])]
     compared = []
     for sequence in (late, soon):
-        tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
-        begun: list[float] = []
-        begin = tracker._smoother.begin
-
-        def counted(*given: Any, begin: Any = begin, begun: list[float] = begun) -> None:
-            begun.append(given[0][0])
-            begin(*given)
-
-        tracker._smoother.begin = counted  # type: ignore[method-assign]
+        touch = CountedTouch()
+        tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none", smoother), touch=touch)
         found = [tracker.update(frame) for frame in sequence]
-        compared.append(len(begun))
+        compared.append(touch.begun)
         assert len(tracker.smoothed()) == len(sequence)
         assert translation_errors(poses(found), o).max() < 1.5e-3  # the step across the gap is a rest of 1 mm
     assert compared == [2, 1]
@@ -164,8 +202,7 @@ def test_a_gap_in_time_ends_a_contact(smoother):
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_smoothed_poses(smoother):
     o, e, contact = in_two_contacts("rectangle", 45)
-    noise = GraphNoise()
-    e = noisy(e, noise.sensor, np.random.default_rng(2))
+    e = noisy(e, NoiseSettings().sensor_pose.deviation, np.random.default_rng(2))
     seen = frames(o, e, contact)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
     for k, frame in enumerate(seen):

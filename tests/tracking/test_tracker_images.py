@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from push_samples import direction_rows
+from push_samples import contact_directions, with_settings
 
 from palpate.errors import EstimationError, SettingError
+from palpate.estimation.contact_model import contact_model
+from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
-from palpate.graph.factors import contact_models
-from palpate.graph.noise import GraphNoise
 from palpate.recording.recording import Recording
 from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
@@ -62,9 +62,8 @@ def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_tu
     touched = np.flatnonzero(recording.contact)[3:-3:3]
     looks = [model.look(difference(recording[int(index)].image, mean)) for index in touched]
     g = se2.between(recording.object_pose, recording.sensor_pose)[touched]
-    (tip,) = contact_models(recording.shape, recording.sensor)
     told = np.array([[look.direction[0], look.turn[0]] for look in looks])
-    direction, _ = direction_rows(g, told[:, 0], 0.0, tip)
+    direction = se2.wrap(contact_directions(g, contact_model(recording.shape, recording.sensor)) - told[:, 0])
     assert np.median(np.abs(direction)) < np.radians(1.5)
     turn = np.unwrap(g[:, 2]) - told[:, 1]
     assert np.std(turn) < max(0.5 * np.std(np.unwrap(g[:, 2])), np.radians(0.7))
@@ -73,7 +72,7 @@ def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_tu
 @pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn", "learnt-pairs", "learnt-linear"])
 def test_every_way_to_feel_tracks(recording, blind, tactile):
     # The default hardly believes turns.
-    run = track(recording, TrackerSettings(tactile=tactile, noise=GraphNoise(turn_share=4.0)))
+    run = track(recording, TrackerSettings(tactile=tactile, noise=with_settings(NoiseSettings(), turn={"share": 4.0})))
     assert run.model is not None and run.model.folder == SHIPPED
     # On one short push the blind tracker may be lucky; it does not know that it is.
     assert yaw_deviation(run) < 0.9 * yaw_deviation(blind)

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, frames, pushed, sensor
+from push_samples import SHAPES, frames, pushed, sensor, with_settings
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
 from palpate.errors import EstimationError, SettingError
-from palpate.graph.noise import GraphNoise
+from palpate.estimation.settings import NoiseSettings
 from palpate.recording.frame import Frame
-from palpate.tracker import Tracker
+from palpate.tracker import Tracker, TrackerSettings
 
 
 def test_a_frame_with_neither_image_nor_contact_flag():
@@ -41,11 +41,11 @@ def test_a_first_pose_that_is_none(first):
         disc_tracker(first=first)
 
 
-def test_unknown_names_list_the_allowed_ones():
+def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
     with pytest.raises(SettingError, match="tactile is 'felt'; allowed are none, constant, oracle, learnt"):
-        disc_tracker(settings(tactile="felt"))
+        TrackerSettings(tactile="felt")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, isam2"):
-        disc_tracker(settings(smoother="isam"))
+        TrackerSettings(smoother="isam")  # pyright: ignore[reportArgumentType]
 
 
 def test_a_first_time_that_is_not_finite():
@@ -66,7 +66,7 @@ def test_a_sensor_pose_of_two_numbers():
 def test_sigmas_that_are_not_above_zero():
     for sigmas in ((0.0, 0.0, 0.0), (-1e-3, 1e-3, 1e-3), (np.nan, 1e-3, 1e-3)):
         with pytest.raises(SettingError, match="first_pose"):
-            disc_tracker(settings(noise=GraphNoise(first_pose=sigmas)))
+            disc_tracker(settings(noise=with_settings(NoiseSettings(), first_pose={"deviation": sigmas})))
 
 
 def test_a_caller_may_change_the_estimate_it_was_given():

@@ -2,20 +2,23 @@
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, frames, pushed, sensor, tips_of
+from push_samples import RADIUS, SHAPES, frames, model_of, pushed, sensor, with_settings
 from tracker_samples import AS_DRAWN, SMOOTHERS, disc_tracker, poses, settings, statuses, track, yaw_deviations
 
 from palpate.errors import EstimationError
+from palpate.estimation import estimator
+from palpate.estimation.diagnosis import STRAIN_FRAMES
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import BeginContact, make_smoother
 from palpate.geometry import se2
-from palpate.graph.noise import GraphNoise
 from palpate.recording.frame import Frame
 from palpate.simulation.limit_surface import Steering, push
-from palpate.tracker import STRAIN_FRAMES, Tracker
+from palpate.tracker import Tracker
 from palpate.tracking.metrics import rotation_errors, translation_errors
 
 Array = np.ndarray
@@ -80,7 +83,7 @@ def test_displacement_is_said_until_the_contact_ends():
 def test_a_gap_is_judged_by_what_is_known_along_it(heading, status, turn):
     # The disc is known to 5 mm along its x and far better along y. A sensor 4 mm deep along x is no surprise; along
     # y, where three standard deviations of contact are 3 mm, it is. `turn` turns the sensor about its centre.
-    noise = GraphNoise(first_pose=(5e-3, 1e-5, 1e-5))
+    noise = with_settings(NoiseSettings(), first_pose={"deviation": (5e-3, 1e-5, 1e-5)})
     center = se2.compose([0.0, 0.0, heading], [-0.088 + 4e-3 - RADIUS, 0.0, turn])
     tracker = disc_tracker(settings(noise=noise))
     pose = se2.compose(center, [RADIUS, 0.0, 0.0])
@@ -99,7 +102,7 @@ def test_a_sensor_that_stands_where_the_object_should_be():
     assert all(estimate.pose.tolist() == [0, 0, 0] for estimate in found)
 
 
-SURE = replace(AS_DRAWN, tactile=(1.0, 1.0, 0.02))
+SURE = with_settings(AS_DRAWN, relative_pose={"oracle": (1.0, 1.0, 0.02)})
 """Touch that is surer of a turn than the default: a knock of 0.1 rad is beyond all doubt."""
 
 
@@ -107,7 +110,7 @@ def knocked(angle: float) -> tuple[Array, Array]:
     """A push of the rectangle in which, at step 50, a hand turns it about the sensor's apex."""
     o1, e1 = pushed("rectangle", 50, 0.015)
     first = se2.compose(se2.compose(e1[-1], np.array([0.0, 0.0, angle])), se2.between(e1[-1], o1[-1]))
-    o2, e2 = push(tips_of("rectangle")[0], first[None], se2.between(first, e1[-1])[None], 50, Steering())
+    o2, e2 = push(model_of("rectangle"), first[None], se2.between(first, e1[-1])[None], 50, Steering())
     return np.concatenate([o1, o2[1:, 0]]), np.concatenate([e1, e2[1:, 0]])
 
 
@@ -151,32 +154,47 @@ def test_a_knock_is_not_forgotten_while_its_error_lasts(smoother):
     assert found[-1].status != "tracking" or error @ np.linalg.solve(found[-1].covariance, error) < 11.3  # 99 %
 
 
-def broken_once(tracker: Tracker, monkeypatch: pytest.MonkeyPatch, at: int, begin_too: bool = False) -> None:
-    """Make the smoother fail at its at-th `add`, and every `begin` after it too if so wanted."""
-    smoother = tracker._smoother
-    add, begin, count = smoother.add, smoother.begin, [0]
+@dataclass
+class Breaking:
+    """What begins contacts, with graphs that fail when asked to."""
 
-    def failing_add(*given: Any) -> None:
-        count[0] += 1
-        if count[0] == at:
+    begin: BeginContact
+    at: int
+    """Which frame after the first of a contact fails."""
+    begin_too: bool = False
+    """Whether no graph can begin from then on."""
+    added: int = 0
+
+    def __call__(self, *given: Any) -> Any:
+        if self.begin_too and self.added >= self.at:
             raise EstimationError("the linear system of the window is indeterminate")
-        add(*given)
+        smoother: Any = self.begin(*given)
+        add = smoother.add
 
-    def failing_begin(*given: Any) -> None:
-        if count[0] >= at:
-            raise EstimationError("the linear system of the window is indeterminate")
-        begin(*given)
+        def failing_add(*given: Any) -> None:
+            self.added += 1
+            if self.added == self.at:
+                raise EstimationError("the linear system of the window is indeterminate")
+            add(*given)
 
-    monkeypatch.setattr(smoother, "add", failing_add)
-    if begin_too:
-        monkeypatch.setattr(smoother, "begin", failing_begin)
+        smoother.add = failing_add
+        return smoother
+
+
+def breaking(monkeypatch: pytest.MonkeyPatch, at: int, begin_too: bool = False) -> None:
+    """Make the graphs of trackers fail at their at-th `add`, and every new one after it too if so wanted."""
+
+    def make_breaking(*given: Any) -> Breaking:
+        return Breaking(make_smoother(*given), at, begin_too)
+
+    monkeypatch.setattr(estimator, "make_smoother", make_breaking)
 
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_an_indeterminate_system_starts_anew(smoother, monkeypatch, caplog):
     o, e = pushed("rectangle", 60)
+    breaking(monkeypatch, 25)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
-    broken_once(tracker, monkeypatch, 25)
     with caplog.at_level(logging.WARNING):
         found = [tracker.update(frame) for frame in frames(o, e)]
     assert statuses(found) == ["tracking"] * 25 + ["indeterminate"] + ["tracking"] * 35
@@ -192,8 +210,8 @@ def test_an_indeterminate_system_starts_anew(smoother, monkeypatch, caplog):
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_a_system_that_stays_indeterminate_names_frame_and_reason(smoother, monkeypatch):
     o, e = pushed("rectangle", 30)
+    breaking(monkeypatch, 25, begin_too=True)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
-    broken_once(tracker, monkeypatch, 25, begin_too=True)
     seen = frames(o, e)
     for frame in seen[:25]:
         tracker.update(frame)
@@ -205,17 +223,11 @@ def test_a_system_that_stays_indeterminate_names_frame_and_reason(smoother, monk
 
 def test_what_was_tracked_is_there_after_an_error(monkeypatch):
     o, e = pushed("rectangle", 30)
+    breaking(monkeypatch, 25, begin_too=True)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings())
     seen = frames(o, e)
-    smoother = tracker._smoother
     for frame in seen[:25]:
         tracker.update(frame)
-
-    def failing(*given: Any) -> None:
-        raise EstimationError("no")
-
-    monkeypatch.setattr(smoother, "add", failing)
-    monkeypatch.setattr(smoother, "begin", failing)
     with pytest.raises(EstimationError):
         tracker.update(seen[25])
     assert len(tracker.smoothed()) == 25

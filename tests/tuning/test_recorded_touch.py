@@ -5,17 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from push_samples import with_settings
 from recording_samples import pushed
 
 from palpate.errors import FileError
 from palpate.formats.palpate_h5 import write_recording
-from palpate.recording.measurements import Feeling, RelativePoses
+from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
+from palpate.recording.trajectory import Trajectory
 from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
 from palpate.tracker import TrackerSettings
 from palpate.tracking.run import track
-from palpate.tuning.recorded_touch import _Remembered, record_touch, record_touch_of_files, track_recorded
+from palpate.tuning.recorded_touch import RecordedTouch, record_touch, record_touch_of_files, track_recorded
 
 Tactile = Any
 
@@ -33,7 +35,7 @@ def test_what_images_say_is_said_again_without_them(seen, tactile: Tactile):
     settings = TrackerSettings(tactile=tactile)
     recorded, run = record_touch(seen, tactile), track(seen, settings)
     online = track_recorded(recorded, settings)
-    assert recorded.recording.image is None and (recorded.feelings is None) == (tactile == "none")
+    assert recorded.recording.image is None and (recorded.measurements is None) == (tactile == "none")
     assert online.contact is not None and online.contact.any()
     assert np.array_equal(online.contact, run.online.contact)  # pyright: ignore[reportArgumentType]
     assert np.array_equal(online.pose, run.online.pose)
@@ -44,24 +46,34 @@ def test_what_images_say_is_said_again_without_them(seen, tactile: Tactile):
 def test_modes_without_images_feel_anew_with_the_noise_of_the_settings():
     recording = pushed()
     recorded = record_touch(recording, "oracle")
-    assert recorded.feelings is None
+    assert recorded.measurements is None
     for sigma in (1e-2, 1.0):
         settings = TrackerSettings(tactile="oracle")
-        settings = replace(settings, noise=replace(settings.noise, tactile=(1.0, 1.0, sigma)))
+        settings = replace(settings, noise=with_settings(settings.noise, relative_pose={"oracle": (1.0, 1.0, sigma)}))
         online, run = track_recorded(recorded, settings), track(recording, settings)
         assert np.array_equal(online.pose, run.online.pose)
         assert np.array_equal(online.covariance, run.online.covariance)  # pyright: ignore[reportArgumentType]
 
 
-def test_what_was_felt_before_a_contact_begins_anew_is_not_said_again():
-    relative = RelativePoses(np.array([10, 12, 3]), np.zeros((3, 3)), np.broadcast_to(np.eye(3), (3, 3, 3)))
-    recording = pushed()
-    feelings = tuple(Feeling(relative) for _ in recording.time)
-    remembered: Any = _Remembered(recording.time, feelings)
-    back = [remembered.feel(frame).relative.back.tolist() for frame in recording]
-    assert (back[0], back[3], back[10], back[12]) == ([], [3], [10, 3], [10, 12, 3])
-    remembered.lift()
-    assert remembered.feel(recording[14]).relative.back.tolist() == []
+def test_what_was_said_of_frames_before_the_tracker_began_anew_is_not_said_again():
+    recording, lost = pushed(), 11  # in contact from frame 5 to 19
+    covariance = np.diag([1.0, 1.0, 1e-4])
+
+    def tracked(first_after: int) -> Trajectory:
+        """Tracked with pairs that reach back as far as the contact or, later on, the frame that was lost, does."""
+        said: list[tuple[Measurement, ...]] = [() for _ in recording.time]
+        for index in range(5, 20):
+            first = 5 if index <= lost else first_after
+            back = np.array([back for back in (3, 1, 10, 2) if index - back >= first], int)
+            pose = np.full((len(back), 3), np.nan if index == lost else 0.0)
+            said[index] = (RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3))),)
+        return track_recorded(RecordedTouch(recording, recording.object_pose, tuple(said)), TrackerSettings("learnt"))
+
+    # A pair that is not a number leaves the graph unsolved.
+    found, wanted = tracked(5), tracked(lost)
+    assert [index for index, status in enumerate(found.status or ()) if status == "indeterminate"] == [lost]
+    assert np.isfinite(found.pose).all()
+    assert np.array_equal(found.pose, wanted.pose)
 
 
 def test_recordings_that_cannot_be_tuned_on(tmp_path):

@@ -1,48 +1,40 @@
 """Learning noise from pushes drawn with a noise that is known."""
 
-import logging
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, direction_rows, noisy, sensor, tips_of, touching
+from push_samples import SHAPES, contact_directions, model_of, noisy, sensor, touching, with_settings
 
 from palpate.errors import EstimationError, SettingError
+from palpate.estimation import estimator
+from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
-from palpate.graph.noise import GraphNoise
-from palpate.recording.measurements import ContactDirection, Feeling, Turn
+from palpate.recording.measurements import ContactDirection, Turn
 from palpate.recording.recording import Recording
 from palpate.simulation.limit_surface import Steering, draw_residuals, push
 from palpate.tracker import TrackerSettings
 from palpate.tuning import tuning
 from palpate.tuning.likelihood import negative_log_likelihood
-from palpate.tuning.parameters import PARAMETERS, check_parameters, value_of, with_value
+from palpate.tuning.parameters import check_parameters, tunable, value_of, with_value
 from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
 from palpate.tuning.tuning import LOST, Tuning, judge, tune
 
 FELT, STEPS = 0.01, 16
-TRUE = replace(
-    GraphNoise(),
-    sticking_share=0.3,
-    sliding_share=0.3,
-    cone_share=None,
-    turning=1e-6,
-    turning_share=0.5,
-    # What lasts is as nominal as it is drawn.
-    friction_ratio=(0.0, 1e-6),
-    friction_center=1e-6,
-    depth=(0.0, 1e-6),
-    direction_bias=1e-6,
-    direction_share=1.0,
-    turn_share=1.0,
-    contact=3e-4,
-    sensor=(3e-4, 3e-4, 3e-3),
-    first_pose=(1e-5, 1e-5, 1e-5),
-    sticking_kernel=None,
-    turning_kernel=None,
-    contact_kernel=None,
-    feeling_kernel=None,
+TRUE = with_settings(
+    NoiseSettings(),
+    sensor_pose={"deviation": (3e-4, 3e-4, 3e-3)},
+    first_pose={"deviation": (1e-5, 1e-5, 1e-5)},
+    contact={"deviation": 3e-4, "kernel": None},
+    direction={"share": 1.0, "kernel": None},
+    turn={"share": 1.0, "kernel": None},
+    sticking={"share": 0.3, "sliding_share": 0.3, "kernel": None},
+    balance={"still": 1e-6, "share": 0.5, "kernel": None},
+    friction_cone={"share": None, "kernel": None},
+    # What belongs to the object is as nominal as it is drawn.
+    priors=dict.fromkeys(("direction_bias", "depth", "friction_ratio", "friction_center"), (0.0, 1e-6)),
 )
 
 
@@ -50,36 +42,40 @@ TRUE = replace(
 def drawn(count: int, seed: int = 0) -> tuple[RecordedTouch, ...]:
     """Pushes of a rectangle, with what a sensor says of each frame, all drawn with TRUE."""
     rng = np.random.default_rng(seed)
-    tip, steering = tips_of("rectangle")[0], Steering()
-    gap, slip, torque = draw_residuals(tip, TRUE, steering.speed, np.pi, STEPS, count, rng)
-    g = touching(tip, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
+    model, steering = model_of("rectangle"), Steering()
+    gap, slip, torque = draw_residuals(model, TRUE, steering.speed, np.pi, STEPS, count, rng)
+    g = touching(model, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
     g[:, 0] -= gap
-    o, e = push(tip, rng.uniform(-1, 1, (count, 3)), g, STEPS, steering, rng.uniform(0, 6, count), slip, torque)
-    g, measured = se2.between(o, e), noisy(e, TRUE.sensor, rng)
-    directions = direction_rows(g, 0.0, 0.0, tip)[0][..., 0] + rng.normal(0.0, FELT, g.shape[:-1])
+    o, e = push(model, rng.uniform(-1, 1, (count, 3)), g, STEPS, steering, rng.uniform(0, 6, count), slip, torque)
+    g, measured = se2.between(o, e), noisy(e, TRUE.sensor_pose.deviation, rng)
+    directions = contact_directions(g, model) + rng.normal(0.0, FELT, g.shape[:-1])
     turns = g[..., 2] + rng.normal(0.0, FELT, g.shape[:-1])
     time, touched = np.arange(STEPS + 1) / 30, np.ones(STEPS + 1, np.bool_)
     found = []
     for k in range(count):
         recording = Recording(time, measured[:, k], SHAPES["rectangle"], sensor(), o[:, k], touched)
-        feelings = tuple(
-            Feeling(None, ContactDirection(float(direction), FELT**2), Turn(float(turn), FELT**2))
+        said = tuple(
+            (ContactDirection(float(direction), FELT**2), Turn(float(turn), FELT**2))
             for direction, turn in zip(directions[:, k], turns[:, k], strict=True)
         )
-        found.append(RecordedTouch(recording, o[:, k], feelings))
+        found.append(RecordedTouch(recording, o[:, k], said))
     return tuple(found)
 
 
-def settings(**noise) -> TrackerSettings:
-    return TrackerSettings(tactile="learnt", noise=replace(TRUE, **noise))
+def settings(**groups: dict[str, Any]) -> TrackerSettings:
+    return TrackerSettings(tactile="learnt", noise=with_settings(TRUE, **groups))
 
 
 def test_noise_that_pushes_were_drawn_with_is_found_again():
     """On six short pushes, in twelve evaluations, from a start off by ten; the score on two others falls with it."""
-    start = settings(contact=10.0 * TRUE.contact, sensor=tuple(10.0 * sigma for sigma in TRUE.sensor))
+    contact, sensor_pose = TRUE.contact.deviation, TRUE.sensor_pose.deviation
+    start = settings(
+        contact={"deviation": 10.0 * contact}, sensor_pose={"deviation": tuple(10.0 * sigma for sigma in sensor_pose)}
+    )
     seen: list[Tuning] = []
-    found = tune(drawn(8), start, ("contact", "sensor"), 12, progress=seen.append)
-    for name, true in (("contact", TRUE.contact), ("sensor", TRUE.sensor[0])):
+    names = ("contact.deviation", "sensor_pose.deviation")
+    found = tune(drawn(8), start, names, 12, progress=seen.append)
+    for name, true in zip(names, (contact, sensor_pose[0]), strict=True):
         before, after = found.values[name]
         assert before == pytest.approx(10.0 * true)
         assert abs(np.log(after / true)) < np.log(3.0)
@@ -90,8 +86,9 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
     # What is reported is what the settings do, and nothing but what was asked for has changed.
     noise = found.settings.noise
     assert judge([recorded for index, recorded in enumerate(drawn(8)) if index % 4 != 3], found.settings) == found.after
-    assert noise == replace(TRUE, contact=noise.contact, sensor=noise.sensor)
-    assert noise.sensor[2] == pytest.approx(10.0 * noise.sensor[0], rel=1e-3)
+    changed = {"deviation": noise.contact.deviation}, {"deviation": noise.sensor_pose.deviation}
+    assert noise == with_settings(TRUE, contact=changed[0], sensor_pose=changed[1])
+    assert noise.sensor_pose.deviation[2] == pytest.approx(10.0 * noise.sensor_pose.deviation[0], rel=1e-3)
     # It never gets worse on the way, and says so.
     assert [each.evaluations for each in seen] == list(range(1, 13))
     assert (np.diff([each.after.score for each in seen]) <= 0.0).all()
@@ -99,12 +96,12 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
 
 
 def test_tuning_twice_is_the_same():
-    start = settings(contact=1e-3)
-    assert tune(drawn(3), start, ("contact",), 4) == tune(drawn(3), start, ("contact",), 4, workers=2)
+    start, names = settings(contact={"deviation": 1e-3}), ("contact.deviation",)
+    assert tune(drawn(3), start, names, 4) == tune(drawn(3), start, names, 4, workers=2)
 
 
 def test_few_recordings_leave_none_to_judge_by():
-    found = tune(drawn(3), settings(), ("contact",), 1)
+    found = tune(drawn(3), settings(), ("contact.deviation",), 1)
     assert found.held_out is None and found.evaluations == 1
     assert found.settings == settings() and found.before == found.after
     with pytest.raises(SettingError, match="no recordings"):
@@ -112,9 +109,9 @@ def test_few_recordings_leave_none_to_judge_by():
 
 
 def test_a_start_out_of_range_is_only_replaced_by_something_better():
-    start = settings(sticking_share=0.0, contact=3e-5)
-    found = tune(drawn(2), replace(start, tactile="learnt-turn"), ("sticking_share",), 3)
-    assert found.values["sticking_share"][0] == 0.0
+    start = settings(sticking={"share": 0.0}, contact={"deviation": 3e-5})
+    found = tune(drawn(2), replace(start, tactile="learnt-turn"), ("sticking.share",), 3)
+    assert found.values["sticking.share"][0] == 0.0
     assert found.after.score <= found.before.score
 
 
@@ -129,44 +126,66 @@ def test_c_of_one_object():
 
 
 def test_which_parameters():
-    names = set(GraphNoise.__dataclass_fields__) | {"pressure"}
-    assert set(PARAMETERS) & names == set(PARAMETERS)  # no entry is left over
+    noise = NoiseSettings()
+    names = {f"{group.name}.{each.name}" for group in fields(noise) for each in fields(getattr(noise, group.name))}
+    # All but the first pose, which ground truth gives.
+    assert set(tunable()) == (names | {"pressure"}) - {"first_pose.deviation"}
     usual = TrackerSettings(tactile="learnt")
-    pushing = {"sticking_share", "sliding_share", "cone_margin", "cone_share", "turning_share", "sticking_kernel"}
-    friction = {"friction_ratio", "friction_center", "grip"}
-    assert pushing | friction | {"direction_share", "turn_share"} == set(check_parameters(usual))
+    pushing = {"sticking.share", "sticking.sliding_share", "sticking.margin", "sticking.kernel"}
+    pushing |= {"friction_cone.share", "balance.share"}
+    friction = {"priors.friction_ratio", "priors.friction_center", "priors.grip"}
+    assert pushing | friction | {"direction.share", "turn.share"} == set(check_parameters(usual))
     # And not the floors, other kernels, what is hardly seen of and what robot and laboratory know.
     oracle = set(check_parameters(TrackerSettings(tactile="oracle")))
-    assert {"tactile", "sticking_share"} <= oracle
-    assert not {"direction_share", "turn_share", "constant"} & oracle  # nothing there that they are of
+    assert {"relative_pose.oracle", "sticking.share"} <= oracle
+    assert not {"direction.share", "turn.share", "relative_pose.constant"} & oracle  # nothing there that they are of
+    constant = set(check_parameters(TrackerSettings(tactile="constant")))
+    assert "relative_pose.constant" in constant and "relative_pose.oracle" not in constant
     direction = set(check_parameters(replace(usual, tactile="learnt-direction")))
-    assert "direction_share" in direction and "turn_share" not in direction
-    assert "cone_share" not in check_parameters(replace(usual, noise=TRUE))  # it is off
-    assert check_parameters(usual, ("contact_kernel", "grip")) == ("contact_kernel", "grip")
-    assert check_parameters(usual, ("rest", "contact", "rest")) == ("rest", "contact")
-    for name in ("magic", "first_pose"):
-        with pytest.raises(SettingError, match=f"'{name}' cannot be tuned; allowed are .*contact"):
+    assert "direction.share" in direction and "turn.share" not in direction
+    assert "friction_cone.share" not in check_parameters(replace(usual, noise=TRUE))  # it is off
+    assert check_parameters(usual, ("contact.kernel", "priors.grip")) == ("contact.kernel", "priors.grip")
+    chosen = ("first_pose.rest", "contact.deviation", "first_pose.rest")
+    assert check_parameters(usual, chosen) == ("first_pose.rest", "contact.deviation")
+    for name in ("magic", "contact", "contact.magic", "first_pose.deviation"):
+        with pytest.raises(
+            SettingError, match=f"'{name}' cannot be tuned; allowed are .*contact.deviation, .*pressure"
+        ):
             check_parameters(usual, (name,))
-    with pytest.raises(SettingError, match="'cone_share' is off"):
-        check_parameters(replace(usual, noise=TRUE), ("cone_share",))
-    with pytest.raises(SettingError, match="'contact_kernel' is off"):
-        check_parameters(replace(usual, noise=TRUE), ("contact_kernel",))
+    with pytest.raises(SettingError, match=r"'friction_cone.share' is off"):
+        check_parameters(replace(usual, noise=TRUE), ("friction_cone.share",))
+    with pytest.raises(SettingError, match=r"'contact.kernel' is off"):
+        check_parameters(replace(usual, noise=TRUE), ("contact.kernel",))
     with pytest.raises(SettingError, match="evaluations is 0; it must be at least 1"):
         check_parameters(usual, evaluations=0)
 
 
+@pytest.mark.parametrize("name", tunable())
+def test_each_parameter_is_read_from_the_settings_and_put_into_them(name):
+    start = TrackerSettings(pressure=0.05)
+    limits = tunable()[name]
+    assert 0.0 < limits.lowest < limits.highest
+    value = value_of(start, name)
+    assert limits.lowest <= value <= limits.highest
+    now = with_value(start, name, 1.5 * value)
+    assert value_of(now, name) == pytest.approx(1.5 * value, rel=1e-3)
+    assert with_value(now, name, value) == start
+
+
 def test_of_a_mean_and_a_deviation_the_deviation_is_tuned():
-    start = settings(friction_ratio=(0.2, 0.3), grip=(0.5, 0.1), depth=(3e-4, 1e-4))
-    for name in ("friction_ratio", "grip", "depth"):
-        before, now = getattr(start.noise, name), with_value(start, name, 0.05)
-        assert value_of(start, name) == before[1]
-        assert getattr(now.noise, name) == (before[0], pytest.approx(0.05, rel=1e-4))
-        assert replace(now.noise, **{name: before}) == start.noise
+    given = {"friction_ratio": (0.2, 0.3), "friction_center": (0.1, 0.2), "grip": (0.5, 0.1), "depth": (3e-4, 1e-4)}
+    start = settings(priors=given)
+    for name, before in given.items():
+        now = with_value(start, f"priors.{name}", 0.05)
+        assert value_of(start, f"priors.{name}") == before[1]
+        assert getattr(now.noise.priors, name) == (before[0], pytest.approx(0.05, rel=1e-4))
+        assert with_settings(now.noise, priors={name: before}) == start.noise
 
 
 def test_yaw_alone_of_a_relative_pose_is_scaled():
-    noise = tune(drawn(2), TrackerSettings(tactile="oracle", noise=TRUE), ("tactile",), 2).settings.noise
-    assert noise.tactile[:2] == TRUE.tactile[:2]
+    start = TrackerSettings(tactile="oracle", noise=TRUE)
+    noise = tune(drawn(2), start, ("relative_pose.oracle",), 2).settings.noise
+    assert noise.relative_pose.oracle[:2] == TRUE.relative_pose.oracle[:2]
 
 
 def test_the_score_of_a_recording_by_hand():
@@ -185,7 +204,7 @@ def test_the_score_of_a_recording_by_hand():
 def test_a_recording_that_is_given_up_has_the_worst_score(monkeypatch, caplog):
     def gives_up(recorded, settings):
         if recorded is drawn(2)[0]:
-            logging.getLogger("palpate.tracker").warning("new graph")
+            estimator.logger.warning("new graph")
             raise EstimationError("no")
         return track_recorded(recorded, settings)
 

@@ -1,7 +1,7 @@
 """What can be measured of object and sensor at one frame: by touch, by a camera, by whatever a user has."""
 
 import math
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -94,7 +94,7 @@ class ObjectPose(Measurement):
         object.__setattr__(self, "covariance", covariance)
 
 
-class OwnMeasurement(Measurement, ABC):
+class OwnMeasurement(Measurement):
     """Base of a measurement that brings its own residual: derive from it to measure what palpate does not know of."""
 
     on: ClassVar[tuple[str, ...]]
@@ -102,13 +102,14 @@ class OwnMeasurement(Measurement, ABC):
     time: float | None = None
     """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
 
-    @abstractmethod
-    def linearise(self, *values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the residual (R,) and its Jacobian (R, C) at the values of the unknowns, in the order of `on`.
+    linearise: Callable[..., tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """A method of yours that takes the values of these unknowns, in this order, and returns the residual (R,) and its
+    Jacobian (R, C) there.
 
-        Both are divided by the standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad])
-        and has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`.
-        """
+    Both are divided by the standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad]) and
+    has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. One that raises or
+    returns something else is named in a warning and left out.
+    """
 
 
 def _check(what: str, angle: float, variance: float) -> None:

@@ -67,7 +67,7 @@ def _onnx(
         )
     assert program is not None
     file = folded(_bare(program.model_proto))
-    _check(network, inputs, file)
+    check(network, inputs, file)
     return file
 
 
@@ -96,7 +96,8 @@ def _bare(model: Any) -> bytes:
     return model.SerializeToString()
 
 
-def _check(network: nn.Module, inputs: Mapping[str, torch.Tensor], file: bytes) -> None:
+def check(network: nn.Module, inputs: Mapping[str, torch.Tensor], file: bytes) -> None:
+    """Raise EstimationError if an ONNX file says something else than the network."""
     found = session(file).run(None, {name: value.numpy() for name, value in inputs.items()})
     with torch.no_grad():
         wanted = network(*inputs.values())

@@ -53,7 +53,11 @@ class Step:
 
         These are named in a warning.
         """
-        slack = _SLACK if len(self.times) < 2 else 0.5 * (self.times[-1] - self.times[0]) / (len(self.times) - 1)
+        slack = (
+            _SLACK
+            if self.at_rest or len(self.times) < 2
+            else 0.5 * (self.times[-1] - self.times[0]) / (len(self.times) - 1)
+        )
         found = []
         for one in self.measurements:
             if not isinstance(one, kind):

@@ -6,12 +6,13 @@ by `Ad_g d`, one of g by `-Ad_g d`.
 """
 
 import logging
+from collections.abc import Sequence
 
 import numpy as np
 
 from palpate.errors import EstimationError
 from palpate.estimation.factors.factor import Array, Factor, Rows, Step, Terms
-from palpate.estimation.unknowns import OBJECT_POSE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT, SHARED, named
+from palpate.estimation.unknowns import OBJECT_POSE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT, SHARED, Unknown, named
 from palpate.estimation.values import Values
 from palpate.geometry import se2
 from palpate.recording.measurements import OwnMeasurement
@@ -35,8 +36,8 @@ class Measured(Factor):
     holds_at_rest = True
 
     def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        said = [one for one in step.of(OwnMeasurement) if not step.at_rest or _is_at_rest(one, step)]
+        """See Factor. Raises SettingError on a measurement of an unknown that is not known."""
+        said = [one for one in step.of(OwnMeasurement) if _is_at_hand([named(name) for name in one.on], one, step)]
         if not said:
             return None
         data = np.empty(len(said), DATA)
@@ -65,14 +66,14 @@ class Measured(Factor):
                 rows.jacobian[b, t, : len(residual)] = jacobian
 
 
-def _is_at_rest(measurement: OwnMeasurement, step: Step) -> bool:
-    """Whether a measurement is of what there is at rest; a warning says where it is not."""
+def _is_at_hand(unknowns: Sequence[Unknown], measurement: OwnMeasurement, step: Step) -> bool:
+    """Whether a step has the unknowns that a measurement is of; a warning says where it has not."""
     allowed = (OBJECT_POSE, *OF_OBJECT)
-    if other := [name for name in measurement.on if named(name) not in allowed]:
+    if missing := [one.name for one in unknowns if step.at_rest and one not in allowed]:
         names = ", ".join(one.name for one in allowed)
-        found = f"measurement {type(measurement).__name__} is of {other[0]}"
+        found = f"measurement {type(measurement).__name__} is of {missing[0]}"
         logger.warning("frame at %.3f s: %s; at rest there are %s; it is left out", step.times[-1], found, names)
-    return not other
+    return not missing
 
 
 _IN_GRAPH = (SENSOR_IN_OBJECT, SENSOR, *SHARED)
@@ -107,9 +108,11 @@ def checked(measurement: OwnMeasurement, values: dict) -> tuple[Array, dict]:
     if missing := [one.name for one in unknowns if one not in values]:
         allowed = ", ".join(one.name for one in values)
         raise EstimationError(f"measurement {name} is of {missing[0]}, which there is none of; allowed are {allowed}")
-    residual, jacobian = (
-        np.asarray(part, np.float64) for part in measurement.linearise(*(values[u] for u in unknowns))
-    )
+    try:
+        residual, jacobian = measurement.linearise(*(values[one] for one in unknowns))
+        residual, jacobian = np.asarray(residual, np.float64), np.asarray(jacobian, np.float64)
+    except Exception as error:  # somebody else's code must not cost the contact
+        raise EstimationError(f"measurement {name} raises {type(error).__name__}: {error}") from error
     width = sum(one.dimension for one in unknowns)
     if residual.ndim != 1 or len(residual) > ROWS or jacobian.shape != (len(residual), width):
         found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"

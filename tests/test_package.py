@@ -1,0 +1,45 @@
+"""The package from outside: what `import palpate` brings, and the examples."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import palpate
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def python(*words: str) -> str:
+    """What a Python of its own prints; it must say nothing else."""
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def test_importing_palpate_imports_nothing_that_is_slow():
+    loaded = python("-c", "import sys, palpate; print(*sys.modules)").split()
+    assert "palpate" in loaded
+    assert {"numba", "scipy", "gtsam", "numpy", "palpate.tracker"}.isdisjoint(loaded)
+
+
+def test_every_public_name_is_there():
+    package: Any = palpate
+    assert {"Tracker", "TrackerSettings", "NoiseSettings", "Frame", "ObjectPose", "OwnMeasurement"} <= set(dir(package))
+    assert set(package.__all__) <= set(dir(package))
+    assert all(getattr(package, name) is not None for name in package.__all__)
+    with pytest.raises(AttributeError, match="Feeling"):
+        assert package.Feeling
+
+
+def test_a_camera_of_ones_own_puts_a_wrong_pose_right():
+    lines = python(str(EXAMPLES / "camera_opinion.py")).splitlines()
+    errors = {line.split(":")[0]: [float(number) for number in re.findall(r"\d+\.\d+", line)] for line in lines}
+    assert list(errors) == ["first pose", "tag seen", "and pushed"]
+    assert errors["first pose"] == [20.0, 5.0]
+    assert errors["tag seen"][0] < 8.0  # the tag is 54 mm from the centre, and nothing tells the yaw
+    assert errors["and pushed"][0] < 1.5
+    assert errors["and pushed"][1] < 1.0
