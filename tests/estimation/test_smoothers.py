@@ -80,32 +80,6 @@ def test_fixed_lag_as_it_comes_is_close_to_a_batch_solution(what):
     assert (apart(smoother.path(), wanted.poses) < [1e-5, 1e-5, 3e-4]).all()
 
 
-@pytest.mark.parametrize("what", BATCHES)
-def test_isam2_equals_a_batch_solution(what, exactly):
-    given = settled(BATCHES[what]())
-    wanted = batch(given, PLAIN)
-    smoother = fed(make("isam2", given, PLAIN), given, check=True)
-    # The balance is known to 2e-6 m^2, in which poses 5e-5 off their linearisation count.
-    mean, spread = scaled_difference(smoother.belief(), wanted)
-    assert mean < 1e-2
-    assert spread < 1e-2
-    assert (apart(smoother.path(), wanted.poses) < 1e-3).all()
-
-
-@pytest.mark.parametrize("what", BATCHES)
-def test_isam2_as_it_comes_is_close_to_a_batch_solution(what):
-    given = BATCHES[what]()
-    wanted = batch(given, PLAIN)
-    smoother = fed(make("isam2", given, PLAIN), given, check=True)
-    # Poses stay up to 2e-3 off their linearisation. The error of second order, 4e-6, is as large as a step's imbalance
-    # may be, which friction takes up: it is known less well than poses are.
-    mean, spread = scaled_difference(smoother.belief(), wanted, POSES)
-    assert mean < 0.05
-    assert spread < 0.05
-    assert scaled_difference(smoother.belief(), wanted)[0] < 0.2
-    assert (apart(smoother.path(), wanted.poses) < 1e-3).all()
-
-
 @pytest.mark.parametrize("noise", [PLAIN, ROBUST], ids=["plain", "robust"])
 def test_both_smoothers_agree(noise, exactly):
     # As long as the window, in which both know all there is.
