@@ -13,6 +13,7 @@ class GrowingTerms:
         self.begun = False
         self.span = 0
         """How many steps the farthest term spans."""
+        self._back = 0  # how many steps before the one with which it came the farthest term reaches
         self._places, self._data = np.empty((0, 1), np.int64), np.empty(0, np.dtype([]))
         self._first = self._end = 0
 
@@ -36,8 +37,9 @@ class GrowingTerms:
             return
         if self._end + count > len(self._data):
             self._make_room(count, places, data)
+        self._back = max(self._back, -earliest)
         if places.shape[1] > 1:
-            self.span = max(self.span, -earliest)
+            self.span = self._back
         np.add(places, now, out=self._places[self._end : self._end + count])
         self._data[self._end : self._end + count] = data
         self._end += count
@@ -47,7 +49,7 @@ class GrowingTerms:
         """Drop the terms that are tied to the oldest step, and move the places of the others on by a step."""
         places = self._places[self._first : self._end]
         places -= 1
-        if self.span <= 1:
+        if self._back < places.shape[1]:  # each came with its own step, so that they stand in order
             self._first += int(np.searchsorted(places[:, 0], 0))
             return
         kept, data = places[:, 0] >= 0, self._data[self._first : self._end]

@@ -61,10 +61,16 @@ _CONVERGED = (5e-4, 5e-4, 3e-3)  # [m, m, rad]; an update that moves the newest 
 _REWEIGHED = 0.5  # [standard deviations] an error changed by more because its weight did: the contact holds or slides
 _WILDFIRE = 1e-4  # [m], [rad], [standard deviations] of what is shared; smaller changes are not followed into the past
 _IN_BLOCK = np.concatenate(
-    [BLOCK * IN_STEP[one].start + np.arange(BLOCK * one.dimension).reshape(BLOCK, one.dimension) for one in OF_STEP],
+    [
+        BLOCK * IN_STEP[one].start + np.arange(BLOCK * one.dimension).reshape(BLOCK, one.dimension)[:, ::-1]
+        for one in OF_STEP
+    ],
     axis=1,
 )
-"""Where the numbers of a block's steps stand in its variables, which follow each other, (BLOCK, STEP_SIZE)."""
+"""Where the numbers of a block's steps stand in its variables, which follow each other, (BLOCK, STEP_SIZE).
+
+The last number of a step, a yaw, comes first: it is known best when the others are given, and GTSAM refuses a number of
+which nearly nothing is left after those before it."""
 
 
 @dataclass(eq=False)
@@ -299,7 +305,7 @@ class Isam2:
         moved, end = np.empty_like(self._moved), 0
         for one in OF_STEP:
             begin, end = end, end + self._blocks * BLOCK * one.dimension
-            moved[:, IN_STEP[one]] = change[begin:end].reshape(-1, one.dimension)[: self._steps]
+            moved[:, IN_STEP[one]] = change[begin:end].reshape(-1, one.dimension)[: self._steps, ::-1]
         self._moved, self._shared_moved = moved, change[end:] * self._unit
 
     def _last_covariance(self) -> Array:

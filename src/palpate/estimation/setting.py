@@ -92,4 +92,7 @@ def _wanted(size: int | None, allowed: Range) -> str:
 
 
 def _is_finite(number: Any) -> bool:
-    return isinstance(number, Real) and not isinstance(number, bool) and math.isfinite(number)
+    try:
+        return isinstance(number, Real) and not isinstance(number, bool) and math.isfinite(number)
+    except OverflowError:  # a whole number that no float holds
+        return False

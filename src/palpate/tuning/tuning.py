@@ -189,7 +189,7 @@ def _judged(numbered: tuple[int, RecordedTouch], settings: TrackerSettings) -> t
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Settings that are tried may be bad ones; nobody needs to hear what the tracker says of each."""
-    logger = logging.getLogger("palpate.tracker")
+    logger = logging.getLogger("palpate.estimation")
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
