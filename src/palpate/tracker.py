@@ -91,7 +91,7 @@ class Tracker:
             raise SettingError(
                 f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]"
             )
-        warm_up()
+        warm_up(settings.smoother)
         self._sensor = sensor
         self._detector = ContactDetector(background)
         without_images = settings.noise.relative_pose

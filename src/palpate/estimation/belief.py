@@ -58,8 +58,8 @@ class Belief:
         """Return what it says of the object, which is what the next contact begins with."""
         # o = e g^-1: o moves by Ad_g (d_e - d_g)
         by_g = se2.adjoint(self.g)
-        by_all = np.zeros((3 + OBJECT_SIZE, 6 + OBJECT_SIZE))
-        by_all[:3, :3], by_all[:3, 3:6], by_all[3:, 6:] = -by_g, by_g, np.eye(OBJECT_SIZE)
+        by_all = np.eye(3 + OBJECT_SIZE, 6 + OBJECT_SIZE, 3)
+        by_all[:3, :3], by_all[:3, 3:6] = -by_g, by_g
         covariance = by_all @ self.covariance @ by_all.T
         pose = se2.compose(self.e, se2.inverse(self.g))
         return Prior(pose, self.values, 0.5 * (covariance + covariance.T))

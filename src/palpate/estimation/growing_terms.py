@@ -50,7 +50,8 @@ class GrowingTerms:
         places = self._places[self._first : self._end]
         places -= 1
         if self._back < places.shape[1]:  # each came with its own step, so that they stand in order
-            self._first += int(np.searchsorted(places[:, 0], 0))
+            while self._first < self._end and self._places[self._first, 0] < 0:
+                self._first += 1
             return
         kept, data = places[:, 0] >= 0, self._data[self._first : self._end]
         self._end = self._first + int(np.count_nonzero(kept))

@@ -11,6 +11,7 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import SmootherName, make_smoother
 from palpate.estimation.window import Window
 from palpate.geometry.shapes import Disc
 from palpate.recording.measurements import ContactDirection, ObjectPose, RelativePoses, Turn
@@ -20,7 +21,7 @@ logger = logging.getLogger(__name__)
 
 
 @cache
-def warm_up() -> float:
+def warm_up(smoother: SmootherName = "fixed-lag") -> float:
     """Compile the estimator, or load what was compiled before, and return how long it took [s]; at once if done."""
     begin = time.perf_counter()
     if not is_cached():
@@ -38,4 +39,9 @@ def warm_up() -> float:
             pairs = [pair] if with_pairs and step == 2 else []
             window.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), [*said, *pairs], 0.1 * step)
         window.last_errors()
+    if smoother not in ("fixed-lag", "batch"):
+        other = make_smoother(smoother, settings, model)(prior, np.array([-0.05, 0.0, 0.0]), said, 0.0)
+        for step in range(1, 4):
+            other.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), said, 0.1 * step)
+        other.last_errors()
     return time.perf_counter() - begin

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.compiled import compiled
 from palpate.estimation.banded_equations import BandedEquations
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
@@ -21,6 +22,7 @@ from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.first_pose import FirstPose
 from palpate.estimation.growing_terms import GrowingTerms
 from palpate.estimation.normal_equations import Gaussian
+from palpate.estimation.planar import between, position, rotation, wrap
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     IN_SHARED,
@@ -74,7 +76,7 @@ class Window:
         self._values = Values(model, of_steps, shared)
         self._past, self._past_at = _nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
-        self._left: list[Array] = []  # g and e (B, 2, 3) of the steps that left
+        self._left: list[tuple[Array, Array]] = []  # g and e (B, 3) of the steps that left
         self._take(Step(sensor_pose, None, measurements, self._times))
         self._solve()
 
@@ -99,15 +101,16 @@ class Window:
         """Return what each smoother says of the last step."""
         values = self._values
         g, e, objects = values[SENSOR_IN_OBJECT][:, -1], values[SENSOR][:, -1], values.shared[CONTACT_SIZE:].T
-        return [Belief(*each) for each in zip(g, e, objects, self._covariance, strict=True)]
+        covariance = self._covariance[:, _REPORTED[:, None], _REPORTED]
+        return [Belief(*each) for each in zip(g, e, objects, covariance, strict=True)]
 
     def path(self) -> tuple[Array, Array]:
         """Return all steps of this contact, g and e (B, N, 3); those that left the window as they last were in it."""
         g, e = self._values[SENSOR_IN_OBJECT], self._values[SENSOR]
         if not self._left:
             return g, e
-        left = np.stack(self._left, axis=1)
-        return np.concatenate([left[:, :, 0], g], axis=1), np.concatenate([left[:, :, 1], e], axis=1)
+        left_g, left_e = (np.stack(poses, axis=1) for poses in zip(*self._left, strict=True))
+        return np.concatenate([left_g, g], axis=1), np.concatenate([left_e, e], axis=1)
 
     def last_errors(self) -> dict[str, Array]:
         """Return the errors of the last step by factor, of those that tell strain: (B, rows) [standard deviations].
@@ -149,14 +152,9 @@ class Window:
     def _continued(self, sensor_pose: Array) -> Values:
         """The values with one more step: the sensor goes on turning on the object as it did."""
         values = self._values
-        g = values[SENSOR_IN_OBJECT]
-        last, before = g[:, -1], g[:, max(-2, -values.steps)]
-        guess = {
-            SENSOR_IN_OBJECT: se2.compose(last, se2.between(before, last)),
-            SENSOR: np.repeat(sensor_pose[None], values.smoothers, axis=0),
-        }
-        of_steps = {one: np.concatenate([values[one], new[:, None]], axis=1) for one, new in guess.items()}
-        return Values(values.model, of_steps, values.shared)
+        g, e = (np.empty((values.smoothers, values.steps + 1, 3)) for _ in range(2))
+        _put_continued(values[SENSOR_IN_OBJECT], values[SENSOR], sensor_pose, g, e)
+        return Values(values.model, {SENSOR_IN_OBJECT: g, SENSOR: e}, values.shared)
 
     def _solve(self) -> None:
         with self._equations.threads():
@@ -175,8 +173,8 @@ class Window:
         equations.add_gaussian(self._past_seen_from(at))
         solution = equations.solve()
         self._values = at.moved(solution.by_step, solution.by_shared)
-        self._covariance = solution.covariance[:, _REPORTED[:, None], _REPORTED]
-        return float(np.abs(solution.by_step).max())
+        self._covariance = solution.covariance
+        return max(float(solution.by_step.max()), -float(solution.by_step.min()))
 
     def _past_seen_from(self, at: Values) -> Gaussian:
         """What was known of what is shared, and what the steps that left say, at other values."""
@@ -186,9 +184,11 @@ class Window:
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others and what is shared, as its terms were last linearised."""
         at = self._linearised_at
-        tied = [terms.places[terms.places[:, 0] == 0] for _, terms, _ in self._linearised]
-        reach = max([int(places.max()) for places in tied if len(places)], default=0)
-        steps = min(max(reach + 1, 2, self._past.steps), at.steps)
+        reach = 1
+        for _, terms, _ in self._linearised:
+            if terms.places.shape[1] > 1:
+                reach = max(reach, int(terms.places[terms.places[:, 0] == 0, -1].max(initial=1)))
+        steps = min(max(reach + 1, self._past.steps), at.steps)
         equations = DenseEquations(at.smoothers, steps)
         for factor, terms, rows in self._linearised:
             equations.add(rows, terms.places, factor.columns, of_oldest=True)
@@ -197,7 +197,7 @@ class Window:
         self._past_at = _without_oldest(at)
         for grown in self._terms:
             grown.drop_oldest()
-        self._left.append(np.stack([self._values[SENSOR_IN_OBJECT][:, 0], self._values[SENSOR][:, 0]], axis=1))
+        self._left.append((self._values[SENSOR_IN_OBJECT][:, 0].copy(), self._values[SENSOR][:, 0].copy()))
         self._values = _without_oldest(self._values)
         del self._times[0]
 
@@ -209,6 +209,20 @@ def _nothing_past(smoothers: int) -> Gaussian:
     deviations = [one.prior[1] for one in OF_CONTACT if one.prior for _ in range(one.dimension)]
     information[:, range(CONTACT_SIZE), range(CONTACT_SIZE)] = np.square(deviations) ** -1.0
     return Gaussian(0, information, gradient)
+
+
+@compiled
+def _put_continued(g: Array, e: Array, sensor_pose: Array, g_out: Array, e_out: Array) -> None:
+    steps = g.shape[1]
+    turned = np.empty(3)
+    for b in range(len(g)):
+        g_out[b, :steps], e_out[b, :steps] = g[b], e[b]
+        last = g[b, steps - 1]
+        between(g[b, max(steps - 2, 0)], last, turned)
+        ahead = position(last) + rotation(last[2]) * position(turned)
+        g_out[b, steps, 0], g_out[b, steps, 1] = ahead.real, ahead.imag
+        g_out[b, steps, 2] = wrap(last[2] + turned[2])
+        e_out[b, steps] = sensor_pose
 
 
 def _without_oldest(values: Values) -> Values:

@@ -3,9 +3,12 @@
 from collections.abc import Callable
 from typing import Literal, get_args
 
+import numpy as np
+
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
+from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
@@ -63,8 +66,11 @@ def make_touch(
             f"sensor {sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px; the touch model "
             f"is of {made_for.sensor!r}, with {made_for.image_height} x {made_for.image_width} px"
         )
+    nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)  # opens the network now, not in a robot's loop
     if tactile == "learnt-linear":
+        model.keypoint(nothing)
         return linear_touch(model, view)
+    model.look(nothing)
     if tactile == "learnt-pairs":
         return pair_touch(model, view)
     return ImageTouch(model, view, direction=tactile != "learnt-turn", turn=tactile != "learnt-direction")

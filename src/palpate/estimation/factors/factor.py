@@ -43,10 +43,12 @@ class Step:
     at_rest: bool = False
     """Whether nothing touches the object: its pose is all there is."""
 
-    @property
+    @cached_property
     def moved(self) -> float:
         """How far the sensor moved since the step before [m]."""
-        return 0.0 if self.before is None else float(np.hypot(*(self.sensor_pose - self.before)[:2]))
+        if self.before is None:
+            return 0.0
+        return math.hypot(self.sensor_pose[0] - self.before[0], self.sensor_pose[1] - self.before[1])
 
     def of(self, kind: type[M]) -> list[M]:
         """Return the measurements of a kind that carries a time, but for those of a time that is not at hand.
@@ -143,6 +145,10 @@ class Factor(ABC):
         """Where the columns of its Jacobian stand."""
         return columns_of(self.steps, self.shared)
 
+    @cached_property
+    def _width(self) -> int:
+        return int(self.columns.size.sum())
+
     @abstractmethod
     def terms(self, step: Step) -> Terms | None:
         """Return the terms that arrive with a step, places counted from it (0 is the step, -1 the one before)."""
@@ -160,8 +166,7 @@ class Factor(ABC):
     def empty_rows(self, smoothers: int, terms: int) -> Rows:
         """Return rows for so many smoothers and terms, to be filled in; Jacobians are 0."""
         shape = (smoothers, terms, self.rows)
-        columns = int(self.columns.size.sum())
-        return Rows(np.empty(shape), np.zeros((*shape, columns)), np.empty(shape), np.empty(shape))
+        return Rows(np.empty(shape), np.zeros((*shape, self._width)), np.empty(shape), np.empty(shape))
 
     def no_terms(self) -> Terms:
         """Return no terms, in arrays of the right type."""
