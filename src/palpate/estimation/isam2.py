@@ -10,7 +10,6 @@ included. Those of an older block wait until something they are on moved by more
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -30,6 +29,7 @@ from palpate.estimation.gtsam_quadratic import (
     solver_parameters,
 )
 from palpate.estimation.tangent_squares import add_squares, by_moved
+from palpate.estimation.term_group import TermGroup, chosen
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     IN_SHARED,
@@ -73,42 +73,6 @@ The last number of a step, a yaw, comes first: it is known best when the others 
 which nearly nothing is left after those before it."""
 
 
-@dataclass(eq=False)
-class _Group:
-    """Terms that are linearised together."""
-
-    terms: list[Terms | None]
-    """By factor; places are counted from the first step of the contact."""
-    linear: list[int] = field(default_factory=list)
-    """Where GTSAM keeps what they were linearised to."""
-    at: Array = field(default_factory=lambda: np.empty((0, STEP_SIZE)))
-    """How far the steps of its blocks had moved where they were linearised."""
-
-    @property
-    def last(self) -> int:
-        """The newest step that any of them is tied to."""
-        return max(int(terms.places[:, -1].max()) for terms in self.terms if terms is not None)
-
-    def append(self, which: int, arrived: Terms) -> None:
-        """Take more terms of a factor."""
-        here = self.terms[which]
-        if not len(arrived.data):
-            return
-        if here is not None:
-            arrived = Terms(np.concatenate([here.places, arrived.places]), np.concatenate([here.data, arrived.data]))
-        self.terms[which] = arrived
-
-    def split(self, first: int) -> "_Group":
-        """Remove the terms that are tied to a step before the first one, and return them."""
-        away = _Group([None] * len(self.terms))
-        for which, terms in enumerate(self.terms):
-            if terms is not None:
-                old = terms.places[:, 0] < first
-                away.terms[which] = _chosen(terms, old) if old.any() else None
-                self.terms[which] = None if old.all() else _chosen(terms, ~old)
-        return away
-
-
 class Isam2:
     """Smoother over the whole contact; a step gets dearer as the contact goes on. See Smoother."""
 
@@ -136,7 +100,7 @@ class Isam2:
         self._moved, self._shared_moved = np.zeros((1, STEP_SIZE)), np.zeros(SHARED_SIZE)
         self._linear_at_shared = self._shared_moved
         self._measured, self._times, self._reach = sensor_pose, [time], 1
-        self._newest, self._old = _Group([None] * len(self._factors)), list[_Group]()
+        self._newest, self._old = TermGroup([None] * len(self._factors)), list[TermGroup]()
         self._stale = set[int]()
         step = Step(sensor_pose, None, measurements, self._times)
         self._join([factor.terms(step) for factor in self._factors])
@@ -204,7 +168,7 @@ class Isam2:
                 continue
             terms = Terms(arrived.places + self._steps - 1, arrived.data)
             if (terms.places[:, 0] < 0).any():
-                terms = _chosen(terms, terms.places[:, 0] >= 0)
+                terms = chosen(terms, terms.places[:, 0] >= 0)
             if not len(terms.data):
                 continue
             if not self._begun[which]:
@@ -216,9 +180,9 @@ class Isam2:
             blocks = terms.places[:, 0] // BLOCK
             late = blocks < len(self._old)
             for block in set(blocks[late].tolist()):
-                self._old[block].append(which, _chosen(terms, blocks == block))
+                self._old[block].append(which, chosen(terms, blocks == block))
                 self._stale.add(block)
-            self._newest.append(which, _chosen(terms, ~late) if late.any() else terms)
+            self._newest.append(which, chosen(terms, ~late) if late.any() else terms)
         count = -(-min(self._reach, LAG - 1) // BLOCK) + 1
         while self._blocks - len(self._old) > count:
             self._stale.add(len(self._old))
@@ -261,7 +225,7 @@ class Isam2:
         if any(self._is_far(block, self._old[block], limits) for block in range(self._steps % BLOCK, old, BLOCK)):
             self._stale.update(block for block in range(old) if self._is_far(block, self._old[block], limits))
 
-    def _is_far(self, first: int, group: _Group, limits: Array) -> bool:
+    def _is_far(self, first: int, group: TermGroup, limits: Array) -> bool:
         """Whether a step that terms of blocks from the first one are tied to moved by more than the limits."""
         moved = self._moved[BLOCK * first : BLOCK * first + len(group.at)]
         return bool((np.abs(moved - group.at) > limits).any())
@@ -318,7 +282,7 @@ class Isam2:
         by_all[:STEP_SIZE, :STEP_SIZE] = by_moved(self._moved[-1:])[0]
         return by_all @ joint[np.ix_(chosen, chosen)] @ by_all.T
 
-    def _linearised(self, group: _Group, first: int, end: int) -> list[gtsam.LinearContainerFactor]:
+    def _linearised(self, group: TermGroup, first: int, end: int) -> list[gtsam.LinearContainerFactor]:
         """Return the squares of terms that are tied to blocks from the first one to before the end."""
         # The angle of the pushing force is sought over some steps more.
         before, after = max(BLOCK * first - ANGLE_STEPS, 0), BLOCK * end + ANGLE_STEPS
@@ -339,16 +303,12 @@ class Isam2:
                 add_squares(rows.residual, rows.jacobian, rows.weight, here.places, first_of, size, *into)
                 last = terms.places[:, 0] >= self._steps - ANGLE_STEPS
                 if group is self._newest and last.any():
-                    self._weights.append((factor, _chosen(terms, last), np.sqrt(rows.weight[:, last])))
+                    self._weights.append((factor, chosen(terms, last), np.sqrt(rows.weight[:, last])))
         vector += matrix @ linear_at
         to_come = _IN_BLOCK[(self._steps - 1) % BLOCK + 1 :] + BLOCK * STEP_SIZE * (end - first - 1)
         if group is self._newest:
             matrix[to_come, to_come] = 1.0  # of steps that are still to come nothing is known
         return quadratic_factors(matrix, vector, first, end)
-
-
-def _chosen(terms: Terms, which: NDArray[np.bool_]) -> Terms:
-    return Terms(terms.places[which], terms.data[which])
 
 
 def _limits(limit: tuple[float, float, float]) -> Array:

@@ -40,8 +40,9 @@ class ContactDetector:
     """
 
     def __init__(self, background: Background | None = None) -> None:
-        for kind in (np.uint8, np.float32):  # compiled or loaded now, not at a robot's first image
-            area_means(np.zeros((1, 1, 3), kind), 1, 1)
+        # Compiled or loaded now, not at a robot's first image.
+        area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
+        area_means(np.zeros((1, 1, 3), np.float32), 1, 1)
         self._first: list[Image] = []
         self._background = background
         self._checked = False
