@@ -1,4 +1,4 @@
-"""Time of feeling: a new image against 30 earlier ones, from pixels to measurements, beside decoding that image.
+"""Time of touch: a new image against 30 earlier ones, from pixels to measurements, beside decoding that image.
 
     python benchmarks/touch.py
 

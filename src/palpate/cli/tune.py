@@ -70,7 +70,7 @@ def tune(
     _check_out(out, start)
     files = find_recordings(folder)
     touch_model = TouchModel(model or SHIPPED) if learnt else None
-    with progress_bar("feeling", len(files)) as progress:
+    with progress_bar("reading touch", len(files)) as progress:
         recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
     for why in left_out.values():
         complain(f"left out: {why}")

@@ -22,7 +22,7 @@ class Method:
     tactile: str
     """See `touch.modes.Tactile`."""
     smoother: str
-    """See `graph.smoother.SmootherName`."""
+    """See `estimation.smoother.SmootherName`."""
 
     def __str__(self) -> str:
         """`learnt`, and with another smoother than the usual one `learnt, isam2`."""

@@ -1,4 +1,4 @@
-"""The ways to feel that a tracker can be told to use."""
+"""What a tracker can be told to take from touch."""
 
 from collections.abc import Callable
 from typing import Literal, get_args
@@ -45,7 +45,7 @@ def make_touch(
     model: TouchModel | None,
     background: Callable[[], Background],
 ) -> Touch:
-    """Return what feels in a mode.
+    """Return what measures in a mode.
 
     oracle and constant are standard deviations [m, m, rad] of a relative pose in these two modes. Learnt ones use the
     model, by default the one that comes with palpate, and compare images with what background tells at the moment.

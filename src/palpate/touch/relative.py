@@ -19,7 +19,7 @@ BACK = np.arange(10, FARTHEST_BACK + 1)
 
 
 class Touch(Protocol):
-    """What feels the frames of a contact, one after the other."""
+    """What reads the frames of a contact, one after the other."""
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """Return what the frame says, by itself and relative to earlier ones of this contact."""
@@ -31,7 +31,7 @@ class Touch(Protocol):
 
 
 class NoTouch:
-    """Feels nothing: pushing and geometry alone."""
+    """Measures nothing: pushing and geometry alone."""
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""

@@ -1,1 +1,1 @@
-"""Learning to feel: touch models from recordings with ground truth. Needs the extra `train`."""
+"""Learning what images say: touch models from recordings with ground truth. Needs the extra `train`."""
