@@ -76,7 +76,6 @@ class Direction(Factor):
     rows = 1
     data = DATA
     kernel = _linearise
-    takes = ContactDirection
 
     def __init__(self, settings: DirectionSettings, model: ContactModel) -> None:
         self.given = (kernel_scale(settings.kernel),)

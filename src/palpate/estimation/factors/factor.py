@@ -137,8 +137,6 @@ class Factor(ABC):
     """Whether it says how object and sensor move and not what is measured of them: a filter draws it."""
     holds_at_rest: ClassVar[bool] = False
     """Whether its terms hold while nothing touches the object, too."""
-    takes: ClassVar[type[Measurement] | None] = None
-    """The kind of measurement that it makes terms of; None if it needs none."""
 
     @cached_property
     def columns(self) -> "Columns":
@@ -167,10 +165,6 @@ class Factor(ABC):
         """Return rows for so many smoothers and terms, to be filled in; Jacobians are 0."""
         shape = (smoothers, terms, self.rows)
         return Rows(np.empty(shape), np.zeros((*shape, self._width)), np.empty(shape), np.empty(shape))
-
-    def no_terms(self) -> Terms:
-        """Return no terms, in arrays of the right type."""
-        return Terms(np.empty((0, len(self.steps)), np.int64), np.empty(0, self.data))
 
     def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
         """Return better values (dimension, B) of the unknowns that its first term in a contact brings into being."""

@@ -32,7 +32,6 @@ class Measured(Factor):
     rows = ROWS
     data = DATA
     given = ()
-    takes = OwnMeasurement
     holds_at_rest = True
 
     def terms(self, step: Step) -> Terms | None:

@@ -49,7 +49,6 @@ class ObjectPose(Factor):
     kernel = _linearise
     reads_outline = False
     given = ()
-    takes = ObjectPoseMeasurement
     holds_at_rest = True
 
     def terms(self, step: Step) -> Terms | None:

@@ -82,7 +82,6 @@ class RelativePose(Factor):
     kernel = _linearise
     reads_outline = False
     given = ()
-    takes = RelativePoses
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor. Raises EstimationError on a covariance that is not positive."""

@@ -66,7 +66,6 @@ class Turn(Factor):
     data = DATA
     kernel = _linearise
     reads_outline = False
-    takes = TurnMeasurement
 
     def __init__(self, settings: TurnSettings, model: ContactModel) -> None:
         self.given = (kernel_scale(settings.kernel),)
