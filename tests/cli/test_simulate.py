@@ -178,6 +178,24 @@ def test_command_line(capsys):
     assert "0 made, 2 kept, 0 failed" in capsys.readouterr().out
 
 
+def test_knocks(capsys):
+    words = ("--shape", "disc", "--count", "1", "--seconds", "3", "--no-images")
+    assert palpate("out", *words, "--knocks") == 0
+    made = read_recording("out/disc-000000.h5")
+    knocked = made.extra["knocked"]
+    assert set(knocked) == {0.0, 1.0}
+    assert made.source.endswith(", knocked") and "knocked" in made.frames["extra"]
+    plain = simulate_recording(DISC, "disc", 0, 3.0, images=False)
+    assert made.source == f"{plain.source}, knocked" and "knocked" not in plain.extra
+    begin = int(np.argmax(knocked))
+    assert np.array_equal(made.sensor_pose[:begin, :2], plain.sensor_pose[:begin, :2])
+    capsys.readouterr()
+    assert palpate("out", *words, "--knocks", "--resume") == 0
+    assert "0 made, 1 kept" in capsys.readouterr().out
+    assert "was made with other options" in failure(capsys, "out", *words, "--resume")
+    assert "--knocks cannot go with it" in failure(capsys, "new", "--replay", "out/disc-000000.h5", "--knocks")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -47,6 +47,9 @@ def simulate(
             help_behavior_hint="(default: another unit for each)",
         ),
     ] = None,
+    knocks: Annotated[
+        bool, tyro.conf.arg(help="Someone shoves the object now and then, which the sensor does not know.")
+    ] = False,
     workers: WorkersOption = 1,
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
@@ -64,13 +67,13 @@ def simulate(
     begin = time.perf_counter()
     failed: dict[str, str] = {}
     if replay:
-        _check_replay(shape, count, seconds, images)
+        _check_replay(shape, count, seconds, images, knocks)
         with busy("reading"):
             recordings, failed = _recordings(replay)
         with progress_bar("rendering", len(recordings)) as progress:
             outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress)
     else:
-        jobs = plan(_shapes(shape or PAPER), count, seed, unit)
+        jobs = plan(_shapes(shape or PAPER), count, seed, unit, knocks)
         with progress_bar("simulating", len(jobs)) as progress:
             outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
     failed |= outcome.failed
@@ -93,7 +96,7 @@ def simulate(
     return 3 if failed else 0
 
 
-def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bool) -> None:
+def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bool, knocks: bool) -> None:
     """SettingError for options that say what a recording's motion is to be, which a replay takes from its file."""
     from palpate.errors import SettingError
 
@@ -102,6 +105,7 @@ def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bo
         "--count": count != COUNT,
         "--seconds": seconds != SECONDS,
         "--no-images": not images,
+        "--knocks": knocks,
     }
     if wrong := [option for option, is_given in given.items() if is_given]:
         raise SettingError(f"--replay takes object and motion from its file; {', '.join(wrong)} cannot go with it")

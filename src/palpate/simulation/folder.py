@@ -37,6 +37,8 @@ class Job:
     """Seed of this recording alone."""
     unit: int | None = None
     """Seed of its sensor unit; None draws one for this recording alone."""
+    knocks: bool = False
+    """Whether someone shoves the object now and then."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,9 @@ class Outcome:
     """Files that could not be made, and why."""
 
 
-def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None) -> list[Job]:
+def plan(
+    shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None, knocks: bool = False
+) -> list[Job]:
     """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
     if not 1 <= count <= COUNT:
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
@@ -66,7 +70,7 @@ def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | Non
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit))
+            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit, knocks))
     return jobs
 
 
@@ -91,7 +95,7 @@ def simulate_folder(
         raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
 
     def source(job: Job) -> str:
-        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit)
+        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks)
 
     make = partial(_simulate, seconds=seconds, images=images)
     return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress)
@@ -141,7 +145,7 @@ def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[s
 
 
 def _simulate(job: Job, seconds: float, images: bool) -> Recording:
-    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit)
+    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit, knocks=job.knocks)
 
 
 def _opened(folder: Path, resume: bool) -> set[str]:

@@ -66,7 +66,7 @@ class Surroundings:
         turn = se2.wrap(float(np.arctan2(b[1], b[0]) - angle))
         yaw_turn = se2.wrap(float(goal[2] - sensor_pose[2]))
         length = abs(turn) * self.radius + abs(far_b - far_a)
-        part = _smooth(self._frames(max(length / _TRAVEL, abs(yaw_turn) / _TURN)))
+        part = least_jerk(self._frames(max(length / _TRAVEL, abs(yaw_turn) / _TURN)))
         far, angle = far_a + part * (far_b - far_a), angle + part * turn
         yaw = sensor_pose[2] + part * yaw_turn
         center = np.column_stack((middle[0] + far * np.cos(angle), middle[1] + far * np.sin(angle), yaw))
@@ -91,13 +91,13 @@ class Surroundings:
     def _straight(self, start: Array, goal: Array, frames: int) -> Array:
         way = goal - start
         way[2] = se2.wrap(float(way[2]))
-        return start + _smooth(frames)[:, None] * way
+        return start + least_jerk(frames)[:, None] * way
 
     def _frames(self, seconds: float) -> int:
         return int(np.ceil(max(seconds, _BRIEFEST) * self._rate))
 
 
-def _smooth(frames: int) -> Array:
+def least_jerk(frames: int) -> Array:
     """Return the parts (N,) of a way done by each frame: least jerk, from rest to rest."""
     t = np.arange(1, frames + 1) / max(frames, 1)
     return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)

@@ -40,7 +40,7 @@ def kinds(shape: Shape) -> tuple[str, ...]:
 def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Generator) -> Touch:
     """Draw a touch of one kind that the gel can reach; raises SettingError if none is found."""
     for _ in range(_TRIES):
-        point, normal = _draw_place(shape, kind, rng)
+        point, normal = draw_place(shape, kind, rng)
         inward = normal + np.pi
         yaw = inward - rng.uniform(-_PAD_ANGLE, _PAD_ANGLE)
         heading = inward + rng.uniform(-_OFF_NORMAL, _OFF_NORMAL)
@@ -51,7 +51,7 @@ def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Ge
     raise SettingError(f"no place was found where the gel of {sensor.name!r} reaches the object at its {kind}")
 
 
-def _draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Array, float]:
+def draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Array, float]:
     """Draw a point (2,) [m] of the outline and its outward normal [rad]."""
     if isinstance(shape, Disc | Ellipse):
         outline = shape.outline(720)

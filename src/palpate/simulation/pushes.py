@@ -29,6 +29,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
+from palpate.simulation.knocks import PAUSE, Knocks
 from palpate.simulation.paths import Surroundings
 from palpate.simulation.places import Touch, draw_touch, kinds
 from palpate.simulation.scene import WorldSettings, draw_settings
@@ -68,11 +69,17 @@ class Sequence:
 
 
 def draw_sequence(
-    shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Generator, seconds: float = 15.0
+    shape: Shape,
+    kind: str,
+    sensor: SensorProfile,
+    rng: np.random.Generator,
+    seconds: float = 15.0,
+    knocks: np.random.Generator | None = None,
 ) -> Sequence:
     """Draw a world and a sequence of pushes in it, at the rate of the sensor; the same generator gives the same.
 
-    `kind` is one of `kinds(shape)`. Raises SettingError on a kind or duration that is not allowed.
+    `kind` is one of `kinds(shape)`. With a generator for `knocks` someone shoves the object; until the first time
+    everything is as without. Raises SettingError on a kind or duration that is not allowed.
     """
     if kind not in kinds(shape):
         raise SettingError(f"kind of contact is {kind!r}; a {type(shape).__name__.lower()} allows {kinds(shape)}")
@@ -85,14 +92,19 @@ def draw_sequence(
     touch = draw_touch(shape, kind, sensor, rng)
     world = World(settings, shape, sensor, object_pose, around.start(touch, object_pose))
     take = _Take(world, round(seconds * sensor.rate))
+    hand = Knocks(shape, sensor, knocks)
     while contacts:
         share = take.left / contacts * (rng.uniform(0.85, 1.15) if contacts > 1 else 1.0)
         end = take.left - share + _LEAVE * sensor.rate
         take.go(around.approach(world.sensor_pose, touch, world.object_pose))
-        _push(take, touch, max(take.left - end, _SHORTEST * sensor.rate), sensor.rate, rng)
+        frames = round(max(take.left - end, _SHORTEST * sensor.rate))
+        knocked = hand.frame(frames, is_last=take.left - frames <= _AGAIN * sensor.rate)
+        _push(take, touch, frames, sensor.rate, rng, hand, knocked)
         contacts = max(contacts - 1, 1) if take.left > _AGAIN * sensor.rate else 0  # one more where one ended early
         take.go(around.leave(world.sensor_pose, world.object_pose, 0 if contacts else take.left))
         if contacts:
+            if take.left > (_AGAIN + PAUSE) * sensor.rate and hand.in_pause(world):
+                take.go(np.tile(world.sensor_pose, (round(PAUSE * sensor.rate), 1)))
             touch = draw_touch(shape, kind, sensor, rng)
             start = around.start(touch, world.object_pose)
             take.go(around.travel(world.sensor_pose, start, world.object_pose))
@@ -130,16 +142,31 @@ class _Take:
         return self.motions[-1]
 
 
-def _push(take: _Take, touch: Touch, frames: float, rate: float, rng: np.random.Generator) -> None:
-    """Push for a number of frames, or until the contact is lost or at the end of the pad."""
+def _push(
+    take: _Take,
+    touch: Touch,
+    frames: int,
+    rate: float,
+    rng: np.random.Generator,
+    hand: Knocks,
+    knocked: int | None,
+) -> None:
+    """Push for a number of frames, or until the contact is lost or at the end of the pad.
+
+    The hand shoves the object at the frame `knocked`, or as the sensor stops where that is earlier; the sensor does not
+    know.
+    """
     speed = float(np.exp(rng.uniform(*np.log(_SPEED))))
     curvature = rng.uniform(-_CURVATURE, _CURVATURE) if rng.uniform() < 0.5 else 0.0
     turn = curvature * speed + rng.uniform(-_TURN, _TURN)
     heading = float(take.world.object_pose[2]) + touch.heading
     ramp = round(_RAMP * rate)
-    pose, end, step = take.world.sensor_pose, round(frames), 0
+    pose, end, step = take.world.sensor_pose, frames, 0
     touched, lost, angle = False, 0, 0.0
     while step < end and take.left:
+        if knocked is not None and step >= min(knocked, end - ramp):
+            hand.in_push(take.world)
+            knocked = None
         step += 1
         pace = min(1.0, step / ramp, (end - step) / ramp)
         heading += curvature * speed * pace / rate

@@ -26,6 +26,7 @@ _FRAMES = {
     "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation [m], "
     "pad_angle [rad], as in palpate.simulation.world.Motion",
 }
+_KNOCKED = "; knocked, 1 in frames in which a finger pushes the object and 0 in others"
 
 
 def simulate_recording(
@@ -36,12 +37,14 @@ def simulate_recording(
     images: bool = True,
     progress: Callable[[int], None] | None = None,
     unit: int | None = None,
+    knocks: bool = False,
 ) -> Recording:
     """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT.
 
     World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
     images or not; with a seed of its own, `unit`, the sensor unit is the same in many recordings. The recording's
-    sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel.
+    sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
+    object now and then, and extra/knocked says when.
     `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
     duration that is not allowed.
     """
@@ -49,13 +52,14 @@ def simulate_recording(
     from threadpoolctl import threadpool_limits
 
     unit_seed, *seeds = _seeds(shape, kind, seed, unit)
-    pushes, noise, camera = (np.random.default_rng(each) for each in seeds)
+    pushes, noise, camera, shoves = (np.random.default_rng(each) for each in seeds)
     sensor_unit = draw_unit(DIGIT, unit_seed)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         with threadpool_limits(1):
-            sequence = draw_sequence(shape, kind, replace(DIGIT, radius=sensor_unit.radius), pushes, seconds)
+            sensor = replace(DIGIT, radius=sensor_unit.radius)
+            sequence = draw_sequence(shape, kind, sensor, pushes, seconds, shoves if knocks else None)
             pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
     finally:
         cv2.setNumThreads(threads)
@@ -69,8 +73,8 @@ def simulate_recording(
         contact=motion.contact,
         episode=episode_numbers(motion.contact),
         image=pictures,
-        source=simulated_source(shape, kind, seed, seconds, images, unit),
-        frames=_FRAMES,
+        source=simulated_source(shape, kind, seed, seconds, images, unit, knocks),
+        frames=_FRAMES | {"extra": _FRAMES["extra"] + _KNOCKED} if knocks else _FRAMES,
         extra={
             "normal_force": motion.normal_force,
             "tangential_force": motion.tangential_force,
@@ -79,26 +83,31 @@ def simulate_recording(
             "pad_angle": motion.pad_angle,
             "sensor_pose_clean": sequence.sensor_pose,
             "object_pose_clean": motion.object_pose,
+            **({"knocked": motion.knocked.astype(np.float64)} if knocks else {}),
         },
     )
 
 
 def simulated_source(
-    shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True, unit: int | None = None
+    shape: Shape,
+    kind: str,
+    seed: int,
+    seconds: float = 15.0,
+    images: bool = True,
+    unit: int | None = None,
+    knocks: bool = False,
 ) -> str:
     """Return the words that say where a simulated recording comes from, and from what it can be made again."""
     drawn, *_ = _seeds(shape, kind, seed, unit)
     touch = f"drawn touch images of unit {drawn}" if images else f"no touch images, gel of unit {drawn}"
-    return f"simulated by palpate: MuJoCo, {kind}, {float(seconds)!r} s, seed {seed}, {touch}"
+    return f"simulated by palpate: MuJoCo, {kind}, {float(seconds)!r} s, seed {seed}, {touch}{', knocked' * knocks}"
 
 
-def _seeds(
-    shape: Shape, kind: str, seed: int, unit: int | None
-) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence, np.random.SeedSequence]:
-    """Seeds of the unit, the pushes, the noise and the camera: other ones for each object and kind."""
+def _seeds(shape: Shape, kind: str, seed: int, unit: int | None) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:
+    """Seeds of the unit, the pushes, the noise, the camera and the knocks: other ones for each object and kind."""
     what = json.dumps([shape_to_dict(shape), kind]).encode()
-    drawn, pushes, noise, camera = np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(4)
-    return int(drawn.generate_state(1)[0]) if unit is None else unit, pushes, noise, camera
+    drawn, *others = np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(5)
+    return int(drawn.generate_state(1)[0]) if unit is None else unit, *others
 
 
 def _pictures(

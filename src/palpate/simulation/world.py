@@ -10,6 +10,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
 from palpate.simulation.scene import WorldSettings, build_model, load_mujoco
+from palpate.simulation.shove import Finger, Shove
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,8 @@ class Motion:
     pad_angle: Array
     """Where on the gel the contact is, (N,) [rad]: its angle from the apex seen from the centre of curvature, positive
     towards the sensor's +y; NaN outside contact."""
+    knocked: NDArray[np.bool_]
+    """Whether a finger has pushed the object since the frame before, (N,)."""
 
 
 def joined(motions: list[Motion]) -> Motion:
@@ -61,6 +64,9 @@ class World:
         self._steps = int(np.ceil(1.0 / sensor.rate / settings.time_step - 1e-9))
         self._model.opt.timestep = 1.0 / sensor.rate / self._steps
         self._gel = self._model.geom("gel").id
+        self._middle = self._model.body("object").ipos[:2]
+        self._applied = self._data.body("object").xfrc_applied
+        self._finger: Finger | None = None
         self._center = sensor.centers[0]
         self._sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
         self._rate = sensor.rate
@@ -79,6 +85,11 @@ class World:
         """world_T_sensor now, (3,) [m, m, rad]."""
         return self._sensor_pose
 
+    def shove(self, shove: Shove) -> None:
+        """Begin a shove of the object from where it is now; it goes on with `run`, whatever the sensor does."""
+        start = se2.transform(self.object_pose, shove.point)
+        self._finger = Finger(shove, start, self._model.opt.timestep)
+
     def run(self, sensor_poses: ArrayLike) -> Motion:
         """Move the sensor from where it is through poses (N, 3) [m, m, rad], one a frame, and return what happened.
 
@@ -92,19 +103,20 @@ class World:
         data, model, step = self._data, self._model, self._mujoco.mj_step
         qpos, qvel = data.qpos, data.qvel
         frames = len(path) // self._steps
-        rows = np.zeros((frames, 9))
+        rows = np.zeros((frames, 10))
         index = 0
         for frame in range(frames):
             for _ in range(self._steps):
                 qpos[:3] = path[index]
                 qvel[:3] = velocity[index]
+                rows[frame, 9] += self._push()
                 step(model, data)
                 index += 1
             rows[frame, :3] = self.object_pose
-            rows[frame, 3:] = self._touch()
+            rows[frame, 3:9] = self._touch()
             self._check(frame)
-        contact, normal, tangential, slip, indentation, angle = rows[:, 3:].T
-        return Motion(rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle)
+        contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
+        return Motion(rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
 
     def _between_frames(self, poses: Array) -> tuple[Array, Array]:
         """Return position and velocity of the pusher's joints at every time step (M, 3)."""
@@ -127,6 +139,20 @@ class World:
         path = np.column_stack((pose[:, :2] + lever, pose[:, 2]))
         turn = rate[:, 2:] * np.column_stack((-lever[:, 1], lever[:, 0]))
         return path, np.column_stack((rate[:, :2] + turn, rate[:, 2]))
+
+    def _push(self) -> bool:
+        """Let the finger push the object in the next time step, and say whether it does.
+
+        It pushes at the height of the centre of mass, so that nothing is tilted.
+        """
+        self._applied[:] = 0.0
+        if self._finger is None or self._finger.is_done:
+            return False
+        point = se2.transform(self.object_pose, self._finger.point)
+        x, y = point - se2.transform(self.object_pose, self._middle)
+        force = self._finger.force(point, self._velocity_at(point))
+        self._applied[:2], self._applied[5] = force, x * force[1] - y * force[0]
+        return bool(force.any())
 
     def _touch(self) -> tuple[float, float, float, float, float, float]:
         """Return contact, normal and tangential force, slip, indentation and pad angle."""
@@ -157,13 +183,14 @@ class World:
     def _sliding(self, point: Array) -> Array:
         """Return the velocity of the object over the gel (2,) [m/s] at a point of both."""
         qpos, qvel = self._data.qpos, self._data.qvel
-        of_object, of_gel = point[:2] - qpos[4:6], point[:2] - qpos[:2]
-        return (
-            qvel[4:6]
-            + qvel[9] * np.array([-of_object[1], of_object[0]])
-            - qvel[:2]
-            - qvel[2] * np.array([-of_gel[1], of_gel[0]])
-        )
+        x, y = point[:2] - qpos[:2]
+        return self._velocity_at(point) - qvel[:2] - qvel[2] * np.array([-y, x])
+
+    def _velocity_at(self, point: Array) -> Array:
+        """Return the velocity of the object (2,) [m/s] at a point."""
+        qpos, qvel = self._data.qpos, self._data.qvel
+        x, y = point[:2] - qpos[4:6]
+        return qvel[4:6] + qvel[9] * np.array([-y, x])
 
     def _check(self, frame: int) -> None:
         i, j = self._data.qpos[8:10].tolist()
