@@ -8,7 +8,7 @@ import numpy as np
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Polygon, Rectangle, Shape, shape_to_dict
 from palpate.study.trial import Method, Trial
-from palpate.tracking.metrics import percentiles, rms
+from palpate.tracking.metrics import coverage, percentiles, rms
 
 TACTILES = ("none", "constant", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction", "learnt", "oracle")
 SHAPES: dict[str, Shape] = {
@@ -82,7 +82,6 @@ def with_summary(trial: Trial) -> Trial:
     """Return the trial with the summary that its arrays give."""
     translation, rotation = trial.translation_error * 1e3, np.degrees(np.abs(trial.rotation_error))
     scored = bool(np.isfinite(translation).any())
-    inside = trial.nees < 7.814728
     slid = float(trial.slid[-1] * 1e3)
     trial.summary.update(
         frames=len(trial.time),
@@ -95,8 +94,9 @@ def with_summary(trial: Trial) -> Trial:
         final_translation_error_mm=float(translation[-1]) if scored else None,
         final_rotation_error_deg=float(rotation[-1]) if scored else None,
         nees_mean=float(np.mean(trial.nees)) if scored else None,
-        inside_95=float(np.mean(inside)) if scored else None,
-        final_inside_95=bool(inside[-1]) if scored else None,
+        **coverage(trial.contact, trial.nees),
+        silently_wrong_share=0.01 if scored else None,
+        knock_recovery_contact_s=[],
         slid_mm=slid if np.isfinite(slid) else None,
         scored_frames=len(translation) if scored else 0,
     )
@@ -119,6 +119,7 @@ def drawn_trials(groups: Sequence[str], methods: Sequence[Method], count: int, s
 def drawn_results(trials: Sequence[Trial]) -> dict[str, Any]:
     """Return the content of `results.json` of trials, two recordings broken, one mode skipped and one failed."""
     from palpate.study.results import is_lost, table
+    from palpate.tracking.metrics import inside_95
 
     methods = list(dict.fromkeys(trial.method for trial in trials))
     recordings = {
@@ -168,6 +169,7 @@ def drawn_results(trials: Sequence[Trial]) -> dict[str, Any]:
                 "method": str(trial.method),
                 "final_mm": trial.summary["final_translation_error_mm"],
                 "final_deg": trial.summary["final_rotation_error_deg"],
+                "final_inside_95": bool(inside_95(trial.nees[-1])),
             }
             for trial in trials
             if is_lost(trial)

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -53,8 +54,26 @@ def test_track_leaves_a_run_and_shows_a_table(capsys):
     assert palpate("track", "push.h5", "--tactile", "oracle") == 0
     out = capsys.readouterr().out
     assert "final translation error" in out and "mm" in out
+    found = json.loads(Path("runs/push/summary.json").read_text())
+    lines = [line.split() for line in out.splitlines()]
+    for key, name in (("in_95_contact_share", "region, in contact"), ("in_95_rest_share", "region, at rest")):
+        assert ["in", "the", "95", "%", *name.split(), f"{100 * found[key]:.0f}", "%", "of", "frames"] in lines
+    assert "silently wrong" in out and "knocks" not in out
     assert str(Path("runs/push/figure.png")) in out
     assert sorted(path.name for path in Path("runs/push").iterdir()) == sorted(FILES)
+
+
+def test_track_shows_how_long_recovery_took_where_there_are_knocks(capsys):
+    told = np.zeros(40, np.bool_)
+    told[8] = told[38] = True
+    write_recording(replace(pushed(), extra={"knocked": told}), "knocked.h5")
+    assert palpate("track", "knocked.h5") == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    first, second = json.loads(Path("runs/knocked/summary.json").read_text())["knock_recovery_contact_s"]
+    assert second is None  # at the end nothing can be seen to stay
+    assert ["knocks", "2"] in lines
+    shown = "-," if first is None else f"{first:.2f},"
+    assert ["recovered", "after", shown, "-", "s", "in", "contact"] in lines
 
 
 def test_track_json_is_the_summary_and_nothing_else(capsys):
@@ -78,7 +97,7 @@ def test_several_files_get_a_folder_and_a_row_each(capsys):
     write_recording(pushed(30), "other.h5")
     assert palpate("track", "push.h5", "other.h5", "--out", "all") == 0
     out = capsys.readouterr().out
-    assert all(word in out for word in ("push", "other", "median"))
+    assert all(word in out for word in ("push", "other", "median", "in 95 %", "contact", "rest", "silently wrong"))
     assert sorted(path.name for path in Path("all").iterdir()) == ["other", "push"]
     assert palpate("track", "push.h5", "other.h5", "--json", "--out", "again") == 0
     found = json.loads(capsys.readouterr().out)

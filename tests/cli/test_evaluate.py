@@ -1,3 +1,4 @@
+import csv
 import json
 import os
 import signal
@@ -5,10 +6,12 @@ import subprocess
 import sys
 import time
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
 import h5py
+import numpy as np
 import pytest
 from recording_samples import pushed
 
@@ -77,6 +80,11 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     assert err == ""
     assert all(word in out for word in ("none", "constant", "oracle", "6 trials", str(Path("out/report.html"))))
     found = results()
+    row = found["table"][ALL]["oracle"]
+    shares = [f"{100 * row[f'{kind}inside_95']:.0f}" for kind in ("", "contact_", "rest_", "final_")]
+    (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
+    assert " ".join(shown.split()).split(") ")[-1].startswith(" ".join(shares))
+    assert "recovered" not in out
     assert found["settings"]["methods"] == ["none", "constant", "oracle"]
     assert found["command"] == "palpate evaluate recordings --out out --tactile none constant oracle"
     assert list(found["table"]) == ["disc", "edges", ALL]
@@ -84,6 +92,22 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     assert (folder, len(trials)) == (Path("out"), 6)
     assert json.loads(json.dumps(given)) == found
     assert len(Path("out/sequences.csv").read_text().splitlines()) == 7
+
+
+def test_recovery_is_shown_where_there_are_knocks(capsys):
+    told = np.zeros(40, np.bool_)
+    told[8] = True
+    write_recording(replace(pushed(40), extra={"knocked": told}), "recordings/edges-1.h5", overwrite=True)
+    assert palpate("recordings", "--out", "out", "--tactile", "none", "constant") == 0
+    out = capsys.readouterr().out
+    assert "recovered s" in out and "% in 2 s" in out
+    row = results()["table"]["edges"]["none"]
+    assert row["knocks"] == 1 and row["recovered_in_2s"] in (0.0, 1.0)
+    with Path("out/sequences.csv").open(newline="") as file:
+        rows = {(row["recording"], row["tactile"]): row for row in csv.DictReader(file)}
+    assert rows["edges-1.h5", "none"]["knocks"] == "1" and rows["disc-1.h5", "none"]["knocks"] == "0"
+    assert float(rows["edges-1.h5", "none"]["recovered_in_2s"]) == row["recovered_in_2s"]
+    assert rows["disc-1.h5", "none"]["recovered_in_2s"] == ""
 
 
 def test_the_page_is_drawn_from_what_was_found(monkeypatch):

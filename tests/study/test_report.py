@@ -118,10 +118,29 @@ def test_headline_has_median_and_worst_of_each_group(page):
     median = f"{(mm[1] + mm[2]) / 2:.1f} mm, {(deg[1] + deg[2]) / 2:.1f}°"
     words = page.words
     assert f"{median} ({mm[3]:.0f}, {deg[3]:.0f})" in words
-    inside = results["table"]["disc"]["none"]["inside_95"]
-    assert f"{100 * inside:.0f} % (" in words
+    inside = results["table"]["all groups"]["none"]["inside_95"]
+    assert f"{100 * inside:.0f} % {results['table']['all groups']['none']['lost']}" in words
     assert "12 recordings, 3 ways to track, 36 runs in 90.0 minutes with 2 workers on 2 cores." in words
     assert "all groups 12 sequences" in words
+
+
+def test_coverage_of_contact_rests_and_final_poses_stands_beside_errors(page):
+    _, results = study()
+    row = results["table"]["disc"]["learnt"]
+    shares = [f"{100 * row[f'{kind}_inside_95']:.0f} %" for kind in ("contact", "rest", "final")]
+    assert f"{', '.join(shares)} ({row['nees']['mean']:.1f}) silently wrong 1 %" in page.words
+    finals = f"({row['final_mm']['worst']:.0f}, {row['final_deg']['worst']:.0f}) in: {shares[2]}"
+    assert finals in page.words
+    assert "After knocks" not in page.words
+
+
+def test_recovery_is_told_where_there_are_knocks(tmp_path):
+    trials = drawn_trials(["disc", "mit"], METHODS[:2], 2, seconds=2.0)
+    trials[1].summary["knock_recovery_contact_s"] = [0.5, 1.0, 2.5]  # touch learnt on a disc
+    write_report(tmp_path, drawn_results(trials), trials)
+    words = Page((tmp_path / "report.html").read_text(encoding="utf-8")).words
+    assert "After knocks, by group" in words
+    assert "touch all groups disc mit none – – – learnt 1.00 s, 67 % (3) 1.00 s, 67 % (3) –" in words
 
 
 def test_what_went_wrong_is_told(page):
@@ -162,9 +181,9 @@ def test_report_without_truth_and_method_without_runs(tmp_path):
     blind = drawn_trials(["mit"], METHODS[:1], 1, seconds=2.0)
     blind[0].truth[:] = float("nan")
     blind[0].summary.update(
-        scored_frames=0, final_translation_error_mm=None, final_rotation_error_deg=None, final_inside_95=None
+        scored_frames=0, final_translation_error_mm=None, final_rotation_error_deg=None, silently_wrong_share=None
     )
-    blind[0].summary.update(translation_rmse_mm=None, rotation_rmse_deg=None, inside_95=None)
+    blind[0].summary.update(translation_rmse_mm=None, rotation_rmse_deg=None)
     write_report(tmp_path, drawn_results([*trials, *blind]), [*trials, *blind])
     assert "mit" in (tmp_path / "report.html").read_text(encoding="utf-8")
 

@@ -16,10 +16,10 @@ from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
 from palpate.study import job as study_job
 from palpate.study import study as study_module
-from palpate.study.comparison import check_common, compare, read_scores
+from palpate.study.comparison import Figures, Scores, check_common, compare, read_scores
 from palpate.study.files import find_recordings, group_of
-from palpate.study.job import StudySettings, do_job, inside_95, since_contact, slid, trial_of
-from palpate.study.results import ALL, results_of, table, write_results
+from palpate.study.job import StudySettings, do_job, slid, trial_of
+from palpate.study.results import ALL, flat, recovered, results_of, table, write_results
 from palpate.study.study import DIED, run_study
 from palpate.study.trial import Method, Trial, read_trial
 from palpate.touch.model import SHIPPED, TouchModel
@@ -85,7 +85,6 @@ def trial(final_mm: float, method: Method = NONE, group: str = "disc", name: str
         "final_rotation_error_deg": 1.0,
         "translation_rmse_mm": 0.5 * final_mm,
         "rotation_rmse_deg": 0.5,
-        "final_inside_95": final_mm < 2.7,
         "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm},
     }
     return Trial(
@@ -192,7 +191,7 @@ def test_what_a_recording_lacks_is_skipped_and_told():
     assert set(reasons) == {"oracle", "learnt"} and reasons["oracle"].startswith("has no ground truth, which")
     alone = next(each for each in found.trials if each.recording == "blind-1.h5")
     assert alone.pose[0].tolist() == [0.0, 0.0, 3.0] and np.isnan(alone.truth).all()
-    assert alone.summary["final_inside_95"] is alone.summary["inside_95"] is None
+    assert alone.summary["in_95_final"] is alone.summary["in_95_share"] is None
     assert not found.recordings["blind-1.h5"]["truth"]
     rows = table(found.trials, methods)
     assert (rows["blind"]["none"]["sequences"], rows["blind"]["none"]["unscored"]) == (0, 1)
@@ -288,7 +287,7 @@ def test_settings_that_cannot_be():
 def test_settings_reach_the_tracker():
     settings = StudySettings((Method("constant", "isam2"),), PUBLISHED, 0.03)
     found = study(settings)
-    alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, 0.03))
+    alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, pressure=0.03))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
     assert Path("out/trials/constant+isam2/disc-1.h5.npz").exists()
     write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.h5")
@@ -345,17 +344,35 @@ def test_slid_is_the_way_in_contact_back_and_forth():
     assert trial_of(track(pushed(20)), "a.h5", NONE).summary["slid_mm"] is None
 
 
-def test_inside_95_is_of_frames_since_the_first_contact():
-    # Sigma 1 mm: 2 mm is a NEES of 4, 3 mm one of 9; 95 % of chi-squared with 3 degrees of freedom lies below 7.815.
-    assert inside_95([7.814, 7.816]).tolist() == [True, False]
-    assert since_contact(trial(2.0)) == pytest.approx([4.0, 4.0, 4.0])
+def test_coverage_of_contact_rests_and_final_poses_by_hand():
+    # Sigma 1 mm: 1 mm is a NEES of 1, 3 mm one of 9. Frames 1 and 2 are in contact, 3 at rest.
+    trials = [trial(1.0), trial(3.0), trial(4.0)]
+    trials[1].pose[1] = 0.0
+    trials[2].pose[3] = 0.0
+    row = table(trials, (NONE,))["disc"]["none"]
+    # In contact 2, 1 and 0 of two; at rest and at the end all but one; before the first contact nothing counts.
+    assert row["contact_inside_95"] == pytest.approx(3 / 6)
+    assert row["rest_inside_95"] == row["final_inside_95"] == pytest.approx(2 / 3)
+    assert row["inside_95"] == pytest.approx(5 / 9)
     untouched = dataclasses.replace(trial(2.0), contact=np.zeros(4, bool))
-    assert len(since_contact(untouched)) == 0
-    run = track(pushed(20), TrackerSettings(tactile="oracle"))
-    found = trial_of(run, "a.h5", ORACLE)
-    inside = found.nees[5:] < 7.8147  # contact begins at frame 5
-    assert found.summary["inside_95"] == pytest.approx(inside.mean())
-    assert found.summary["final_inside_95"] is bool(inside[-1])
+    row = table([untouched], (NONE,))["disc"]["none"]
+    assert {row[f"{kind}inside_95"] for kind in ("", "contact_", "rest_", "final_")} == {None}
+
+
+def test_recovery_and_silence_in_the_table_by_hand():
+    knocked = [
+        trial(1.0, silently_wrong_share=0.2, knock_recovery_contact_s=[0.5, 2.0]),
+        trial(2.0, silently_wrong_share=0.0, knock_recovery_contact_s=[2.1]),
+        trial(3.0),  # of an earlier version, which did not tell
+    ]
+    row = table(knocked, (NONE,))["disc"]["none"]
+    assert (row["silently_wrong"], row["knocks"]) == (pytest.approx(0.1), 3)
+    assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
+    assert recovered([0.5, 1.5]) == {"recovery_contact_s": 1.0, "recovered_in_2s": 1.0}
+    assert recovered([1.0, None]) == {"recovery_contact_s": None, "recovered_in_2s": 0.5}
+    assert recovered([]) == {"recovery_contact_s": None, "recovered_in_2s": None}
+    row = table(knocked[2:], (NONE,))["disc"]["none"]
+    assert (row["silently_wrong"], row["knocks"], row["recovered_in_2s"]) == (None, 0, None)
 
 
 def test_table_by_hand():
@@ -399,13 +416,19 @@ def test_results_hold_everything_as_plain_data():
     lines = Path("out/sequences.csv").read_text().splitlines()
     assert len(lines) == 5 and lines[0].startswith("recording,group,tactile,smoother,lost,frames")
     assert lines[1].startswith("disc-1.h5,disc,none,fixed-lag,True,20")
+    assert {"in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share", "knocks"} < set(
+        lines[0].split(",")
+    )
+    knocked = flat(trial(1.0, knock_recovery_contact_s=[1.0, 3.0], error_after_knock_mm={"1": 2.0}))
+    assert (knocked["recovery_contact_s"], knocked["recovered_in_2s"]) == (2.0, 0.5)
+    assert not {"knock_recovery_contact_s", "error_after_knock_mm"} & set(knocked)
 
 
 def test_comparison_by_hand():
     def finals(mm: float, deg: float, name: str) -> Trial:
         return trial(mm, name=name, final_rotation_error_deg=deg, translation_rmse_mm=mm / 4)
 
-    before = {
+    before: Scores = {
         (f"{name}.h5", NONE): {"final_mm": mm, "final_deg": deg, "rmse_mm": mm / 4, "rmse_deg": 0.5}
         for name, mm, deg in (("a", 4.0, 1.0), ("b", 4.0, 1.0), ("c", 4.0, 1.0), ("d", 4.0, 1.0), ("gone", 9.0, 9.0))
     }
@@ -421,6 +444,21 @@ def test_comparison_by_hand():
     assert change["final_mm"] == pytest.approx({"before": 4.0, "after": 4.045})
     assert change["rmse_mm"] == pytest.approx({"before": 1.0, "after": 1.01125})
     assert len(found["sequences"]) == 4 and found["folder"] == "old"
+    assert change["in_95_contact_share"] == {"before": None, "after": None}
+
+
+def test_coverage_is_compared_where_both_studies_tell_it():
+    told: list[Figures] = [{"in_95_final": 1.0, "recovery_contact_s": 3.0}, {"in_95_final": 0.0}, {"in_95_final": None}]
+    errors: Figures = {"final_mm": 4.0, "final_deg": 1.0, "rmse_mm": 1.0, "rmse_deg": 0.5}
+    before: Scores = {(f"{number}.h5", NONE): errors | more for number, more in enumerate(told)}
+    after = [
+        trial(4.0, name=f"{number}.h5", in_95_final=True, knock_recovery_contact_s=[number + 1.0])
+        for number in range(3)
+    ]
+    change = compare(Path("old"), before, after)["methods"]["none"]
+    assert change["in_95_final"] == {"before": 0.5, "after": 1.0}
+    assert change["recovery_contact_s"] == {"before": 3.0, "after": 1.0}
+    assert change["in_95_rest_share"] == {"before": None, "after": None}
 
 
 def test_scores_are_those_that_a_study_wrote():
@@ -433,12 +471,20 @@ def test_scores_are_those_that_a_study_wrote():
     assert len(scores) == 8
     summary = found.trials[0].summary
     assert scores["disc-1.h5", NONE]["final_mm"] == summary["final_translation_error_mm"]
+    assert scores["disc-1.h5", NONE]["in_95_contact_share"] == summary["in_95_contact_share"] is not None
+    assert scores["disc-1.h5", NONE]["in_95_final"] == summary["in_95_final"]
+    assert scores["disc-1.h5", NONE]["recovery_contact_s"] is None
     check_common(Path("out"), scores, ["disc-1.h5", "x.h5"], [NONE])
     for names, methods in ((["x.h5"], [NONE]), (["disc-1.h5"], [LEARNT])):
         with pytest.raises(SettingError, match="--against out: has no recording and method in common"):
             check_common(Path("out"), scores, names, methods)
     with pytest.raises(FileError, match="recordings: is not the folder of a study"):
         read_scores(Path("recordings"))
+    old = "recording,tactile,smoother,final_translation_error_mm,final_rotation_error_deg,translation_rmse_mm"
+    Path("out/sequences.csv").write_text(f"{old},rotation_rmse_deg\na.h5,none,fixed-lag,1,2,3,4\n")
+    scores = read_scores(Path("out"))["a.h5", NONE]  # of a version that knew no coverage
+    assert (scores["final_mm"], scores["rmse_deg"]) == (1.0, 4.0)
+    assert scores["in_95_contact_share"] is scores["in_95_final"] is scores["silently_wrong_share"] is None
     Path("out/sequences.csv").write_text("recording,tactile\na,b\n")
     with pytest.raises(FileError, match=r"sequences.csv: is not a table of sequences"):
         read_scores(Path("out"))

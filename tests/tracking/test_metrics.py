@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,48 @@ def test_percentiles():
     assert found == {"p50": 51.0, "p95": 96.0, "p99": 100.0, "max": 101.0}
 
 
+def test_inside_95_is_a_nees_of_up_to_7_815():
+    # 95 % of chi-square with 3 degrees of freedom lie below 7.8147.
+    assert metrics.inside_95([7.814, 7.816, np.nan]).tolist() == [True, False, False]
+
+
+def test_coverage_is_of_frames_since_the_first_contact():
+    contact = np.array([False, False, True, True, True, False, False, False])
+    squared = np.array([99.0, 99.0, 1.0, 9.0, np.nan, 2.0, 3.0, np.nan])
+    # In contact one of two, at rest both, all in all three of four.
+    assert metrics.coverage(contact, squared) == {
+        "in_95_share": 0.75,
+        "in_95_contact_share": 0.5,
+        "in_95_rest_share": 1.0,
+        "in_95_final": True,
+    }
+    squared[6] = 8.0
+    found = metrics.coverage(contact, squared)
+    assert (found["in_95_rest_share"], found["in_95_final"]) == (0.5, False)
+    untouched = metrics.coverage(np.zeros(8, np.bool_), squared)
+    assert set(untouched.values()) == {None}
+
+
+def test_silently_wrong_is_far_off_and_outside_and_content():
+    # Sigma of 2 mm and 1 degree. 12 mm are a NEES of 36, 8 mm one of 16, 6 degrees one of 36.
+    mm, deg = [0.0, 12.0, 12.0, 8.0, 0.0, 12.0, 12.0], [0.0, 0.0, 0.0, 0.0, -6.0, 0.0, 0.0]
+    pose = np.column_stack([np.array(mm) * 1e-3, np.zeros(7), np.radians(deg)])
+    covariance = np.array([np.diag([4e-6, 4e-6, np.radians(1.0) ** 2])] * 7)
+    covariance[6] *= 100.0  # which holds it
+    status = ("tracking", "tracking", "strained", "tracking", "resting", "resting", "tracking")
+    contact = np.array([False, True, True, True, False, False, True])
+    trajectory = Trajectory(np.arange(7.0), pose, covariance, contact, status)
+    how = {"tactile": "none", "smoother": "isam2", "wall_s": 1.0, "episodes": 2}
+    found = metrics.summarise(trajectory, np.zeros((7, 3)), np.ones(7), **how)
+    # Of the six since the first contact the 1st, 4th and 5th.
+    assert found["silently_wrong_share"] == 0.5
+    assert found["in_95_share"] == pytest.approx(1 / 6)
+    mute = metrics.summarise(replace(trajectory, status=None), np.zeros((7, 3)), np.ones(7), **how)
+    assert mute["silently_wrong_share"] is None
+    unsure = metrics.summarise(replace(trajectory, covariance=None), np.zeros((7, 3)), np.ones(7), **how)
+    assert unsure["silently_wrong_share"] is unsure["in_95_share"] is unsure["in_95_final"] is None
+
+
 def summary(truth):
     trajectory = Trajectory(
         time=np.array([0.0, 0.1, 0.2, 0.3]),
@@ -86,6 +130,8 @@ KEYS = [
     *("frames", "contact_frames", "episodes", "tactile", "smoother", "wall_s", "step_ms"),
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
     *("nees_mean", "statuses", "scored_frames", "final_scored_time_s"),
+    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share"),
+    *("knocks", "knock_recovery_s", "knock_recovery_contact_s", "error_after_knock_mm"),
 ]
 
 
@@ -110,4 +156,6 @@ def test_summary_without_truth_has_no_scores():
     found = summary(None)
     assert list(found) == KEYS
     assert found["scored_frames"] == 0
-    assert all(found[key] is None for key in KEYS if key.endswith(("_mm", "_deg", "_mean", "_time_s")))
+    assert all(
+        found[key] is None for key in KEYS if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))
+    )

@@ -68,6 +68,15 @@ def test_spikes_of_truth_are_not_scored():
     assert run.summary["scored_frames"] == np.isfinite(run.truth[:, 0]).sum() >= 33
 
 
+def test_knocks_of_the_recording_are_in_the_summary(tracked):
+    assert (tracked.summary["knocks"], tracked.summary["knock_recovery_s"]) == (0, [])
+    told = np.zeros(40, np.bool_)
+    told[8:10] = told[35] = True
+    run = track(dataclasses.replace(pushed(), extra={"knocked": told}))
+    assert (run.summary["knocks"], len(run.summary["knock_recovery_s"])) == (2, 2)
+    assert run.summary["knock_recovery_s"][1] is None  # five frames after the second are not 0.3 s
+
+
 def test_what_the_settings_need_and_the_recording_lacks():
     recording = dataclasses.replace(pushed(), object_pose=None)
     with pytest.raises(SettingError, match="--first-pose X Y THETA"):

@@ -63,3 +63,8 @@ def busy(title: str) -> Status:
 def number(value: float | None, digits: int = 1) -> str:
     """A number for a table, or a dash."""
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def percent(share: float | None) -> str:
+    """A share for a table in %, or a dash."""
+    return "-" if share is None else f"{100.0 * share:.0f}"

@@ -157,34 +157,43 @@ def _complaints(study: "Study") -> Iterator[str]:
 
 
 def _show(out: Path, results: Mapping[str, Any]) -> None:
-    from palpate.cli.console import number, print_line, print_table
+    from palpate.cli.console import number, percent, print_line, print_table
+    from palpate.study.comparison import COVERAGE
     from palpate.study.results import ALL
 
     finals = ("final_mm", "final_deg")
+    shares = ("inside_95", "contact_inside_95", "rest_inside_95", "final_inside_95", "silently_wrong")
+    methods = results["table"].get(ALL, {})
+    knocks = any(row["knocks"] for row in methods.values())
     rows = [
         [
             method,
             *(f"{number(row[of]['median'], 2)} ({number(row[of]['worst'])})" for of in finals),
-            "-" if row["inside_95"] is None else f"{row['inside_95']:.0%}",
+            *(percent(row[name]) for name in shares),
+            *((number(row["recovery_contact_s"], 2), percent(row["recovered_in_2s"])) if knocks else ()),
             f"{row['lost']} of {row['sequences']}",
             number(row["step_ms"]["p50"]),
         ]
-        for method, row in results["table"].get(ALL, {}).items()
+        for method, row in methods.items()
     ]
     if rows:
-        columns = ("touch", "mm (worst)", "deg (worst)", "in 95 %", "lost", "ms")
-        print_table(f"{ALL}: final error in the median, and time of a step", columns, rows, numbers=range(1, 6))
+        columns = ("touch", "mm (worst)", "deg (worst)", "% in 95 %", "contact", "rests", "finals", "silently wrong")
+        columns = (*columns, *(("recovered s", "% in 2 s") if knocks else ()), "lost", "ms")
+        title = f"{ALL}: final error in the median, frames in the 95 % region, and time of a step"
+        print_table(title, columns, rows, numbers=range(1, len(columns)))
     if against := results.get("against"):
         rows = [
             [
                 method,
                 *(str(change[what]) for what in ("better", "worse", "same")),
                 *(" -> ".join(number(change[of][when], 2) for when in ("before", "after")) for of in finals),
+                *(" -> ".join(percent(change[of][when]) for when in ("before", "after")) for of in COVERAGE[:3]),
             ]
             for method, change in against["methods"].items()
         ]
-        columns = ("touch", "better", "worse", "same", "mm", "deg")
-        print_table(f"against {against['folder']}: final error in the median", columns, rows, numbers=range(1, 6))
+        columns = ("touch", "better", "worse", "same", "mm", "deg", "% in 95 %: contact", "rests", "finals")
+        title = f"against {against['folder']}: final error in the median"
+        print_table(title, columns, rows, numbers=range(1, len(columns)))
     counts = ", ".join(f"{results['study'][what]} {what}" for what in ("trials", "kept", "skipped", "failed", "broken"))
     wrote = out / ("report.html" if results["table"] else "results.json")
     print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {wrote}")

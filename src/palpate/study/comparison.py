@@ -3,25 +3,31 @@
 The comparison holds
 
     folder      the other study
-    methods     {method: {sequences, better, worse, same, final_mm, final_deg, rmse_mm, rmse_deg, improved, worsened}},
-                where errors are {before, after}, medians over the sequences, and the last two are lists of sequences
-    sequences   [{recording, method, group, before, after, change}] with {final_mm, final_deg, rmse_mm, rmse_deg}
+    methods     {method: {sequences, better, worse, same, final_mm, final_deg, rmse_mm, rmse_deg, COVERAGE,
+                recovery_contact_s, improved, worsened}}, where errors are {before, after}, medians over the sequences,
+                coverage and recovery, too, but means and a median over those of which both studies tell it, and the
+                last two are lists of sequences
+    sequences   [{recording, method, group, before, after, change}] with all of these figures, None where not told
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 from typing import Any
 
 from palpate.errors import FileError, SettingError
 from palpate.study.folder import read_study
-from palpate.study.results import FINALS, RMSES
+from palpate.study.results import FINALS, RMSES, flat
 from palpate.study.trial import Method, Trial
 
-Errors = dict[str, float]
-Scores = dict[tuple[str, Method], Errors]
-"""Final errors and RMSE of each recording and method, `final_mm`, `final_deg`, `rmse_mm` and `rmse_deg`."""
+COVERAGE = ("in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share", "recovered_in_2s")
+RECOVERY = "recovery_contact_s"
+"""Columns of `sequences.csv` that studies of earlier versions lack."""
+
+Figures = dict[str, float | None]
+Scores = dict[tuple[str, Method], Figures]
+"""Of each recording and method `final_mm`, `final_deg`, `rmse_mm` and `rmse_deg`, COVERAGE and RECOVERY."""
 
 SAME_MM, SAME_DEG = 0.1, 0.1
 """Final errors that differ by no more are the same."""
@@ -42,8 +48,9 @@ def read_scores(folder: Path) -> Scores:
         with path.open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 if row[FINALS["final_mm"]]:
-                    errors = {name: float(row[key]) for name, key in (FINALS | RMSES).items()}
-                    scores[row["recording"], Method(row["tactile"], row["smoother"])] = errors
+                    errors: Figures = {name: float(row[key]) for name, key in (FINALS | RMSES).items()}
+                    more = {name: _number(row.get(name)) for name in (*COVERAGE, RECOVERY)}
+                    scores[row["recording"], Method(row["tactile"], row["smoother"])] = errors | more
     except (OSError, KeyError, ValueError, UnicodeDecodeError, csv.Error) as error:
         raise FileError(f"{path}: is not a table of sequences ({error})") from error
     return scores
@@ -71,8 +78,15 @@ def compare(folder: Path, before: Scores, trials: Sequence[Trial]) -> dict[str, 
     }
 
 
-def _sequence(trial: Trial, before: Errors) -> dict[str, Any]:
-    after = {name: trial.summary[key] for name, key in (FINALS | RMSES).items()}
+def _number(text: str | None) -> float | None:
+    """A number or a flag of a table; None where there is none."""
+    return float({"True": 1, "False": 0}.get(text, text)) if text else None
+
+
+def _sequence(trial: Trial, before: Figures) -> dict[str, Any]:
+    row = flat(trial)
+    after = {name: row[key] for name, key in (FINALS | RMSES).items()}
+    after |= {name: row.get(name) for name in (*COVERAGE, RECOVERY)}
     mm, deg = (after[name] - before[name] for name in FINALS)
     same = abs(mm) <= SAME_MM and abs(deg) <= SAME_DEG
     return {
@@ -99,6 +113,23 @@ def _change(sequences: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "worse": len(worse),
         "same": len(sequences) - len(better) - len(worse),
         **medians,
+        **{name: _both(sequences, name, fmean) for name in COVERAGE},
+        RECOVERY: _both(sequences, RECOVERY, median),
         "improved": better[:NAMED],
         "worsened": worse[: -NAMED - 1 : -1],
     }
+
+
+def _both(
+    sequences: Sequence[dict[str, Any]], name: str, middle: Callable[[Sequence[float]], float]
+) -> dict[str, float | None]:
+    """A figure before and after, of the sequences of which both are known."""
+    known = [
+        (float(before), float(after))
+        for each in sequences
+        if (before := each["before"].get(name)) is not None and (after := each["after"].get(name)) is not None
+    ]
+    if not known:
+        return {"before": None, "after": None}
+    before, after = zip(*known, strict=True)
+    return {"before": middle(before), "after": middle(after)}

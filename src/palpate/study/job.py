@@ -3,12 +3,12 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.estimation.settings import NoiseSettings
@@ -83,7 +83,7 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel) -> Outcome:
     failed: dict[Method, str] = {}
     for method in job.methods:
         tactile, smoother = cast(Tactile, method.tactile), cast(SmootherName, method.smoother)
-        how = TrackerSettings(tactile, smoother, settings.noise, settings.pressure)
+        how = TrackerSettings(tactile, smoother, settings.noise, pressure=settings.pressure)
         try:
             with _quiet():
                 run = track(recording, how, None if known else settings.first_pose, model=model)
@@ -110,13 +110,12 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel) -> Outcome:
 def trial_of(run: Run, name: str, method: Method) -> Trial:
     """Return what a study keeps of a run.
 
-    Its summary is the run's and, of the frames with ground truth, `inside_95`: share of poses in the 95 % region from
-    the first contact on; `final_inside_95`: whether the last one is; `slid_mm`: way that contacts slid in all.
+    Its summary is the run's and `slid_mm`: way that contacts slid in all, None where it is not known.
     """
     recording, truth = run.recording, run.truth
     way = slid(recording)
     assert run.online.covariance is not None and run.online.contact is not None
-    trial = Trial(
+    return Trial(
         recording=name,
         group=group_of(name),
         method=method,
@@ -128,15 +127,8 @@ def trial_of(run: Run, name: str, method: Method) -> Trial:
         sensor_pose=recording.sensor_pose,
         slid=way,
         step_ms=run.step_ms,
-        summary=run.summary,
+        summary={**run.summary, "slid_mm": float(way[-1]) * 1e3 if np.isfinite(way[-1]) else None},
     )
-    inside = inside_95(since_contact(trial))
-    more = {
-        "inside_95": float(np.mean(inside)) if len(inside) else None,
-        "final_inside_95": bool(inside[-1]) if len(inside) else None,
-        "slid_mm": float(way[-1]) * 1e3 if np.isfinite(way[-1]) else None,
-    }
-    return replace(trial, summary={**run.summary, **more})
 
 
 def slid(recording: Recording) -> Array:
@@ -149,22 +141,6 @@ def slid(recording: Recording) -> Array:
         return np.full(len(recording), np.nan)
     interval = np.diff(recording.time, prepend=recording.time[0])
     return np.cumsum(np.where(recording.contact, np.abs(slip) * interval, 0.0))
-
-
-def since_contact(trial: Trial) -> Array:
-    """Return the NEES (M,) of all frames with truth from the first contact on; before it the pose is as good as given.
-
-    Those that never touch have none.
-    """
-    found = trial.nees[np.maximum.accumulate(trial.contact)]
-    return found[np.isfinite(found)]
-
-
-def inside_95(nees: ArrayLike) -> NDArray[np.bool_]:
-    """Return whether each true pose is in the 95 % region of its estimate, from the NEES (N,)."""
-    from scipy.special import chdtri  # as scipy.stats.chi2.isf, without the second that importing that takes
-
-    return np.asarray(nees) < chdtri(3, 0.05)
 
 
 def _said(error: Exception, job: Job) -> str:

@@ -7,7 +7,7 @@
     study       palpate, folder, recordings, trials, kept, skipped, failed, broken, wall_s, workers, cores, lost_above
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
-    lost        [{recording, method, final_mm, final_deg}]
+    lost        [{recording, method, final_mm, final_deg, final_inside_95}]
     skipped     [{recording, method, reason}]: what a recording cannot be tracked with
     failed      [{recording, method, error}]: what could not be tracked to its end
     broken      [{recording, error}]: what could not be read
@@ -23,16 +23,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
 from palpate.files import whole_file
-from palpate.study.job import StudySettings, inside_95, since_contact
+from palpate.study.job import StudySettings
 from palpate.study.study import Study
 from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
+from palpate.tracking.metrics import inside_95, since_contact
 
 Array = NDArray[np.float64]
 ALL = "all groups"
@@ -42,6 +43,8 @@ LOST_MM, LOST_DEG = 50.0, 30.0
 FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation_error_deg"}
 RMSES = {"rmse_mm": "translation_rmse_mm", "rmse_deg": "rotation_rmse_deg"}
 """What columns of the table are called in a trial's summary."""
+SOON = 2.0
+"""[s] in contact within which an estimate should recover from a knock."""
 
 
 def results_of(
@@ -72,7 +75,7 @@ def results_of(
         "table": table(study.trials, settings.methods),
         "recordings": study.recordings,
         "lost": [
-            {"recording": trial.recording, "method": str(trial.method), **_finals(trial)}
+            {"recording": trial.recording, "method": str(trial.method), **_finals(trial), **_final_inside(trial)}
             for trial in study.trials
             if is_lost(trial)
         ],
@@ -90,11 +93,13 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
     rmse_mm, rmse_deg: median of the RMSE over a sequence;
     nees: {median, mean} and inside_95: share in the 95 % region, both of all frames from the first contact on, before
     which the pose is as good as given;
-    final_inside_95: share of the final poses in it;
+    contact_inside_95, rest_inside_95, final_inside_95: share of those in contact, of the others and of the last ones;
+    silently_wrong: mean over sequences of `silently_wrong_share`; see `metrics.summarise`;
+    knocks: how many, and what `recovered` tells of them;
     lost: how many; and, of all sequences, step_ms: {p50, p95}, medians over sequences.
     What cannot be told is None.
     """
-    scored = [(trial, since_contact(trial)) for trial in trials]
+    scored = [(trial, _nees_by_kind(trial)) for trial in trials]
     names = [*sorted({trial.group for trial in trials}), ALL] if trials else []
     found: dict[str, dict[str, Any]] = {name: {} for name in names}
     for name in names:
@@ -111,12 +116,25 @@ def is_lost(trial: Trial) -> bool:
     return mm is not None and deg is not None and (mm > LOST_MM or deg > LOST_DEG)
 
 
+def recovered(seconds: Sequence[float | None]) -> dict[str, float | None]:
+    """Return how knocks were recovered from, each after so many seconds in contact or not at all (None).
+
+    They are `recovery_contact_s`, the median, and `recovered_in_2s`, the share that took up to SOON. Without knocks
+    both are None, and so is the median where half of them or more were not recovered from.
+    """
+    if not seconds:
+        return {"recovery_contact_s": None, "recovered_in_2s": None}
+    taken = np.array([np.inf if each is None else each for each in seconds])
+    middle = float(np.median(taken))
+    return {"recovery_contact_s": middle if np.isfinite(middle) else None, "recovered_in_2s": _share(taken <= SOON)}
+
+
 def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Trial]) -> None:
     """Write `results.json` and `sequences.csv`, each whole or not at all."""
     try:
         with whole_file(folder / "results.json", overwrite=True) as part:
             part.write_text(json.dumps(results, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        rows = [_flat(trial) for trial in trials]
+        rows = [flat(trial) for trial in trials]
         with (
             whole_file(folder / "sequences.csv", overwrite=True) as part,
             part.open("w", newline="", encoding="utf-8") as file,
@@ -128,12 +146,14 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
         raise FileError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
-def _row(trials: Sequence[Trial], since: Sequence[Array]) -> dict[str, Any]:
-    """The row of trials, and the NEES of each since its first contact."""
+def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[str, Any]:
+    """The row of trials, from `_nees_by_kind` of each."""
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
     steps = {share: [trial.summary["step_ms"][share] for trial in trials] for share in ("p50", "p95")}
-    nees = np.concatenate(since)
-    ends = [known for trial in scored if (known := trial.summary["final_inside_95"]) is not None]
+    pooled = {kind: np.concatenate([each[kind] for each in kinds]) for kind in kinds[0]}
+    nees = pooled["all"]
+    silent = [known for trial in scored if (known := trial.summary.get("silently_wrong_share")) is not None]
+    taken = [each for trial in scored for each in trial.summary.get("knock_recovery_contact_s") or ()]
     return {
         "sequences": len(scored),
         "unscored": len(trials) - len(scored),
@@ -143,11 +163,27 @@ def _row(trials: Sequence[Trial], since: Sequence[Array]) -> dict[str, Any]:
             "median": float(np.median(nees)) if len(nees) else None,
             "mean": float(np.mean(nees)) if len(nees) else None,
         },
-        "inside_95": float(np.mean(inside_95(nees))) if len(nees) else None,
-        "final_inside_95": float(np.mean(ends)) if ends else None,
+        "inside_95": _share(inside_95(nees)),
+        **{f"{kind}_inside_95": _share(inside_95(pooled[kind])) for kind in ("contact", "rest", "final")},
+        "silently_wrong": _share(silent),
+        "knocks": len(taken),
+        **recovered(taken),
         "lost": sum(is_lost(trial) for trial in scored),
         "step_ms": {share: float(np.median(values)) for share, values in steps.items()},
     }
+
+
+def _nees_by_kind(trial: Trial) -> dict[str, Array]:
+    """The NEES (M,) of the frames with truth since the first contact: all, those in contact, at rest, and the last."""
+    nees = trial.nees
+    since = since_contact(trial.contact, nees)
+    contact, rest = nees[since & trial.contact], nees[since & ~trial.contact]
+    return {"all": nees[since], "contact": contact, "rest": rest, "final": nees[since][-1:]}
+
+
+def _share(values: ArrayLike) -> float | None:
+    values = np.asarray(values, np.float64)
+    return float(np.mean(values)) if len(values) else None
 
 
 def _spread(values: Sequence[float]) -> dict[str, float | None]:
@@ -161,12 +197,18 @@ def _finals(trial: Trial) -> dict[str, float | None]:
     return {name: trial.summary[key] for name, key in FINALS.items()}
 
 
+def _final_inside(trial: Trial) -> dict[str, bool | None]:
+    last = _nees_by_kind(trial)["final"]
+    return {"final_inside_95": bool(inside_95(last)[0]) if len(last) else None}
+
+
 def _named(found: Mapping[tuple[str, Method], str], what: str) -> list[dict[str, str]]:
     return [{"recording": name, "method": str(method), what: said} for (name, method), said in found.items()]
 
 
-def _flat(trial: Trial) -> dict[str, Any]:
-    """The trial as a row: its summary without what is not one value."""
+def flat(trial: Trial) -> dict[str, Any]:
+    """Return the trial as a row of `sequences.csv`: its summary, lists and tables in it told in single values."""
     row = {"recording": trial.recording, "group": trial.group, **asdict(trial.method), "lost": is_lost(trial)}
-    row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict)}
+    row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
+    row |= recovered(trial.summary.get("knock_recovery_contact_s") or ())
     return row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()}

@@ -8,9 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.recording.trajectory import Trajectory
+from palpate.tracking.recovery import is_far, recovery
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
+CONTENT = ("tracking", "resting")
+"""Statuses of an estimate that calls itself right."""
 PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
 
 
@@ -40,6 +44,13 @@ def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
     return found
 
 
+def inside_95(nees: ArrayLike) -> Flags:
+    """Say whether each true pose is in the 95 % region of its estimate, (N,) from the NEES (N,); not so where NaN."""
+    from scipy.special import chdtri  # as scipy.stats.chi2.isf, without the second that importing that takes
+
+    return np.asarray(nees) <= chdtri(3, 0.05)
+
+
 def rms(errors: ArrayLike) -> float | None:
     """Root mean square of errors (N,), NaN left out; None if there are none."""
     return None if (known := _known(errors)) is None else float(np.sqrt(np.mean(known**2)))
@@ -60,11 +71,15 @@ def summarise(
     smoother: str,
     wall_s: float,
     episodes: int,
+    knocked: Flags | None = None,
 ) -> dict[str, Any]:
     """Return the content of `summary.json`.
 
     `truth` (N, 3) is NaN where it is not known or not trusted. Final errors are those of the last frame with
-    truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None.
+    truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None. `coverage`
+    says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,).
+    `silently_wrong_share` is of the frames since the first contact, as they are: those that `is_far` and that are
+    outside the 95 % region while their status is one of CONTENT.
     """
     if truth is None:
         truth = np.full((len(trajectory), 3), np.nan)
@@ -72,12 +87,18 @@ def summarise(
     rotation = np.degrees(rotation_errors(trajectory.pose, truth))
     scored = np.flatnonzero(np.isfinite(translation))
     last = int(scored[-1]) if len(scored) else None
-    consistency = None
+    squared = np.full(len(trajectory), np.nan)
     if trajectory.covariance is not None:
-        consistency = _known(nees(trajectory.pose, trajectory.covariance, truth))
+        squared = nees(trajectory.pose, trajectory.covariance, truth)
+    consistency = _known(squared)
+    contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
+    wrong = is_far(translation, rotation) & ~inside_95(squared)
+    silent = None
+    if trajectory.status is not None:
+        silent = _share((wrong & np.isin(trajectory.status, CONTENT))[since_contact(contact, squared)])
     return {
         "frames": len(trajectory),
-        "contact_frames": 0 if trajectory.contact is None else int(np.sum(trajectory.contact)),
+        "contact_frames": int(np.sum(contact)),
         "episodes": episodes,
         "tactile": tactile,
         "smoother": smoother,
@@ -91,7 +112,35 @@ def summarise(
         "statuses": dict(Counter(trajectory.status or ())),
         "scored_frames": len(scored),
         "final_scored_time_s": None if last is None else float(trajectory.time[last]),
+        **coverage(contact, squared),
+        "silently_wrong_share": silent,
+        **recovery(trajectory, translation, rotation, knocked),
     }
+
+
+def coverage(contact: Flags, nees: Array) -> dict[str, Any]:
+    """Return how well the covariance covers the truth, from contact flags (N,) and the NEES (N,), NaN where not known.
+
+    They are shares of frames in the 95 % region since the first contact: `in_95_share` of all, `in_95_contact_share` of
+    those in contact, `in_95_rest_share` of the others; `in_95_final` tells whether the last one is in it. What has no
+    frames is None.
+    """
+    inside, since = inside_95(nees), since_contact(contact, nees)
+    return {
+        "in_95_share": _share(inside[since]),
+        "in_95_contact_share": _share(inside[since & contact]),
+        "in_95_rest_share": _share(inside[since & ~contact]),
+        "in_95_final": bool(inside[since][-1]) if since.any() else None,
+    }
+
+
+def since_contact(contact: Flags, nees: Array) -> Flags:
+    """Return the frames (N,) with a NEES from the first contact on, before which the pose is as good as given."""
+    return np.maximum.accumulate(contact) & np.isfinite(nees)
+
+
+def _share(flags: Flags) -> float | None:
+    return float(np.mean(flags)) if len(flags) else None
 
 
 def _known(values: ArrayLike) -> Array | None:

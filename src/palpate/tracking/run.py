@@ -16,6 +16,7 @@ from palpate.touch.background import Background
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 from palpate.tracking.findings import trusted_truth
+from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
 
 logger = logging.getLogger(__name__)
@@ -101,6 +102,7 @@ def track(
         smoother=settings.smoother,
         wall_s=wall_s,
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
+        knocked=knocked_frames(recording),
     )
     return Run(recording, settings, model, background, first, online, smoothed, step_ms, wall_s, truth, summary)
 

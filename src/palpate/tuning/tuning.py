@@ -28,9 +28,8 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.parallel import spread
-from palpate.study.job import inside_95
 from palpate.tracker import TrackerSettings
-from palpate.tracking.metrics import nees, rms, rotation_errors, translation_errors
+from palpate.tracking.metrics import inside_95, nees, rms, rotation_errors, translation_errors
 from palpate.tuning.likelihood import negative_log_likelihood
 from palpate.tuning.parameters import PRESSURE, check_parameters, tunable, value_of, values_of, with_value
 from palpate.tuning.recorded_touch import RecordedTouch, track_recorded

@@ -1,0 +1,86 @@
+"""Recovery: how an estimate finds back after knocks."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.recording.trajectory import Trajectory
+from palpate.tracking.findings import flag_runs
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FAR_MM, FAR_DEG = 10.0, 5.0
+"""An estimate that is farther off than either is wrong."""
+STAYS = 0.3
+"""[s] of scored frames for which an estimate has to stay near the truth to have recovered."""
+AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
+"""[s] after a knock at which errors are told."""
+BESIDE = 0.1
+"""[s] by which a frame may lie beside such a time, for truth drops out."""
+_ROUNDING = 1e-9  # [s]
+
+
+def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocked: Flags | None) -> dict[str, Any]:
+    """Return the part of `summary.json` that is about knocks.
+
+    `translation` (N,) [mm] and `rotation` (N,) [deg], of any sign, are errors, NaN where truth is not known; `knocked`
+    (N,) tells the frames of knocks, and without it all values are None.
+
+    - knocks: how many there are.
+    - knock_recovery_s: for each the time [s] from its last frame until the estimate is near the truth, by FAR_MM and
+      FAR_DEG, and stays so for STAYS; None where it does not before the next knock or the end.
+    - knock_recovery_contact_s: the same, time in contact only.
+    - error_after_knock_mm: by the seconds after a knock ("0.5") the median error over knocks; None where none is known
+      before the next one.
+    """
+    if knocked is None:
+        return dict.fromkeys(("knocks", "knock_recovery_s", "knock_recovery_contact_s", "error_after_knock_mm"))
+    time, interval = trajectory.time, np.diff(trajectory.time, prepend=trajectory.time[0])
+    contact = np.zeros(len(time), np.bool_) if trajectory.contact is None else trajectory.contact
+    scored = np.isfinite(translation)
+    near = scored & ~is_far(translation, rotation)
+    in_contact, in_score = np.cumsum(interval * contact), np.cumsum(interval * scored)
+    runs = flag_runs(knocked)
+    seconds: list[float | None] = []
+    contact_seconds: list[float | None] = []
+    errors: list[list[float]] = []
+    ends = [*(first for first, _ in runs[1:]), len(time)]
+    for (_, last), following in zip(runs, ends, strict=False):
+        frames = last + np.flatnonzero(scored[last:following])
+        found = next(
+            (
+                frames[first]
+                for first, end in flag_runs(near[frames])
+                if in_score[frames[end]] - in_score[frames[first]] > STAYS - _ROUNDING
+            ),
+            None,
+        )
+        seconds.append(None if found is None else float(time[found] - time[last]))
+        contact_seconds.append(None if found is None else float(in_contact[found] - in_contact[last]))
+        errors.append([_nearest(time[frames] - time[last], translation[frames], after) for after in AFTER])
+    columns = zip(*errors, strict=True) if errors else [()] * len(AFTER)
+    return {
+        "knocks": len(runs),
+        "knock_recovery_s": seconds,
+        "knock_recovery_contact_s": contact_seconds,
+        "error_after_knock_mm": {f"{after:g}": _median(column) for after, column in zip(AFTER, columns, strict=True)},
+    }
+
+
+def is_far(translation: Array, rotation: Array) -> Flags:
+    """Return the frames (N,) whose errors, (N,) [mm] and (N,) [deg], are beyond FAR_MM or FAR_DEG."""
+    return (translation > FAR_MM) | (np.abs(rotation) > FAR_DEG)
+
+
+def _nearest(time: Array, error: Array, wanted: float) -> float:
+    """The error at the frame nearest to a time; NaN where there is none beside it."""
+    off = np.abs(time - wanted)
+    return float(error[np.argmin(off)]) if len(off) and off.min() < BESIDE + _ROUNDING else np.nan
+
+
+def _median(values: Sequence[float]) -> float | None:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else None
