@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.diagnosis import Status
-from palpate.estimation.estimator import Estimator
+from palpate.estimation.hypotheses import Answer, Hypotheses
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName
 from palpate.estimation.warm_up import warm_up
@@ -27,6 +27,7 @@ from palpate.touch.relative import Touch
 
 Array = NDArray[np.float64]
 
+_ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
@@ -42,11 +43,15 @@ class TrackerSettings:
     """How much each factor is believed."""
     pressure: str | float = "uniform"
     """How the object presses on the table, which gives c; or c itself [m]."""
+    hypotheses: int = 9
+    """How many answers are kept at most while touch cannot tell which is right; 1 keeps one whatever happens."""
 
     def __post_init__(self) -> None:
         for name, allowed in (("tactile", get_args(Tactile)), ("smoother", get_args(SmootherName))):
             if (found := getattr(self, name)) not in allowed:
                 raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
+        if self.hypotheses < 1:
+            raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is 1 or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +63,15 @@ class Estimate:
     pose: Array
     """world_T_object, (3,) [m, m, rad]."""
     covariance: Array
-    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta; it spans all answers."""
     contact: bool
     """Whether the sensor touches the object."""
     status: Status
     """What to make of it; see `estimation.diagnosis.Status`."""
+    reason: str = ""
+    """Why the status is what it is, in words; empty where all is well."""
+    answers: tuple[Answer, ...] = ()
+    """All poses that may be the object's, the best first; one where nothing is doubtful."""
 
 
 class Tracker:
@@ -72,13 +81,18 @@ class Tracker:
         self,
         shape: Shape,
         sensor: SensorProfile,
-        first_pose: ArrayLike,
+        first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
         model: TouchModel | None = None,
         background: Background | None = None,
         touch: Touch | None = None,
+        first_pose_sigma: ArrayLike | None = None,
     ) -> None:
         """Take the object, the sensor, world_T_object (3,) [m, m, rad] at the first frame, and how to track.
+
+        `first_pose_sigma` (3,) [m, m, rad] is how well the first pose is known, standard deviations in the object's
+        frame; by default as well as `noise.first_pose` says. A rough one is found by touch. A first pose of None is
+        anywhere within a metre of the world's origin, at any yaw.
 
         Learnt touch uses `model`, by default the one that comes with palpate. `background` is the untouched gel of this
         unit, from `palpate calibrate`; without it the first half second of images is taken as untouched. `touch` says
@@ -86,10 +100,17 @@ class Tracker:
         to load compiled code, and the very first of a machine some 20 s to compile it.
         """
         settings = settings or TrackerSettings()
-        pose = _pose(first_pose)
+        pose = _pose(_ANYWHERE if first_pose is None else first_pose)
         if pose is None:
             raise SettingError(
-                f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad]"
+                f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad], or None"
+            )
+        if first_pose_sigma is None:
+            first_pose_sigma = _ANYWHERE_SIGMA if first_pose is None else settings.noise.first_pose.deviation
+        sigma = _pose(first_pose_sigma)
+        if sigma is None or not (sigma > 0.0).all():
+            raise SettingError(
+                f"first pose sigma is {first_pose_sigma!r}; it must be three numbers above 0: x [m], y [m], theta [rad]"
             )
         warm_up(settings.smoother)
         self._sensor = sensor
@@ -98,9 +119,8 @@ class Tracker:
         self._touch = touch or make_touch(
             settings.tactile, sensor, without_images.oracle, without_images.constant, model, self._background
         )
-        self._estimator = Estimator(
-            contact_model(shape, sensor, settings.pressure), settings.noise, settings.smoother, pose
-        )
+        contact = contact_model(shape, sensor, settings.pressure)
+        self._estimator = Hypotheses(contact, settings.noise, settings.smoother, pose, sigma, settings.hypotheses)
         self._last: Frame | None = None
         self._interval = 1.0 / sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._times: list[float] = []
@@ -134,8 +154,15 @@ class Tracker:
         self._last = frame
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
-        pose = estimator.known.pose.copy()
-        return Estimate(frame.time, pose, estimator.covariance, estimator.in_contact, estimator.status)
+        return Estimate(
+            frame.time,
+            estimator.known.pose.copy(),
+            estimator.covariance,
+            estimator.in_contact,
+            estimator.status,
+            estimator.reason,
+            estimator.answers,
+        )
 
     def smoothed(self) -> Trajectory:
         """Return all poses so far, each as all later measurements in its contact leave it."""

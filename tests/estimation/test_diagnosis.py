@@ -1,4 +1,7 @@
-"""What makes status and covariance: strain, displacement and uncertainty, by hand."""
+"""What makes status and covariance: strain, displacement, uncertainty and calibration, by hand."""
+
+from copy import copy
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -6,7 +9,15 @@ from push_samples import SHAPES, sensor
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
-from palpate.estimation.diagnosis import STRAIN_EXPECTED, STRAIN_FRAMES, STRAIN_LIMIT, Diagnosis
+from palpate.estimation.diagnosis import (
+    REASONS,
+    STRAIN_EXPECTED,
+    STRAIN_FRAMES,
+    STRAIN_LIMIT,
+    UNCERTAIN,
+    Diagnosis,
+    Status,
+)
 from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OBJECT_SIZE
 from palpate.geometry import se2
 
@@ -16,6 +27,7 @@ TWO_TIPS = contact_model(SHAPES["rectangle"], sensor(tips=((0.0, 0.02), (0.004, 
 LEFT = -0.2363 / 2  # [m], the rectangle's left side
 SURPRISE = 3.0
 CONTACT = 3e-4  # [m]
+EXACT = (0.0, 0.0, 0.0)  # frames that agree
 
 
 def known(deviation: tuple[float, float, float] = (4e-4, 1e-3, 1e-3), depth: float = 0.0) -> Prior:
@@ -24,16 +36,20 @@ def known(deviation: tuple[float, float, float] = (4e-4, 1e-3, 1e-3), depth: flo
     return Prior(np.zeros(3), values, np.diag(np.square([*deviation, *[0.1] * OBJECT_SIZE])))
 
 
+ROUGH = known((6e-3, 1e-3, 1e-3))
+"""An object that was not found again: more than 5 mm."""
+
+
 def at(gap: float, y: float = 0.0) -> Array:
     """A sensor pose at which the first tip is so far off the left side."""
     return np.array([LEFT - gap, y, 0.0])
 
 
 def test_nothing_is_wrong_at_first():
-    diagnosis = Diagnosis(ONE_TIP, CONTACT)
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
     assert not diagnosis.displaced
     assert diagnosis.in_contact(known()) == "tracking"
-    assert diagnosis.at_rest() == "resting"
+    assert diagnosis.at_rest(known()) == "resting"
     np.testing.assert_array_equal(diagnosis.covariance(known()), known().pose_covariance)
     assert not diagnosis.displacement_covariance().any()
 
@@ -42,17 +58,17 @@ def test_nothing_is_wrong_at_first():
 @pytest.mark.parametrize("depth", [0.0, 3e-4])
 def test_a_sensor_within_an_untouched_object(beyond, displaced, depth):
     # The gap, depth and all, is known to hypot(0.4 mm, 0.3 mm) = 0.5 mm: three of them are 1.5 mm.
-    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT), known(depth=depth)
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known(depth=depth)
     diagnosis.see_rest(prior, at(-beyond * 1.5e-3 - depth))
     assert diagnosis.displaced == displaced
-    assert diagnosis.at_rest() == diagnosis.in_contact(prior).replace("tracking", "resting")
-    assert diagnosis.at_rest() == ("displaced" if displaced else "resting")
+    assert diagnosis.at_rest(prior) == ("displaced" if displaced else "resting")
+    assert diagnosis.in_contact(ROUGH) == ("displaced" if displaced else "tracking")
     # Twice what the gap shows, and an angle at c of it.
     length = 2.0 * 1.5e-3 * beyond if displaced else 0.0
     wanted = np.diag(np.square([length, length, length / 0.05]))
     np.testing.assert_allclose(diagnosis.displacement_covariance(), wanted, rtol=1e-3)
     # As far off as one likes is no surprise.
-    apart = Diagnosis(ONE_TIP, CONTACT)
+    apart = Diagnosis(ONE_TIP, CONTACT, EXACT)
     apart.see_rest(prior, at(0.3))
     assert not apart.displaced
 
@@ -60,23 +76,23 @@ def test_a_sensor_within_an_untouched_object(beyond, displaced, depth):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("beyond", "displaced"), [(0.99, False), (1.01, True)])
 def test_a_touch_where_the_object_should_not_be(beyond, displaced, side):
-    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT), known()
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known()
     diagnosis.see_first_touch(prior, at(side * beyond * 1.5e-3))
     assert diagnosis.displaced == displaced
-    assert diagnosis.in_contact(prior) == ("displaced" if displaced else "tracking")
+    assert diagnosis.in_contact(ROUGH) == ("displaced" if displaced else "tracking")
 
 
 def test_how_well_the_gap_is_known_depends_on_where():
     # 50 mm along the side a turn by 0.02 rad moves the side by 1 mm; in its middle not at all.
     prior = known((4e-4, 1e-3, 0.02))
     for y, displaced in ((0.0, True), (0.05, False)):
-        diagnosis = Diagnosis(ONE_TIP, CONTACT)
+        diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
         diagnosis.see_first_touch(prior, at(2.5e-3, y))
         assert diagnosis.displaced == displaced
     # The same of an object that stands elsewhere, and of its covariance in its own frame.
     moved = np.array([0.4, -0.3, 2.0])
     for y, displaced in ((0.0, True), (0.05, False)):
-        diagnosis = Diagnosis(ONE_TIP, CONTACT)
+        diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
         there = Prior(moved, prior.values, prior.covariance)
         diagnosis.see_first_touch(there, se2.compose(moved, at(2.5e-3, y)))
         assert diagnosis.displaced == displaced
@@ -84,7 +100,7 @@ def test_how_well_the_gap_is_known_depends_on_where():
 
 def test_of_several_tips_the_nearest_counts():
     # The second tip stands 4 mm ahead.
-    diagnosis = Diagnosis(TWO_TIPS, CONTACT)
+    diagnosis = Diagnosis(TWO_TIPS, CONTACT, EXACT)
     diagnosis.see_first_touch(known(), at(4e-3))
     assert not diagnosis.displaced
     diagnosis.see_first_touch(known(), at(0.0))
@@ -93,7 +109,7 @@ def test_of_several_tips_the_nearest_counts():
 
 
 def test_the_largest_displacement_stays_until_the_object_is_found():
-    diagnosis = Diagnosis(ONE_TIP, CONTACT)
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
     for gap in (-2e-3, -5e-3, -3e-3, 0.2):
         diagnosis.see_rest(known(), at(gap))
     np.testing.assert_allclose(diagnosis.displacement_covariance()[0, 0], (2.0 * 5e-3) ** 2, rtol=1e-3)
@@ -101,12 +117,80 @@ def test_the_largest_displacement_stays_until_the_object_is_found():
     assert not diagnosis.displaced
 
 
+@pytest.mark.parametrize("number", range(3))
+def test_an_object_that_is_found_is_no_longer_displaced(number):
+    limit = (0.005, 0.005, 0.1)[number]
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, (0.01, 0.01, 0.15))
+    diagnosis.see_first_touch(known(), at(5e-3))
+    for share, status in ((1.01, "displaced"), (0.99, "tracking"), (1.01, "displaced")):
+        deviation = [1e-4, 1e-4, 1e-4]
+        deviation[number] = share * limit
+        found = known((deviation[0], deviation[1], deviation[2]))
+        # Calibration, which stays, does not hide it.
+        assert diagnosis.in_contact(found) == status
+        # Where nothing touches it, nothing finds it.
+        assert diagnosis.at_rest(found) == "displaced"
+        assert diagnosis.displaced
+
+
+@pytest.mark.parametrize(("into", "displaced"), [(0.89e-3, False), (0.91e-3, True), (-0.91e-3, False), (-0.2, False)])
+@pytest.mark.parametrize("before", [1e-3, -1e-3])
+def test_a_sensor_that_goes_on_into_an_object_it_let_go_of(before, into, displaced):
+    # However badly the object is known, on one straight side it is as far from the one pose as from the other: three
+    # times the noise of 0.3 mm.
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known((0.01, 0.01, 1e-4), depth=2e-4)
+    diagnosis.see_after_touch(prior, at(before), at(before - into), 1.0)
+    assert diagnosis.displaced == displaced
+    assert diagnosis.at_rest(prior) == ("displaced" if displaced else "resting")
+
+
+def test_an_object_that_went_away_is_farther_off_the_longer_ago():
+    # By 0.15 m/s, and by 10 mm at most; twice as much is its standard deviation, and an angle at c of that.
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
+    for since, length in ((0.01, 1.5e-3), (1 / 30, 5e-3), (0.06, 9e-3), (0.05, 9e-3), (0.07, 10e-3), (5.0, 10e-3)):
+        diagnosis.see_after_touch(known(), at(0.0), at(-1e-3), since)
+        wanted = np.diag(np.square([2.0 * length, 2.0 * length, 2.0 * length / 0.05]))
+        np.testing.assert_allclose(diagnosis.displacement_covariance(), wanted, rtol=1e-9)
+    # One that went farther by what the gap shows is farther off.
+    diagnosis.see_rest(known(), at(-0.015))
+    diagnosis.see_after_touch(known(), at(0.0), at(-0.015), 5.0)
+    np.testing.assert_allclose(diagnosis.displacement_covariance()[0, 0], (2.0 * 15e-3) ** 2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0, 0.0), (0.4, -0.3, 2.0)])
+def test_a_gap_that_is_known_to_change_only_roughly_is_no_sign(moved):
+    # 50 mm along the side a turn by 0.02 rad changes the gap by 1 mm: three times hypot(1 mm, 0.3 mm) are 3.13 mm.
+    def is_displaced(deviation: tuple[float, float, float], before: Array, now: Array) -> bool:
+        diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known(deviation)
+        there = Prior(np.array(moved), prior.values, prior.covariance)
+        before, now = (se2.compose(np.array(moved), pose) for pose in (before, now))
+        diagnosis.see_after_touch(there, before, now, 1.0)
+        return diagnosis.displaced
+
+    turning = (1e-3, 1e-3, 0.02)
+    assert is_displaced(turning, at(0.0), at(-3.1e-3))
+    assert not is_displaced(turning, at(0.0), at(-3.1e-3, 0.05))
+    assert is_displaced(turning, at(0.0), at(-3.2e-3, 0.05))
+    # Round a corner the gap changes by what is not known along the side, too: its normal turns from -x to -x + y, which
+    # are apart by 2 sin(pi / 8) = 0.765; 3 hypot(0.765 * 2 mm, 0.3 mm) are 4.68 mm.
+    corner = np.array([LEFT, 0.1579 / 2, 0.0])
+
+    def beyond_corner(gap: float) -> Array:
+        out = (0.021 + gap) * np.sqrt(0.5)  # of the tip's centre, which is 21 mm behind the sensor's origin
+        return corner + np.array([0.021 - out, out, 0.0])
+
+    shifting = (2e-3, 2e-3, 1e-6)
+    assert is_displaced(shifting, at(0.0), at(-4.5e-3))
+    assert not is_displaced(shifting, at(0.0), beyond_corner(-4.5e-3))
+    assert is_displaced(shifting, at(0.0), beyond_corner(-4.9e-3))
+
+
 def errors(*of_one_row: float) -> dict[str, Array]:
     return {"sticking": np.array(of_one_row[:2]), "balance": np.array(of_one_row[2:])}
 
 
 def test_strain_is_the_mean_square_of_the_row_worst_off():
-    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT), known()
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known()
     size = np.sqrt(1.1 * STRAIN_LIMIT)
     # As if the frames before had none: it takes nearly all of them.
     for frame in range(STRAIN_FRAMES):
@@ -120,11 +204,11 @@ def test_strain_is_the_mean_square_of_the_row_worst_off():
         diagnosis.see_errors(errors(0.1, 0.0, 0.1))
     assert diagnosis.in_contact(prior) == "strained"
     np.testing.assert_allclose(diagnosis.covariance(prior), strain * prior.pose_covariance)
-    assert diagnosis.at_rest() == "resting"
+    assert diagnosis.at_rest(prior) == "resting"
 
 
 def test_errors_of_rows_do_not_add_up():
-    diagnosis = Diagnosis(ONE_TIP, CONTACT)
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
     size = np.sqrt(0.9 * STRAIN_LIMIT)
     for _ in range(2 * STRAIN_FRAMES):
         diagnosis.see_errors(errors(size, -size, size))
@@ -132,7 +216,7 @@ def test_errors_of_rows_do_not_add_up():
 
 
 def test_strain_is_counted_anew_in_a_new_contact():
-    diagnosis = Diagnosis(ONE_TIP, CONTACT)
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
     size = np.sqrt(1.5 * STRAIN_LIMIT)
     for _ in range(3):
         for _ in range(STRAIN_FRAMES // 2):
@@ -145,17 +229,82 @@ def test_strain_is_counted_anew_in_a_new_contact():
 @pytest.mark.parametrize("number", range(3))
 def test_a_covariance_so_large_that_it_is_a_guess(number):
     limit = (0.02, 0.02, 0.2)[number]
-    for share, status in ((0.99, "tracking"), (1.01, "uncertain")):
+    assert UNCERTAIN[number] == limit
+    for share, touched, untouched in ((0.99, "tracking", "resting"), (1.01, "uncertain", "uncertain")):
         deviation = [1e-4, 1e-4, 1e-4]
         deviation[number] = share * limit
         prior = known((deviation[0], deviation[1], deviation[2]))
-        assert Diagnosis(ONE_TIP, CONTACT).in_contact(prior) == status
+        diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
+        assert diagnosis.in_contact(prior) == touched
+        assert diagnosis.at_rest(prior) == untouched
+        # The same where strain makes it as large as that: variances by nine.
+        part = known((deviation[0] / 3.0, deviation[1] / 3.0, deviation[2] / 3.0))
+        assert diagnosis.at_rest(part) == "resting"
+        for _ in range(STRAIN_FRAMES):
+            diagnosis.see_errors(errors(np.sqrt(9.0 * STRAIN_EXPECTED), 0.0, 0.0))
+        assert diagnosis.at_rest(part) == untouched
+        assert diagnosis.in_contact(part) == touched.replace("tracking", "strained")
     # Displaced says more.
-    diagnosis = Diagnosis(ONE_TIP, CONTACT)
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
     diagnosis.see_rest(known(), at(-0.05))
     assert diagnosis.in_contact(known((0.1, 0.1, 0.1))) == "displaced"
+    assert diagnosis.at_rest(known((0.1, 0.1, 0.1))) == "displaced"
 
 
 def test_the_covariance_of_an_unknown_motion():
-    found = Diagnosis(ONE_TIP, CONTACT).covariance_of_motion(2e-3)
+    found = Diagnosis(ONE_TIP, CONTACT, EXACT).covariance_of_motion(2e-3)
     np.testing.assert_allclose(found, np.diag(np.square([2e-3, 2e-3, 0.04])))
+
+
+CALIBRATION = (1e-3, 2e-3, 9e-3)
+
+
+def test_calibration_is_part_of_what_is_reported():
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, CALIBRATION), known()
+    calibration = np.diag([1e-6, 4e-6, 81e-6])
+    np.testing.assert_allclose(diagnosis.covariance(prior), prior.pose_covariance + calibration, rtol=1e-12)
+    # Strain puts pushing in doubt, and not how frames agree.
+    for _ in range(STRAIN_FRAMES):
+        diagnosis.see_errors(errors(np.sqrt(9.0 * STRAIN_EXPECTED), 0.0, 0.0))
+    np.testing.assert_allclose(diagnosis.covariance(prior), 9.0 * prior.pose_covariance + calibration, rtol=1e-12)
+    # So large a one is a guess whatever else is known.
+    assert Diagnosis(ONE_TIP, CONTACT, (0.0, 0.0, 0.21)).in_contact(prior) == "uncertain"
+
+
+@pytest.mark.parametrize("gap", [0.99, 1.01])
+def test_calibration_is_part_of_nothing_else(gap):
+    # A displaced object is seen as well as with frames that agree: beyond three times hypot(0.4 mm, 0.3 mm).
+    prior = known()
+    for calibration in (EXACT, CALIBRATION):
+        resting, touched = (Diagnosis(ONE_TIP, CONTACT, calibration) for _ in range(2))
+        resting.see_rest(prior, at(-gap * 1.5e-3))
+        touched.see_first_touch(prior, at(gap * 1.5e-3))
+        assert resting.displaced == touched.displaced == (gap > 1.0)
+        length = 2.0 * 1.5e-3 * gap if gap > 1.0 else 0.0
+        np.testing.assert_allclose(resting.displacement_covariance()[0, 0], length**2, rtol=1e-3)
+        np.testing.assert_allclose(resting.covariance_of_motion(2e-3), np.diag(np.square([2e-3, 2e-3, 0.04])))
+    np.testing.assert_array_equal(prior.covariance, known().covariance)
+
+
+def test_a_copy_goes_its_own_way():
+    diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
+    size = np.sqrt(1.5 * STRAIN_LIMIT)
+    for _ in range(STRAIN_FRAMES // 2):
+        diagnosis.see_errors(errors(size, 0.0, 0.0))
+    other = copy(diagnosis)
+    for _ in range(STRAIN_FRAMES // 2):
+        other.see_errors(errors(size, 0.0, 0.0))
+    other.see_rest(known(), at(-5e-3))
+    # Half of the frames were counted before, the other half by one of them.
+    assert other.displaced and not diagnosis.displaced
+    np.testing.assert_allclose(
+        other.covariance(known()), 1.5 * STRAIN_LIMIT / STRAIN_EXPECTED * known().pose_covariance
+    )
+    np.testing.assert_array_equal(diagnosis.covariance(known()), known().pose_covariance)
+    diagnosis.see_errors(errors(size, 0.0, 0.0))
+    assert diagnosis.in_contact(known()) == "tracking"
+
+
+def test_every_status_has_a_reason():
+    assert set(REASONS) == set(get_args(Status))
+    assert [status for status, reason in REASONS.items() if not reason] == ["resting", "tracking"]

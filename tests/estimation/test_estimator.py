@@ -13,13 +13,16 @@ from palpate.errors import EstimationError
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.smoother import BeginContact, Smoother, make_smoother
+from palpate.estimation.unknowns import GRIP
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, Measurement, ObjectPose, RelativePoses, Turn
 from palpate.tracker import Tracker
 
 Array = np.ndarray
 Said = Sequence[Measurement]
+FIRST = np.array(ROBUST.first_pose.deviation)
+CALIBRATION = np.diag(np.square(ROBUST.sensor_pose.calibration))
 
 
 class Told:
@@ -103,6 +106,11 @@ def test_all_that_is_measured_is_passed_on(smoother, monkeypatch):
     assert noted.times == [frame.time for frame in seen if frame.contact for _ in range(2 if frame is seen[3] else 1)]
 
 
+def assert_same(one: Prior, other: Prior) -> None:
+    for name in ("pose", "values", "covariance"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
 def fed(estimator: Estimator, given: Any, start: float = 0.0) -> list[Prior]:
     """What is known after each frame of a contact."""
     known = []
@@ -115,7 +123,7 @@ def fed(estimator: Estimator, given: Any, start: float = 0.0) -> list[Prior]:
 @pytest.mark.parametrize("name", SMOOTHERS)
 def test_a_contact_begins_with_what_the_one_before_left(name: Any):
     given = felt(contact(15, ROBUST))
-    estimator = Estimator(given.model, ROBUST, name, given.prior.pose)
+    estimator = Estimator(given.model, ROBUST, name, given.prior.pose, FIRST)
     assert estimator.status == "resting" and not estimator.in_contact
     first = fed(estimator, given)[-1]
     assert estimator.in_contact and estimator.status == "tracking"
@@ -123,9 +131,11 @@ def test_a_contact_begins_with_what_the_one_before_left(name: Any):
     assert not estimator.in_contact
     away = given.sensor[-1] - [0.2, 0.0, 0.0]
     estimator.rest(away, (), 1.0)
-    assert estimator.known is first and estimator.status == "resting"
-    np.testing.assert_array_equal(estimator.covariance, first.pose_covariance)
-    # The same graph, begun by hand: the pose is less certain by the motion of resting.
+    assert_same(estimator.known, first)
+    assert estimator.status == "resting"
+    assert CALIBRATION.any()
+    np.testing.assert_allclose(estimator.covariance, first.pose_covariance + CALIBRATION, rtol=1e-12)
+    # The same graph, begun by hand: the pose is less certain by the motion of resting, and not by calibration.
     again = felt(contact(15, ROBUST, seed=1), seed=1)
     second = estimator
     second.touch(given.sensor[-1], again.said(0), 2.0)
@@ -152,7 +162,7 @@ def test_a_new_contact_forgets_the_old_one(name: Any):
 
 def test_the_path_is_smoothed_contact_by_contact():
     given = felt(contact(15, ROBUST))
-    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose)
+    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
     away = given.sensor[0] - [0.2, 0.0, 0.0]
     assert estimator.path().shape == (0, 3)
     estimator.rest(away, (), -0.1)
@@ -176,7 +186,7 @@ def test_the_path_is_smoothed_contact_by_contact():
 
 def test_a_graph_that_is_lost_begins_anew_where_it_was(caplog):
     given = felt(contact(8, ROBUST))
-    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose)
+    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
     fed(estimator, given)
     before, path = estimator.known, estimator.path()
     pair = RelativePoses(np.array([1]), np.full((1, 3), np.nan), np.eye(3)[None])
@@ -199,9 +209,118 @@ def test_a_graph_that_is_lost_begins_anew_where_it_was(caplog):
 
 def test_model_and_first_pose_are_taken_as_they_are():
     model = model_of("disc")
-    pose = np.array([0.1, 0.2, 3.0])
-    estimator = Estimator(model, ROBUST, "fixed-lag", pose)
+    pose, first = np.array([0.1, 0.2, 3.0]), np.array([0.02, 0.03, 0.4])
+    estimator = Estimator(model, ROBUST, "fixed-lag", pose, first)
     np.testing.assert_array_equal(estimator.known.pose, pose)
     np.testing.assert_array_equal(estimator.known.values, ROBUST.priors.mean)
-    deviation = [*ROBUST.first_pose.deviation, *ROBUST.priors.deviation]
+    deviation = [*first, *ROBUST.priors.deviation]
     np.testing.assert_allclose(estimator.known.covariance, np.diag(np.square(deviation)))
+
+
+def test_what_a_contact_is_expected_to_begin_with():
+    given = felt(contact(8, ROBUST))
+    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
+    rest, known = np.diag(np.square(ROBUST.first_pose.rest)), estimator.known
+    assert_same(estimator.unmoved, known.loosened(rest))
+    assert_same(estimator.expected(given.sensor[0]), known.loosened(rest))
+    # Met 20 mm before it, it was moved: by twice that, and by an angle at c of it.
+    away = se2.compose(given.sensor[0], np.array([-0.02, 0.0, 0.0]))
+    found = estimator.expected(away)
+    length = np.sqrt(found.covariance[0, 0] - estimator.unmoved.covariance[0, 0])
+    np.testing.assert_allclose(length, 2.0 * 0.02, rtol=0.1)
+    moved = np.diag(np.square([length, length, length / given.model.friction_radius]))
+    np.testing.assert_allclose(found.covariance, known.loosened(rest + moved).covariance, rtol=1e-9, atol=1e-18)
+    assert_same(estimator.unmoved, known.loosened(rest))
+    assert estimator.known is known and not estimator.in_contact
+    # A contact begins with that.
+    estimator.touch(away, (), 0.0)
+    begin = make_smoother("fixed-lag", ROBUST, given.model)
+    wanted = begin(found, away, (), 0.0).belief().prior
+    assert_same(estimator.known, wanted)
+
+
+def test_what_something_else_moved_after_a_contact_is_less_certain():
+    given = felt(contact(8, ROBUST))
+    c = given.model.friction_radius
+    for length in (0.0, 0.012):
+        estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
+        last = fed(estimator, given)[-1]
+        estimator.end_contact(length)
+        moved = np.diag(np.square([length, length, length / c]))
+        assert_same(estimator.known, last.loosened(moved))
+        # Nothing is left to end.
+        estimator.end_contact(length)
+        assert_same(estimator.known, last.loosened(moved))
+
+
+def test_an_object_that_goes_away_from_the_sensor_is_displaced():
+    given = felt(contact(8, ROBUST))
+    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
+    fed(estimator, given)
+    estimator.end_contact()
+    back, on = (se2.compose(given.sensor[-1], np.array([x, 0.0, 0.0])) for x in (-0.02, 2e-3))
+    estimator.rest(back, (), 8 / 30 + 0.01)
+    assert estimator.status == "resting"
+    # It goes on by 2 mm and touches nothing, 40 ms after the last touch: 6 mm, twice over.
+    before = estimator.covariance
+    estimator.rest(on, (), 8 / 30 + 0.04)
+    assert estimator.status == "displaced"
+    length = 2.0 * 6e-3
+    moved = np.diag(np.square([length, length, length / given.model.friction_radius]))
+    np.testing.assert_allclose(estimator.covariance - before, moved, rtol=1e-6, atol=1e-12)
+    # Seen elsewhere it is found; that the sensor comes near it there says nothing.
+    elsewhere = se2.compose(se2.compose(given.sensor[-1], np.array([0.05, 0.0, 0.0])), se2.inverse(given.truth[-1]))
+    estimator.rest(on, [ObjectPose(elsewhere, 1e-8 * np.eye(3))], 1.0)
+    assert estimator.status == "resting"
+    for x in (0.01, 0.03, 0.045):
+        estimator.rest(se2.compose(given.sensor[-1], np.array([x, 0.0, 0.0])), (), 1.0 + x)
+        assert estimator.status == "resting"
+
+
+def test_a_copy_begins_with_something_else():
+    given = felt(contact(8, ROBUST))
+    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
+    estimator.rest(se2.compose(given.sensor[0], np.array([-0.2, 0.0, 0.0])), (), -1.0)
+    known, path = estimator.known, estimator.path()
+    elsewhere = Prior(se2.compose(known.pose, [0.0, 0.03, 0.0]), known.values + 1e-4, 4.0 * known.covariance)
+    other = estimator.started(elsewhere)
+    assert other.known is known and not other.in_contact
+    other.touch(given.sensor[0], given.said(0), 0.0)
+    begin = make_smoother("fixed-lag", ROBUST, given.model)
+    assert_same(other.known, begin(elsewhere, given.sensor[0], given.said(0), 0.0).belief().prior)
+    # The one it was taken from goes its own way.
+    assert estimator.known is known and not estimator.in_contact and len(other.path()) == 2
+    np.testing.assert_array_equal(estimator.path(), path)
+    estimator.touch(given.sensor[0], given.said(0), 0.0)
+    wanted = begin(known.loosened(np.diag(np.square(ROBUST.first_pose.rest))), given.sensor[0], given.said(0), 0.0)
+    assert_same(estimator.known, wanted.belief().prior)
+    # The contact after that begins with what the one before left.
+    other.end_contact()
+    last = other.known
+    other.touch(given.sensor[0], given.said(0), 1.0)
+    wanted = begin(last.loosened(np.diag(np.square(ROBUST.first_pose.rest))), given.sensor[0], given.said(0), 1.0)
+    assert_same(other.known, wanted.belief().prior)
+
+
+def test_a_copy_in_which_something_else_moved_the_object():
+    given = felt(contact(12, ROBUST))
+    estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
+    fed(estimator, given)
+    known, path, costs = estimator.known, estimator.path(), estimator.costs()
+    other = estimator.knocked(6, (0.01, 1e-3))
+    # Nothing but the slide says where the sensor is on its side: 10 mm on, seen from the object clockwise, which is +y
+    # on the left side.
+    g = [se2.between(one.known.pose, given.sensor[-1]) for one in (estimator, other)]
+    np.testing.assert_allclose(g[1][1] - g[0][1], 0.01, atol=2e-3)
+    np.testing.assert_allclose(g[1][0], g[0][0], atol=1e-3)
+    assert other.known.pose_covariance[1, 1] > 2.0 * known.pose_covariance[1, 1]
+    # The one it was taken from stays as it was.
+    assert estimator.known is known
+    np.testing.assert_array_equal(estimator.path(), path)
+    np.testing.assert_array_equal(estimator.costs(), costs)
+    other.touch(given.sensor[-1], given.said(12), 0.5)
+    assert len(other.path()) == len(path) + 1
+    np.testing.assert_array_equal(estimator.path(), path)
+    # One that is to be more slippery is held to be so.
+    slippery = estimator.knocked(6, (0.0, 0.012), (0.15, 0.05))
+    assert slippery.known[GRIP][0] < 0.2 < estimator.known[GRIP][0]

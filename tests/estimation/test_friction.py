@@ -64,7 +64,7 @@ def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
     o, e, contact = two_pushes(friction)
     e = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
     said = iter(directions(se2.between(o, e)[contact], seed))
-    estimator = Estimator(MODEL, HOLDING, "fixed-lag", o[0])
+    estimator = Estimator(MODEL, HOLDING, "fixed-lag", o[0], np.array(HOLDING.first_pose.deviation))
     known = [estimator.known]
     for frame in frames(o, e, contact):
         if frame.contact:

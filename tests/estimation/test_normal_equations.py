@@ -193,6 +193,40 @@ def test_a_gaussian_seen_from_elsewhere():
     np.testing.assert_array_equal(found.information, known.information)
 
 
+@pytest.mark.parametrize("steps", [0, 2])
+def test_other_prior_knowledge_of_one_number(steps):
+    # One number, independent of all others: N(0.4, 0.1) before, measured to be 0.3 within 0.2, and now N(0.15, 0.05):
+    # informations are 100, 25 and 400.
+    shared, at = 4, np.array([0.1, 0.35, 0.6])  # where it is for each smoother
+    known = gaussian(15, steps)
+    place = STEP_SIZE * steps + shared
+    information, gradient = known.information.copy(), known.gradient.copy()
+    information[:, place], information[:, :, place] = 0.0, 0.0
+    information[:, place, place] = 100.0 + 25.0
+    gradient[:, place] = 100.0 * (0.4 - at) + 25.0 * (0.3 - at)
+    found = Gaussian(steps, information, gradient).believing(shared, at, (0.4, 0.1), (0.15, 0.05))
+    assert found.steps == steps
+    np.testing.assert_allclose(found.information[:, place, place], 400.0 + 25.0, rtol=1e-12)
+    np.testing.assert_allclose(found.gradient[:, place], 400.0 * (0.15 - at) + 25.0 * (0.3 - at), rtol=1e-9)
+    # The others stay, and so does the one that it was made of.
+    others = np.arange(gradient.shape[1]) != place
+    np.testing.assert_array_equal(found.gradient[:, others], known.gradient[:, others])
+    np.testing.assert_array_equal(
+        found.information[:, others][:, :, others], known.information[:, others][:, :, others]
+    )
+    np.testing.assert_array_equal(found.information[:, place, others], 0.0)
+    np.testing.assert_array_equal(information[:, place, place], 125.0)
+    np.testing.assert_array_equal(gradient[:, place], 100.0 * (0.4 - at) + 25.0 * (0.3 - at))
+    # Of a Gaussian that ties it to others, too, that alone changes; and back is the way there.
+    tied = known.believing(shared, at, (0.4, 0.1), (0.15, 0.05))
+    more = np.zeros_like(known.information)
+    more[:, place, place] = 300.0
+    np.testing.assert_allclose(tied.information, known.information + more, rtol=1e-12)
+    back = tied.believing(shared, at, (0.15, 0.05), (0.4, 0.1))
+    np.testing.assert_allclose(back.information, known.information, rtol=1e-9)
+    np.testing.assert_allclose(back.gradient, known.gradient, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("kind", [BandedEquations, DenseEquations])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, None])
 def test_what_leaves_no_solution_is_refused(kind, bad):

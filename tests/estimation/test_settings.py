@@ -245,6 +245,7 @@ def test_the_published_settings():
     assert PUBLISHED.relative_pose.oracle == PUBLISHED.relative_pose.constant == (1.0, 1.0, 1e-5)
     assert PUBLISHED.contact.deviation == 1e-2
     assert PUBLISHED.sensor_pose.deviation == PUBLISHED.first_pose.deviation == (1e-5,) * 3
+    assert PUBLISHED.sensor_pose.calibration == (0.0,) * 3  # the paper's covariance is the graph's alone
     assert PUBLISHED.first_pose.rest == (1e-9,) * 3
     assert PUBLISHED.direction.share == PUBLISHED.turn.share == 1.0
     assert kernels(PUBLISHED) == [None] * 6

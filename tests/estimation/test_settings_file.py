@@ -13,7 +13,7 @@ from palpate.estimation.settings_file import FORMAT, VERSION, noise_from_dict, n
 CHANGED = with_settings(
     PUBLISHED,
     contact={"deviation": 0.1 + 0.2},
-    sensor_pose={"deviation": (1e-5, 2e-5, 3e-4)},
+    sensor_pose={"deviation": (1e-5, 2e-5, 3e-4), "calibration": (0.0, 2e-3, 0.1)},
     sticking={"kernel": 1.5},
     priors={"grip": (0.5, 0.2), "friction_center": (0.1, 0.2)},
 )
@@ -91,7 +91,8 @@ OLD: dict[str, Any] = {
 def test_a_file_of_version_1_is_still_read(tmp_path):
     read = read_noise(write(tmp_path / "old.json", version=1, noise=OLD))
     assert asdict(read) == {
-        "sensor_pose": {"deviation": (1.5e-4, 2e-4, 2e-3)},
+        # Which version 1 had not.
+        "sensor_pose": {"deviation": (1.5e-4, 2e-4, 2e-3), "calibration": (1e-3, 1e-3, 9e-3)},
         "first_pose": {"deviation": (6e-4, 7e-4, 6e-3), "rest": (2e-5, 3e-5, 2e-4)},
         "contact": {"deviation": 2e-3, "kernel": 3.5},
         "direction": {"share": 1.9, "kernel": 2.9},
@@ -162,6 +163,10 @@ GROUPS = "sensor_pose, first_pose, contact, direction, turn, relative_pose, stic
         ({"contact": {"deviaton": 1e-3}}, "noise contact has no 'deviaton'; known are deviation, kernel"),
         ({"contact": 1e-3}, "noise contact is 0.001, expected an object of settings"),  # as version 1 has it
         ({"sensor_pose": {"deviation": [1e-4, 1e-4]}}, f"sensor_pose.deviation is [0.0001, 0.0001]; {THREE}"),
+        (
+            {"sensor_pose": {"calibration": [0.0, -1e-3, 0.0]}},
+            "sensor_pose.calibration is [0.0, -0.001, 0.0]; it must be 3 finite numbers at least 0",
+        ),
         ({"sensor_pose": {"deviation": 1e-4}}, f"sensor_pose.deviation is 0.0001; {THREE}"),
         ({"sensor_pose": {"deviation": [1e-4, "1e-4", 1e-3]}}, THREE),
         ({"contact": {"deviation": float("nan")}}, f"contact.deviation is nan; {ABOVE}"),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
+HYPOTHESES = 9  # those of TrackerSettings, which would load the estimator with the command line
 METRICS = (
     ("translation_rmse_mm", "translation RMSE", "mm", 2),
     ("rotation_rmse_deg", "rotation RMSE", "deg", 2),
@@ -67,6 +68,17 @@ def track(
             help_behavior_hint="(default: from ground truth)",
         ),
     ] = None,
+    first_pose_sigma: Annotated[
+        tuple[float, float, float] | None,
+        tyro.conf.arg(
+            metavar="SX SY STHETA",
+            help="Standard deviations of that pose [m, m, rad]; touch finds an object that is known roughly.",
+            help_behavior_hint="(default: that of the noise settings)",
+        ),
+    ] = None,
+    hypotheses: Annotated[
+        int, tyro.conf.arg(metavar="N", help="How many answers are kept at most while touch cannot tell.")
+    ] = HYPOTHESES,
     out: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -91,12 +103,23 @@ def track(
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
     settings = TrackerSettings(
-        tactile=tactile, smoother=smoother, noise=noise_of(noise), pressure=pressure_of(pressure)
+        tactile=tactile,
+        smoother=smoother,
+        noise=noise_of(noise),
+        pressure=pressure_of(pressure),
+        hypotheses=hypotheses,
     )
     check_model(model, [tactile])
     learnt = None if model is None else TouchModel(model)
     background = None if calibration is None else load_background(calibration)
-    track_file = partial(run_file, settings=settings, first_pose=first_pose, model=learnt, background=background)
+    track_file = partial(
+        run_file,
+        settings=settings,
+        first_pose=first_pose,
+        model=learnt,
+        background=background,
+        first_pose_sigma=first_pose_sigma,
+    )
     folders = _folders(files, out)
     if len(files) == 1:
         report_run(track_file(files[0], folders[0], force=force), folders[0], json)
@@ -126,6 +149,7 @@ def run_file(
     force: bool = False,
     model: "TouchModel | None" = None,
     background: "Background | None" = None,
+    first_pose_sigma: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary."""
     from palpate import formats
@@ -136,7 +160,7 @@ def run_file(
     check_folder(folder, force)  # before the work, not after it
     recording = formats.load_recording(file)
     with progress_bar(file.name, len(recording)) as progress:
-        run = track(recording, settings, first_pose, progress, model, background)
+        run = track(recording, settings, first_pose, progress, model, background, first_pose_sigma)
     write_run(run, folder, force)
     return run.summary
 

@@ -18,6 +18,7 @@ from palpate.recording.sensor import SensorProfile
 
 Weights = tuple[float, float, float, float]
 _FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
+_WALK = 1e-3  # [m] at a time along an outline
 
 TOUCHING = np.dtype(
     [
@@ -68,6 +69,16 @@ class ContactModel:
         _touching(g, self.centers, self.radius, field.coefficients, field.origin[0], field.origin[1], field.cell, out)
         return out
 
+    def moved_along(self, g: Array, lengths: Array) -> Array:
+        """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, in the same yaw.
+
+        The tip that is nearest to the outline stays as near to it.
+        """
+        field, moved = self.field, g.copy()
+        grid = field.coefficients, field.origin[0], field.origin[1], field.cell
+        _move_along(moved, lengths, self.centers, *grid)
+        return moved
+
 
 def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> ContactModel:
     """Return what the sensor is to an object of this shape.
@@ -107,6 +118,27 @@ def _touching(
                     touch.point_by_g[c] = moved - radius * normal_by
                     touch.material_by_g[c] = -radius * turn.conjugate() * normal_by
                 touch.material_by_g[2] += 1j * radius * normal_in_sensor
+
+
+@compiled
+def _move_along(
+    g: Array, lengths: Array, centers: Complex, coefficients: Array, x0: float, y0: float, cell: float
+) -> None:
+    for k in range(len(g)):
+        turn = rotation(g[k, 2])
+        place, near = position(g[k]), math.inf
+        tip = centers[0]
+        for center in centers:
+            distance = _distance(place + turn * center, coefficients, x0, y0, cell)[0]
+            if distance < near:
+                tip, near = center, distance
+        count = math.ceil(abs(lengths[k]) / _WALK)
+        for _ in range(count):
+            normal = _distance(place + turn * tip, coefficients, x0, y0, cell)[1]
+            place += 1j * normal * lengths[k] / count
+            distance, normal, _bend_x, _bend_y = _distance(place + turn * tip, coefficients, x0, y0, cell)
+            place += (near - distance) * normal
+        g[k, 0], g[k, 1] = place.real, place.imag
 
 
 @compiled

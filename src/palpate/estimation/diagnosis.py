@@ -7,7 +7,7 @@
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -19,11 +19,12 @@ from palpate.estimation.unknowns import DEPTH
 from palpate.geometry import se2
 
 Array = NDArray[np.float64]
-Status = Literal["resting", "tracking", "strained", "uncertain", "displaced", "indeterminate"]
+Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate"]
 """What to make of an estimate.
 
 - resting: untouched, so unmoved.
 - tracking: all is well.
+- ambiguous: several poses far apart fit what was measured; the covariance spans them.
 - strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock); the
   covariance is larger by as much.
 - uncertain: the covariance is so large that it is itself a guess.
@@ -37,18 +38,39 @@ STRAIN_FRAMES, STRAIN_EXPECTED, STRAIN_LIMIT = 30, 0.5, 4.0
 most; a knock by hand makes it 70 and more. Beyond the limit touch and pushing contradict each other, and the covariance
 is larger by the ratio to what is expected."""
 _SURPRISE = 3.0  # standard deviations of a distance from which on an untouched object must have moved
-_UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad]
+_STILL = 3e-4  # [m] noise of a distance that the sensor has gone
+_HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] how fast and far a hand moves an object, standard deviations
+_FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] from which a displaced object is found again
+UNCERTAIN = np.array([0.02, 0.02, 0.2])
+"""Standard deviations [m, m, rad] from which a covariance is a guess itself."""
+REASONS: dict[Status, str] = {
+    "resting": "",
+    "tracking": "",
+    "ambiguous": "several poses fit what was measured",
+    "strained": "touch and pushing contradict each other, or did before",
+    "uncertain": "the pose is known so roughly that the covariance is a guess itself",
+    "displaced": "the object was moved while nothing touched it",
+    "indeterminate": "the graph could not be solved and began anew",
+}
+"""What each status means, in words for those who read it beside an estimate."""
 
 
 class Diagnosis:
     """Follows what contradicts the graph, from contact to contact."""
 
-    def __init__(self, model: ContactModel, contact_deviation: float) -> None:
-        """Take what touches what, and how well outline and gel agree [m]."""
+    def __init__(self, model: ContactModel, contact_deviation: float, calibration: Sequence[float]) -> None:
+        """Take what touches what, how well outline and gel agree [m] and how well frames do [m, m, rad]."""
         self._model, self._contact_deviation = model, contact_deviation
+        self._calibration = np.diag(np.square(calibration))
         self._errors: deque[Array] = deque(maxlen=STRAIN_FRAMES)
         self._strain = 1.0  # factor on the reported covariance
         self._displacement = 0.0  # [m] by which the object must have moved since it was last touched
+
+    def __copy__(self) -> "Diagnosis":
+        other = object.__new__(Diagnosis)
+        other.__dict__.update(self.__dict__)
+        other._errors = self._errors.copy()
+        return other
 
     @property
     def displaced(self) -> bool:
@@ -60,6 +82,17 @@ class Diagnosis:
         gap, deviation = self._gap(prior, sensor_pose)
         if gap < -_SURPRISE * deviation:
             self._displacement = max(self._displacement, -gap)
+
+    def see_after_touch(self, prior: Prior, touched_from: Array, sensor_pose: Array, since: float) -> None:
+        """Compare where the sensor (3,) is with where it was (3,) when it last touched the object, since a time [s].
+
+        A sensor that goes on into the object and does not touch it has not let go of it: the object went away.
+        """
+        (before, by_before), (now, by_now) = (self._seen_gap(prior, pose) for pose in (touched_from, sensor_pose))
+        apart = by_now - by_before
+        deviation = np.sqrt(apart @ (self._strain * prior.pose_covariance) @ apart + _STILL**2)
+        if now < before - _SURPRISE * deviation:
+            self._displacement = max(self._displacement, min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * since))
 
     def see_first_touch(self, prior: Prior, sensor_pose: Array) -> None:
         """Compare where the sensor (3,) is with an object that it begins to touch."""
@@ -86,19 +119,21 @@ class Diagnosis:
 
     def in_contact(self, prior: Prior) -> Status:
         """Return the status of an estimate in contact."""
-        if self.displaced:
+        if self.displaced and (np.diagonal(prior.pose_covariance) > _FOUND**2).any():
             return "displaced"
-        if (np.diagonal(self.covariance(prior)) > _UNCERTAIN**2).any():
+        if (np.diagonal(self.covariance(prior)) > UNCERTAIN**2).any():
             return "uncertain"
         return "strained" if self._strain > 1.0 else "tracking"
 
-    def at_rest(self) -> Status:
+    def at_rest(self, prior: Prior) -> Status:
         """Return the status of an estimate between contacts."""
-        return "displaced" if self.displaced else "resting"
+        if self.displaced:
+            return "displaced"
+        return "uncertain" if (np.diagonal(self.covariance(prior)) > UNCERTAIN**2).any() else "resting"
 
     def covariance(self, prior: Prior) -> Array:
         """Return the covariance (3, 3) to report of what is known."""
-        return self._strain * prior.pose_covariance
+        return self._strain * prior.pose_covariance + self._calibration
 
     def displacement_covariance(self) -> Array:
         """Return that (3, 3) of what may have moved the untouched object: twice what the gap shows along one line."""
@@ -113,9 +148,13 @@ class Diagnosis:
 
         The strain is left out: it puts pushing in doubt, not where the outline was last touched.
         """
+        gap, by_object = self._seen_gap(prior, sensor_pose)
+        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
+        return gap, float(np.sqrt(variance))
+
+    def _seen_gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, Array]:
+        """Estimated distance between sensor and object [m], and its derivative by the object's pose (3,)."""
         g = se2.between(prior.pose, sensor_pose)
         tips = self._model.touching(g[None, None])[0, 0]
         nearest = tips[np.argmin(tips["gap"])]
-        by_object = -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))
-        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
-        return float(nearest["gap"] + prior[DEPTH][0]), float(np.sqrt(variance))
+        return float(nearest["gap"] + prior[DEPTH][0]), -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))

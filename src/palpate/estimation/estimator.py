@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,12 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import Diagnosis, Status
 from palpate.estimation.factor_list import make_factors
+from palpate.estimation.factors.factor import Knock
+from palpate.estimation.fixed_lag import FixedLag
 from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
+from palpate.estimation.unknowns import Normal
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
@@ -24,19 +28,31 @@ Array = NDArray[np.float64]
 class Estimator:
     """Estimates the pose of one object from sensor poses and measurements, frame by frame."""
 
-    def __init__(self, model: ContactModel, settings: NoiseSettings, smoother: SmootherName, first_pose: Array) -> None:
-        """Take what touches what, how much is believed, how graphs are solved and world_T_object (3,) at the start."""
+    def __init__(
+        self,
+        model: ContactModel,
+        settings: NoiseSettings,
+        smoother: SmootherName,
+        first_pose: Array,
+        first_deviation: Array,
+    ) -> None:
+        """Take what touches what, how much is believed, how graphs are solved, and the first world_T_object (3,).
+
+        Its standard deviations (3,) [m, m, rad] are along the axes of the object.
+        """
         self._model, self._settings = model, settings
         self._factors = make_factors(settings, model)
         self._begin_contact = make_smoother(smoother, settings, model)
-        self._diagnosis = Diagnosis(model, settings.contact.deviation)
-        deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
+        self._diagnosis = Diagnosis(model, settings.contact.deviation, settings.sensor_pose.calibration)
+        deviation = np.concatenate([first_deviation, settings.priors.deviation])
         self.known = Prior(first_pose, settings.priors.mean, np.diag(np.square(deviation)))
         """What is known of the object at the last frame."""
         self.status: Status = "resting"
         """What to make of it."""
         self._contact: Smoother | None = None
         self._sensor_pose: Array | None = None  # at the last frame
+        self._start: Prior | None = None  # what the next contact begins with, where it is not what was known before
+        self._touched: tuple[Array, float] | None = None  # the sensor's pose and the time of the last frame of contact
         self._resting_since: float | None = None  # [s]
         self._settled: list[Array] = []  # object poses (N, 3) up to the current graph
         self._online: list[Array] = []  # object poses (3,) of the current graph, as they were at the time
@@ -66,18 +82,71 @@ class Estimator:
         self._settled.append(self.known.pose[None])
         self._sensor_pose = sensor_pose
         self._diagnosis.see_rest(self.known, sensor_pose)
-        self.status = self._diagnosis.at_rest()
+        if self._touched is not None:
+            touched_from, last = self._touched
+            self._diagnosis.see_after_touch(self.known, touched_from, sensor_pose, time - last)
+        self.status = self._diagnosis.at_rest(self.known)
 
-    def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
-        """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost."""
+    def knocked(self, steps: int, slide: Normal, grip: Normal | None = None) -> "Estimator":
+        """Return a copy in which something else may have moved the object in the last steps; see Window.
+
+        `grip` is what is to be believed of GRIP instead of its prior, and more certain.
+        """
+        assert isinstance(self._contact, FixedLag)
+        other = self._copy()
+        grips = None if grip is None else (self._settings.priors.grip, grip)
+        other._contact = contact = self._contact.knocked(steps, slide, grips)
+        other.known = contact.belief().prior
+        other._diagnosis.forget_errors()
+        return other
+
+    def started(self, prior: Prior) -> "Estimator":
+        """Return a copy that begins its next contact with something else known."""
+        other = self._copy()
+        other._start = prior
+        return other
+
+    def _copy(self) -> "Estimator":
+        other = copy(self)
+        other._diagnosis = copy(self._diagnosis)
+        other._settled, other._online = [*self._settled], [*self._online]
+        return other
+
+    def mean_square(self, name: str, steps: int) -> float:
+        """Return how badly a factor fits the last steps of the contact; see Window."""
+        return self._contact.mean_square(name, steps) if isinstance(self._contact, FixedLag) else 0.0
+
+    def costs(self) -> Array:
+        """Return what each step of the contact costs; see Window."""
+        return self._contact.costs() if isinstance(self._contact, FixedLag) else np.empty((0, 2))
+
+    def expected(self, sensor_pose: Array) -> Prior:
+        """Return what is known of the object where a contact begins with the sensor here (3,)."""
+        self._diagnosis.see_first_touch(self.known, sensor_pose)
+        return self.unmoved.loosened(self._diagnosis.displacement_covariance())
+
+    @property
+    def unmoved(self) -> Prior:
+        """What is known of the object if nothing moved it since it was last touched."""
+        return self.known.loosened(np.diag(np.square(self._settings.first_pose.rest)))
+
+    def touch(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, knock: Knock | None = None
+    ) -> None:
+        """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost.
+
+        `knock` is what else may have moved the object since the last frame.
+        """
         if self._contact is None:
-            self._diagnosis.see_first_touch(self.known, sensor_pose)
-            moved = np.diag(np.square(self._settings.first_pose.rest)) + self._diagnosis.displacement_covariance()
-            self.known = self.known.loosened(moved)
+            self.known = self.expected(sensor_pose) if self._start is None else self._start
+            self._start = None
             self._contact = self._begin_contact(self.known, sensor_pose, measurements, time)
+        elif knock is not None and isinstance(self._contact, FixedLag):
+            self._contact.add(sensor_pose, measurements, time, knock)
         else:
             self._contact.add(sensor_pose, measurements, time)
-        self._believe(self._contact, sensor_pose)
+        self._believe(self._contact, sensor_pose, knock is not None)
+        self._touched = sensor_pose, time
         self.status = self._diagnosis.in_contact(self.known)
 
     def begin_anew(
@@ -103,11 +172,12 @@ class Estimator:
         self._believe(self._contact, sensor_pose)
         self.status = "indeterminate"
 
-    def end_contact(self) -> None:
-        """The sensor let go of the object."""
+    def end_contact(self, moved: float = 0.0) -> None:
+        """The sensor let go of the object, which something else may have moved by so much meanwhile [m]."""
         if self._contact is not None:
             self._settle(_object_path(self._contact))
             self._diagnosis.forget_displacement()
+            self.known = self.known.loosened(self._diagnosis.covariance_of_motion(moved))
 
     def _settle(self, poses: Array) -> None:
         """Keep the poses (N, 3) of the current graph, which is over."""
@@ -116,9 +186,10 @@ class Estimator:
         self._diagnosis.forget_errors()
         self._contact = self._resting_since = None
 
-    def _believe(self, contact: Smoother, sensor_pose: Array) -> None:
+    def _believe(self, contact: Smoother, sensor_pose: Array, knocked: bool = False) -> None:
         self.known = contact.belief().prior
-        self._diagnosis.see_errors(contact.last_errors())
+        if not knocked:
+            self._diagnosis.see_errors(contact.last_errors())
         self._online.append(self.known.pose)
         self._sensor_pose = sensor_pose
 
@@ -129,6 +200,7 @@ class Estimator:
         if known is not prior:
             self.known = known
             self._diagnosis.forget_displacement()
+            self._touched = None  # it may have been found elsewhere
 
 
 def _object_path(contact: Smoother) -> Array:

@@ -1,14 +1,15 @@
 """The smoother that palpate uses unless told otherwise: one smoother over a sliding window."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor
-from palpate.estimation.unknowns import LAG
+from palpate.estimation.factors.factor import Factor, Knock
+from palpate.estimation.unknowns import LAG, Normal
 from palpate.estimation.window import Window
 from palpate.recording.measurements import Measurement
 
@@ -31,9 +32,29 @@ class FixedLag:
         """Begin with the first frame of a contact and what is known of the object; `lag` is in steps."""
         self._window = Window(factors, model, [prior], sensor_pose, measurements, time, lag)
 
-    def add(self, sensor_pose: Array, measurements: Sequence[Measurement] = (), time: float = 0.0) -> None:
-        """See Smoother."""
-        self._window.add(sensor_pose, measurements, time)
+    def add(
+        self,
+        sensor_pose: Array,
+        measurements: Sequence[Measurement] = (),
+        time: float = 0.0,
+        knock: Knock | None = None,
+    ) -> None:
+        """See Smoother; `knock` is what else may move the object in this step."""
+        self._window.add(sensor_pose, measurements, time, knock)
+
+    def knocked(self, steps: int, slide: Normal, grip: tuple[Normal, Normal] | None = None) -> "FixedLag":
+        """See Window."""
+        other = copy(self)
+        other._window = self._window.knocked(steps, slide, grip)
+        return other
+
+    def mean_square(self, name: str, steps: int) -> float:
+        """See Window."""
+        return self._window.mean_square(name, steps)
+
+    def costs(self) -> Array:
+        """See Window."""
+        return self._window.costs()
 
     def belief(self) -> Belief:
         """See Smoother."""

@@ -1,5 +1,7 @@
 """The terms of one factor in a window that moves on: they come at the end and mostly leave at the beginning."""
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,12 @@ class GrowingTerms:
     def terms(self) -> Terms:
         """All of them; views of what is kept here."""
         return Terms(self._places[self._first : self._end], self._data[self._first : self._end])
+
+    def copy(self) -> "GrowingTerms":
+        """Return the same, independent of this one."""
+        other = copy(self)
+        other._places, other._data = self._places.copy(), self._data.copy()
+        return other
 
     def append(self, arrived: Terms, now: int) -> None:
         """Take terms that arrive with the step at place now, as far as the window reaches."""

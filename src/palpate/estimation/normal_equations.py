@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiled import Array, compiled
-from palpate.estimation.unknowns import SHARED_SIZE, STEP_SIZE
+from palpate.estimation.unknowns import SHARED_SIZE, STEP_SIZE, Normal
 
 LAST_SIZE = STEP_SIZE + SHARED_SIZE
 """Numbers of the last step and of what is shared."""
@@ -45,6 +45,20 @@ class Gaussian:
         gradient = np.empty_like(self.gradient)
         _put_gradient(self.information, self.gradient, change, gradient)
         return Gaussian(self.steps, self.information, gradient)
+
+    def believing(self, shared: int, value: Array, before: Normal, now: Normal) -> "Gaussian":
+        """Return it with other prior knowledge of one number that steps share, which is (B,) where this Gaussian is.
+
+        The new standard deviation must be the smaller one.
+        """
+        place = STEP_SIZE * self.steps + shared
+        (mean_before, deviation_before), (mean, deviation) = before, now
+        more = deviation**-2.0 - deviation_before**-2.0
+        target = (mean * deviation**-2.0 - mean_before * deviation_before**-2.0) / more
+        information, gradient = self.information.copy(), self.gradient.copy()
+        information[:, place, place] += more
+        gradient[:, place] += more * (target - value)
+        return Gaussian(self.steps, information, gradient)
 
 
 @compiled

@@ -39,6 +39,8 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
             pairs = [pair] if with_pairs and step == 2 else []
             window.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), [*said, *pairs], 0.1 * step)
         window.last_errors()
+        window.mean_square("sticking", 3)
+        window.knocked(2, (1e-3, 0.01), ((0.4, 0.1), (0.15, 0.05))).costs()
     if smoother not in ("fixed-lag", "batch"):
         other = make_smoother(smoother, settings, model)(prior, np.array([-0.05, 0.0, 0.0]), said, 0.0)
         for step in range(1, 4):

@@ -8,7 +8,9 @@ It loops over factors and knows none of them. Several smoothers that differ in w
 go through one call side by side, as a bank.
 """
 
+import math
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +20,15 @@ from palpate.estimation.banded_equations import BandedEquations
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.dense_equations import DenseEquations
-from palpate.estimation.factors.factor import Factor, Step, Terms
+from palpate.estimation.evidence import add_costs, mean_square
+from palpate.estimation.factors.factor import Factor, Knock, Step, Terms
 from palpate.estimation.factors.first_pose import FirstPose
 from palpate.estimation.growing_terms import GrowingTerms
 from palpate.estimation.normal_equations import Gaussian
 from palpate.estimation.planar import between, position, rotation, wrap
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
+    GRIP,
     IN_SHARED,
     LAG,
     OF_CONTACT,
@@ -32,6 +36,7 @@ from palpate.estimation.unknowns import (
     SENSOR_IN_OBJECT,
     SHARED_SIZE,
     STEP_SIZE,
+    Normal,
 )
 from palpate.estimation.values import ANGLE_STEPS, Values
 from palpate.geometry import se2
@@ -76,13 +81,20 @@ class Window:
         self._values = Values(model, of_steps, shared)
         self._past, self._past_at = _nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
+        self._left_costs: list[Array] = []
         self._left: list[tuple[Array, Array]] = []  # g and e (B, 3) of the steps that left
         self._take(Step(sensor_pose, None, measurements, self._times))
         self._solve()
 
-    def add(self, sensor_pose: Array, measurements: Sequence[Measurement] = (), time: float = 0.0) -> None:
-        """Add the next frame: the measured sensor pose (3,) and what touch and others say."""
-        step = Step(sensor_pose, self._measured, measurements, [*self._times, time])
+    def add(
+        self,
+        sensor_pose: Array,
+        measurements: Sequence[Measurement] = (),
+        time: float = 0.0,
+        knock: Knock | None = None,
+    ) -> None:
+        """Add the next frame: the measured sensor pose (3,), what touch and others say, and what else may push."""
+        step = Step(sensor_pose, self._measured, measurements, [*self._times, time], knock=knock)
         new = [factor.terms(step) for factor in self._factors]  # before anything changes: they may refuse
         if self._values.steps == self._lag:
             self._marginalise()
@@ -91,6 +103,31 @@ class Window:
         self._times.append(time)
         self._join(new)
         self._solve()
+
+    def knocked(self, steps: int, slide: Normal, grip: tuple[Normal, Normal] | None = None) -> "Window":
+        """Return a copy in which something else may have moved the object in the last steps.
+
+        `slide` is how far the object slid over the sensor in all of them, counter-clockwise along the outline, mean and
+        standard deviation [m]; `grip` what was believed of GRIP at first and what is to be believed of it instead, the
+        more certain. Raises EstimationError where that has no solution.
+        """
+        other = copy(self)
+        other._times, other._left, other._left_costs = [*self._times], [*self._left], [*self._left_costs]
+        other._terms = [grown.copy() for grown in self._terms]
+        first = max(self._values.steps - steps, 1)
+        count = max(self._values.steps - first, 1)
+        for factor, grown in zip(self._factors, other._terms, strict=True):
+            if factor.is_of_pushing and grown:
+                places, data = grown.terms
+                late = places[:, -1] >= first
+                data["slid"][late], data["spread"][late] = slide[0] / count, slide[1] / math.sqrt(count)
+        other._values = _slid(self._values, first, slide[0] / count)
+        if grip is not None:
+            other._past = self._past.believing(IN_SHARED[GRIP].start, self._past_at[GRIP][0], *grip)
+            other._values = other._values.with_value(GRIP, np.full_like(self._values[GRIP], grip[1][0]))
+        other._gather()
+        other._solve()
+        return other
 
     @property
     def values(self) -> Values:
@@ -111,6 +148,34 @@ class Window:
             return g, e
         left_g, left_e = (np.stack(poses, axis=1) for poses in zip(*self._left, strict=True))
         return np.concatenate([left_g, g], axis=1), np.concatenate([left_e, e], axis=1)
+
+    def mean_square(self, name: str, steps: int) -> float:
+        """Return the mean square error of a factor's terms in the last steps [variances], kernels left out.
+
+        It is that of the first smoother.
+        """
+        first = max(self._values.steps - steps, 0)
+        for factor, terms, rows in self._linearised:
+            if factor.name == name:
+                return mean_square(rows.residual, rows.information, terms.places, first)
+        return 0.0
+
+    def costs(self) -> Array:
+        """Return what each step of this contact costs (N, 2): minus the log of how likely it is, but for a constant.
+
+        First what is measured in it, then pushing, which holds only where nothing but the sensor moves the object.
+        They are those of the first smoother. A term costs its step what its kernel leaves of half the square.
+        """
+        return np.concatenate([np.reshape(self._left_costs, (-1, 2)), self._costs()])
+
+    def _costs(self) -> Array:
+        costs = np.zeros((self._values.steps, 2))
+        for factor, terms, rows in self._linearised:
+            if factor.name != "first_pose":
+                add_costs(
+                    rows.residual, rows.information, rows.weight, terms.places, costs[:, int(factor.is_of_pushing)]
+                )
+        return costs
 
     def last_errors(self) -> dict[str, Array]:
         """Return the errors of the last step by factor, of those that tell strain: (B, rows) [standard deviations].
@@ -141,6 +206,10 @@ class Window:
             if first and len(grown):
                 for unknown, value in factor.first_guess(self._values, grown.terms).items():
                     self._values = self._values.with_value(unknown, value)
+        self._gather()
+
+    def _gather(self) -> None:
+        """Make room for all terms linearised."""
         self._linearised = [
             (factor, grown.terms, factor.empty_rows(self._values.smoothers, len(grown)))
             for factor, grown in zip(self._factors, self._terms, strict=True)
@@ -195,6 +264,7 @@ class Window:
         equations.add_gaussian(self._past_seen_from(at))
         self._past = equations.without_oldest()
         self._past_at = _without_oldest(at)
+        self._left_costs.append(self._costs()[0])
         for grown in self._terms:
             grown.drop_oldest()
         self._left.append((self._values[SENSOR_IN_OBJECT][:, 0].copy(), self._values[SENSOR][:, 0].copy()))
@@ -223,6 +293,15 @@ def _put_continued(g: Array, e: Array, sensor_pose: Array, g_out: Array, e_out: 
         g_out[b, steps, 0], g_out[b, steps, 1] = ahead.real, ahead.imag
         g_out[b, steps, 2] = wrap(last[2] + turned[2])
         e_out[b, steps] = sensor_pose
+
+
+def _slid(values: Values, first: int, each: float) -> Values:
+    """The values with the object slid over the sensor by so much [m] in every step from the first one named on."""
+    g = values[SENSOR_IN_OBJECT].copy()
+    lengths = -each * np.arange(1.0, values.steps - first + 1)  # seen from the object, the sensor goes the other way
+    for poses in g:
+        poses[first:] = values.model.moved_along(poses[first:], lengths)
+    return Values(values.model, {SENSOR_IN_OBJECT: g, SENSOR: values[SENSOR]}, values.shared)
 
 
 def _without_oldest(values: Values) -> Values:

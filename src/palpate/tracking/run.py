@@ -58,11 +58,12 @@ def track(
     progress: Callable[[int], None] | None = None,
     model: TouchModel | None = None,
     background: Background | None = None,
+    first_pose_sigma: ArrayLike | None = None,
 ) -> Run:
     """Track the object of a recording; `progress` is called after each frame with the number done.
 
-    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`
-    and `background` are the Tracker's.
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
+    `background` and `first_pose_sigma` are the Tracker's.
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
     cannot go on.
     """
@@ -72,7 +73,9 @@ def track(
     _check(recording, settings)
     if model is None and settings.tactile.startswith("learnt"):
         model = TouchModel(SHIPPED)
-    tracker = Tracker(recording.shape, recording.sensor, first, settings, model, background)
+    tracker = Tracker(
+        recording.shape, recording.sensor, first, settings, model, background, first_pose_sigma=first_pose_sigma
+    )
     estimates: list[Estimate] = []
     step_ms = np.empty(len(recording))
     for index, frame in enumerate(recording):

@@ -78,7 +78,8 @@ def _linearise(
             row[12] = -c_squared * omega
             row[13] = c * ((lever * by_center).imag - way.imag)
             row[14] = c * ((lever * by_center).real + way.real)
-            inverse_variance = math.hypot(still, share * data[t].moved * c) ** -2.0
+            holds = data[t].spread == 0.0
+            inverse_variance = math.hypot(still, share * data[t].moved * c) ** -2.0 if holds else 0.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
 
@@ -93,6 +94,7 @@ class Balance(Factor):
     data = DATA
     kernel = _linearise
     is_motion = True
+    is_of_pushing = True
     tells_strain = True
 
     def __init__(self, settings: BalanceSettings, model: ContactModel) -> None:

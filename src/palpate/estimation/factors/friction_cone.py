@@ -77,7 +77,7 @@ def _linearise(
             row[12] = c * (lever * by_center).imag
             row[13] = c * (lever * by_center).real
             row[14] = dot(touch.normal, way)
-            outside = beyond(force, math.atan(grip), width)
+            outside = beyond(force, math.atan(grip), width) if data[t].spread == 0.0 else 0.0
             inverse_variance = outside * math.hypot(still, share * data[t].moved) ** -2.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
@@ -93,6 +93,7 @@ class FrictionCone(Factor):
     data = DATA
     kernel = _linearise
     is_motion = True
+    is_of_pushing = True
 
     def __init__(self, settings: FrictionConeSettings, model: ContactModel) -> None:
         self.given = settings.still, settings.share or 0.0, settings.width, kernel_scale(settings.kernel)

@@ -21,6 +21,9 @@ class SensorPoseSettings(Settings):
 
     deviation: Sigmas = setting((1e-4, 1e-4, 1e-3), tune=Tunable(1e-6, 1e-2, usual=False, components=(0, 1, 2)))
     """Measured sensor pose [m, m, rad], body frame: a good robot's kinematics or motion capture."""
+    calibration: Sigmas = setting((1e-3, 1e-3, 9e-3), at_least=0.0)
+    """What sensor, world and outline are apart by all the time [m, m, rad], of which no measurement tells anything. It
+    is part of what is reported, and of nothing else."""
 
 
 @compiled

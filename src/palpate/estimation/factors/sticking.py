@@ -45,6 +45,19 @@ class StickingSettings(Settings):
 
 
 _GRIP = IN_SHARED[GRIP].start
+_ACROSS = 2e-3  # [m] by which a knocked object comes off the sensor or into it in a step
+
+
+@compiled
+def _put_knocked(slid: complex, touch: Records, mean: float, residual: Array, jacobian: Array) -> None:
+    """Turn rows along x and y of the object into one along the outline, less what is expected, and one across it."""
+    along = slid * (1j * touch.normal).conjugate()
+    residual[0], residual[1] = along.real - mean, along.imag
+    for k in range(6):
+        by = complex(jacobian[0, k], jacobian[1, k]) * (1j * touch.normal).conjugate()
+        if k >= 3:
+            by += slid * (1j * touch.normal_by_g[k - 3]).conjugate()
+        jacobian[0, k], jacobian[1, k] = by.real, by.imag
 
 
 @compiled
@@ -75,6 +88,11 @@ def _linearise(
             for k in range(3):
                 by_g1 = turn0 * touch.material_by_g[k] - touch.point_by_g[k]
                 jacobian[b, t, 0, 3 + k], jacobian[b, t, 1, 3 + k] = by_g1.real, by_g1.imag
+            if data[t].spread > 0.0:
+                _put_knocked(slid, touch, data[t].slid, residual[b, t], jacobian[b, t])
+                information[b, t, 0] = weight[b, t, 0] = data[t].spread ** -2.0
+                information[b, t, 1] = weight[b, t, 1] = _ACROSS**-2.0
+                continue
             deviation = math.hypot(still, share * moved)
             if may_slide:
                 slides = beyond(angle[b, now, tip], edge - margin, width)
@@ -95,6 +113,7 @@ class Sticking(Factor):
     data = DATA
     kernel = _linearise
     is_motion = True
+    is_of_pushing = True
     tells_strain = True
 
     def __init__(self, settings: StickingSettings, model: ContactModel) -> None:

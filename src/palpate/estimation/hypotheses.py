@@ -1,0 +1,304 @@
+"""Several answers at once, weighed by what is measured, where one graph cannot know which of them is right.
+
+A hypothesis is an `Estimator`. While nothing is doubtful there is one. Others are added, and the one in which nothing
+happened is kept, where
+
+- touch and pushing contradict each other: something else may have moved the object. Nothing of pushing holds for some
+  steps, and the object slid over the sensor by another length in each hypothesis, on a contact that holds as well as
+  thought or is more slippery;
+- a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
+  `starts`.
+
+A hypothesis is judged by what its steps cost (`Window.costs`), pushing left out in steps in which any of them lets go
+of it, and by how odd the friction is that it needs. Errors of neighbouring steps are much the same error, so that costs
+count in small part only, and no step decides by itself.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import EstimationError
+from palpate.estimation.belief import Prior
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.diagnosis import REASONS, UNCERTAIN, Status
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.factors.factor import Knock
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import SmootherName
+from palpate.estimation.starts import is_rough, starts
+from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
+from palpate.geometry import se2
+from palpate.recording.measurements import Measurement
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+_ALARMS = (("relative_pose", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
+"""Factor, steps, and its mean square error [variances] over them from which pushing is in doubt. Undisturbed, pairs
+reach 0.16 in a thousandth of all frames and directions 0.5 in a tenth of all recordings; over a second an error of a
+fifth of a standard deviation is systematic, for independent ones would cancel in the estimate."""
+_BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may move the object
+_SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
+_SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
+_UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
+_COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
+_MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
+_PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
+_NEW = 4  # frames in which a hypothesis is not yet compared with others
+_SAME, _APART = np.array([2e-3, 2e-3, 0.02]), np.array([0.01, 0.01, 0.09])  # [m, m, rad]
+_GRACE, _POOR = 25, 1e-3  # frames after which a hypothesis goes whose weight is so small against the best one's
+_YOUNG, _MOST_YOUNG = 12, 16  # frames of a contact in which there may be so many
+_LOST = 2.0  # [m] standard deviation from which a graph holds on to nothing: its solution has run away
+_TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """One pose that may be the object's."""
+
+    pose: Array
+    """world_T_object, (3,) [m, m, rad]."""
+    covariance: Array
+    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    weight: float
+    """How likely it is among all answers, from 0 to 1."""
+
+
+@dataclass(eq=False)
+class _Hypothesis:
+    estimator: Estimator
+    earned: float = 0.0
+    """Log of how likely it is without this contact."""
+    broken: list[tuple[int, int]] = field(default_factory=list)
+    """Steps of this contact, from one to before another, in which nothing of pushing holds."""
+    open: int = 0
+    """Frames in which that goes on."""
+    slippery: bool = False
+    """Whether the contact is taken to be more slippery than was thought."""
+    age: int = 0
+    """Frames of contact since it was added."""
+    weight: float = 1.0
+
+
+class Hypotheses:
+    """Estimates the pose of one object as several estimators do that take other things to be true."""
+
+    def __init__(
+        self,
+        model: ContactModel,
+        settings: NoiseSettings,
+        smoother: SmootherName,
+        first_pose: Array,
+        first_deviation: Array,
+        most: int,
+    ) -> None:
+        """Take what an Estimator takes, and how many hypotheses there may be at most.
+
+        There is one, whatever happens, with smoothers that cannot let go of a step. A sensor with several tips does
+        not look for an object that is known roughly only.
+        """
+        self._model, self._settings = model, settings
+        self._most = most if smoother in ("fixed-lag", "batch") else 1
+        self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
+        self._steps = 0  # of this contact
+
+    @property
+    def _best(self) -> _Hypothesis:
+        return self._all[0]
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the object is being touched."""
+        return self._best.estimator.in_contact
+
+    @property
+    def known(self) -> Prior:
+        """What is known of the object at the last frame, by the best hypothesis."""
+        return self._best.estimator.known
+
+    @property
+    def answers(self) -> tuple[Answer, ...]:
+        """All poses that may be the object's, the best first."""
+        return tuple(Answer(one.estimator.known.pose.copy(), one.estimator.covariance, one.weight) for one in self._all)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (3, 3) of all of them about the best, tangent space at its pose (right, body frame)."""
+        if len(self._all) == 1:
+            return self._best.estimator.covariance
+        total = np.zeros((3, 3))
+        for one in self._all:
+            apart = self._from_best(one)
+            total += one.weight * (one.estimator.covariance + np.outer(apart, apart))
+        return total
+
+    @property
+    def status(self) -> Status:
+        """What to make of it."""
+        if len(self._all) > 1:
+            far = any(one.weight > _TOLD and (np.abs(self._from_best(one)) > _APART).any() for one in self._all)
+            if far or (np.diagonal(self.covariance) > UNCERTAIN**2).any():
+                return "ambiguous"
+        return self._best.estimator.status
+
+    @property
+    def reason(self) -> str:
+        """Why the status is what it is, in words; nothing where all is well."""
+        if self.status != "ambiguous":
+            return REASONS[self.status]
+        apart = np.array([np.abs(self._from_best(one)) for one in self._all if one.weight > 0.5 * _POOR])
+        far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
+        return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
+
+    def path(self) -> Array:
+        """Return all object poses so far (N, 3), as the best hypothesis has them."""
+        return self._best.estimator.path()
+
+    def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+        """Take a frame in which nothing touches the object."""
+        for one in self._all:
+            one.estimator.rest(sensor_pose, measurements, time)
+
+    def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+        """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
+        if not self.in_contact:
+            self._steps = 0
+            if self._most > 1 and self._model.tips == 1:
+                self._all = self._begun(sensor_pose, measurements)
+        self._all = self._touched(sensor_pose, measurements, time)
+        self._steps += 1
+        if self._most > 1:
+            if not any(one.open for one in self._all) and self._is_alarming():
+                self._all = [*self._all, *self._knocked()]
+            self._weigh()
+
+    def begin_anew(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, error: EstimationError
+    ) -> None:
+        """Go on with a new graph from the best last pose; see Estimator."""
+        best = self._best.estimator
+        self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
+        best.begin_anew(sensor_pose, measurements, time, error)
+
+    def end_contact(self) -> None:
+        """The sensor let go of the object."""
+        for one, score in zip(self._all, self._scores(), strict=True):
+            one.earned = score + self._oddness(one)  # of friction, which goes on to the next contact
+            one.estimator.end_contact(_SPREAD if one.open else 0.0)
+            one.broken, one.open = [], 0
+
+    def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[_Hypothesis]:
+        """All hypotheses that can be solved with one more frame; the last error where none can."""
+        left: list[_Hypothesis] = []
+        for one in self._all:
+            knock = None
+            if one.open and self._steps:
+                knock = Knock(0.0, _SPREAD / np.sqrt(_BACK))
+                one.open -= 1
+                one.broken[-1] = (one.broken[-1][0], self._steps + 1)
+            try:
+                one.estimator.touch(sensor_pose, measurements, time, knock)
+            except EstimationError as error:
+                logger.debug("frame at %.3f s: a hypothesis is dropped: %s", time, error)
+                if one is self._all[-1] and not left:
+                    raise
+                continue
+            one.age += 1
+            left.append(one)
+        return left
+
+    def _is_alarming(self) -> bool:
+        """Whether touch and pushing contradict each other as where something else moves the object."""
+        error = self._best.estimator.mean_square
+        return any(self._steps >= steps and error(name, steps) > limit for name, steps, limit in _ALARMS)
+
+    def _knocked(self) -> list[_Hypothesis]:
+        """The hypotheses that something else moved the object in the last steps."""
+        best, found = self._best, []
+        first = max(self._steps - _BACK, 1)
+        grips = (None,) if best.slippery or self._settings.priors.grip[1] <= _SLIPPERY[1] else (None, _SLIPPERY)
+        for grip in grips:
+            for slid in _SLIDES:
+                try:
+                    estimator = best.estimator.knocked(self._steps - first, (slid, _SPREAD), grip)
+                except EstimationError:
+                    continue
+                earned = best.earned - _UNLIKELY - np.log(len(grips))
+                broken, slippery = [*best.broken, (first, self._steps)], best.slippery or grip is not None
+                found.append(_Hypothesis(estimator, earned, broken, _AHEAD, slippery))
+        return found
+
+    def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[_Hypothesis]:
+        """The hypotheses that a contact begins with: another place in each where the object is known roughly only."""
+        begun: list[_Hypothesis] = []
+        for one in self._all:
+            prior = one.estimator.expected(sensor_pose)
+            places = starts(prior, self._model, sensor_pose, measurements) if is_rough(prior) else []
+            if not places:
+                begun.append(one)
+                continue
+            begun.append(_Hypothesis(one.estimator.started(one.estimator.unmoved), one.earned, slippery=one.slippery))
+            for place, likely in places:
+                started, earned = one.estimator.started(place), one.earned + likely - _UNLIKELY
+                begun.append(_Hypothesis(started, earned, [(0, 1)], _AHEAD, one.slippery))
+        return sorted(begun, key=lambda one: -one.earned)[:_MOST_YOUNG]
+
+    def _scores(self) -> Array:
+        """Log of how likely each hypothesis is, but for a constant."""
+        costs = np.array([one.estimator.costs() for one in self._all])
+        for one in self._all:
+            for first, end in one.broken:
+                costs[:, first:end, 1] = 0.0
+        costs = costs.sum(axis=2)
+        costs = np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
+        return np.array(
+            [one.earned - _COUNTS * cost - self._oddness(one) for one, cost in zip(self._all, costs, strict=True)]
+        )
+
+    def _oddness(self, one: _Hypothesis) -> float:
+        """What it costs that friction and all else that belongs to the object is unlike its prior."""
+        priors = self._settings.priors
+        mean, deviation = priors.mean, priors.deviation
+        if one.slippery:
+            mean[IN_OBJECT[GRIP]], deviation[IN_OBJECT[GRIP]] = _SLIPPERY
+        return 0.5 * _PRIOR_COUNTS * float(np.sum(np.square((one.estimator.known.values - mean) / deviation)))
+
+    def _weigh(self) -> None:
+        """Weigh all hypotheses, the best first, and drop those that are poor, the same as a better one or too many."""
+        if len(self._all) == 1:
+            self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
+            return
+        self._all = [one for one in self._all if not _is_lost(one)] or self._all[:1]
+        scores = self._scores()
+        kept: list[_Hypothesis] = []
+        for index in np.argsort(-scores):
+            one = self._all[index]
+            one.weight = float(np.exp(scores[index] - scores.max()))
+            is_poor = one.age > _GRACE and one.weight < _POOR
+            if not is_poor and not any(_are_same(one, other) for other in kept):
+                kept.append(one)
+        is_young = all(one.age <= _YOUNG for one in kept)
+        self._all = kept[: max(self._most, _MOST_YOUNG) if is_young else self._most]
+        total = sum(one.weight for one in self._all)
+        for one in self._all:
+            one.weight /= total
+
+    def _from_best(self, one: _Hypothesis) -> Array:
+        return se2.log(se2.between(self._best.estimator.known.pose, one.estimator.known.pose))
+
+
+def _is_lost(one: _Hypothesis) -> bool:
+    """Whether the graph of a hypothesis holds on to nothing."""
+    return bool((np.diagonal(one.estimator.known.pose_covariance)[:2] > _LOST**2).any())
+
+
+def _are_same(one: _Hypothesis, other: _Hypothesis) -> bool:
+    """Whether two hypotheses have come to the same pose."""
+    if one.open or other.open or one.age < _NEW:
+        return False
+    apart = se2.log(se2.between(one.estimator.known.pose, other.estimator.known.pose))
+    return bool((np.abs(apart) < _SAME).all())

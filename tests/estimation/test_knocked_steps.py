@@ -1,0 +1,160 @@
+"""Steps in which something else than the sensor moves the object: rows by hand, and what a window makes of them."""
+
+import math
+
+import numpy as np
+import pytest
+from push_samples import RADIUS, model_of, sensor, values_at
+from test_factors import STEP, numeric_jacobian, spread_jacobian
+
+from palpate.estimation.belief import Prior
+from palpate.estimation.factor_list import make_factors
+from palpate.estimation.factors.balance import Balance, BalanceSettings
+from palpate.estimation.factors.factor import Factor, Knock, Step, Terms
+from palpate.estimation.factors.friction_cone import FrictionCone, FrictionConeSettings
+from palpate.estimation.factors.sticking import Sticking, StickingSettings
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.unknowns import GRIP, IN_OBJECT, SENSOR_IN_OBJECT
+from palpate.estimation.values import Values
+from palpate.estimation.window import Window
+from palpate.recording.measurements import ContactDirection
+
+MODEL = model_of("rectangle", sensor(RADIUS))
+NOISE = NoiseSettings()
+KNOCK = Knock(slid=4e-3, spread=6e-3)
+STEPS = 30
+
+
+def terms_with(factor: Factor, at: Values, knock: Knock | None) -> Terms:
+    arrived = factor.terms(Step(np.zeros(3), np.array([-1e-3, 0.0, 0.0]), (), [0.0, 1.0], knock=knock))
+    assert arrived is not None
+    return Terms(arrived.places + 1, arrived.data)
+
+
+def touching_left_side(y: float) -> np.ndarray:
+    """A tip that pushes the left side of the rectangle at height y, along +x."""
+    g = np.array([[[-0.2, y, 0.0]]])
+    return np.array([-0.2 - float(MODEL.touching(g)["gap"][0, 0, 0]) * -1.0, y, 0.0])
+
+
+def two_steps(y0: float, y1: float) -> Values:
+    return values_at(MODEL, np.stack([touching_left_side(y0), touching_left_side(y1)])[None])
+
+
+def test_a_slide_along_the_outline_less_what_is_expected():
+    """Counter-clockwise is down the left side, where the sensor goes, so that the object slides the other way."""
+    factor, at = Sticking(StickingSettings(), MODEL), two_steps(0.01, 0.003)
+    rows = factor.linearise(at, terms_with(factor, at, KNOCK))
+    np.testing.assert_allclose(rows.residual[0, 0], [-0.007 - KNOCK.slid, 0.0], atol=1e-9)
+    np.testing.assert_allclose(rows.information[0, 0], [KNOCK.spread**-2, 2e-3**-2])
+    np.testing.assert_array_equal(rows.weight, rows.information)
+
+
+@pytest.mark.parametrize("radius", [0.0, RADIUS])
+@pytest.mark.parametrize("shape", ["rectangle", "ellipse"])
+def test_the_jacobian_of_a_knocked_step(shape, radius):
+    model, random = model_of(shape, sensor(radius)), np.random.default_rng(0)
+    g = np.stack(
+        [np.array([-0.07, 0.01, 0.2]) + random.normal(0, [4e-3, 4e-3, 0.1], (20, 3)) for _ in range(2)], axis=1
+    )
+    at = values_at(model, g)
+    factor = Sticking(StickingSettings(), model)
+    terms = terms_with(factor, at, KNOCK)
+    difference = numeric_jacobian(factor, at, terms) - spread_jacobian(factor, at, terms)
+    assert np.abs(difference).max() < 1e-6 + STEP
+
+
+def test_nothing_of_pushing_holds_in_a_knocked_step():
+    at = two_steps(0.01, 0.03)
+    for factor in (Balance(BalanceSettings(), MODEL), FrictionCone(FrictionConeSettings(), MODEL)):
+        assert (factor.linearise(at, terms_with(factor, at, None)).information > 0.0).all()
+        rows = factor.linearise(at, terms_with(factor, at, KNOCK))
+        assert not rows.weight.any() and not rows.information.any()
+
+
+def test_a_tip_goes_along_a_side_and_round_a_disc():
+    start = touching_left_side(0.02)
+    moved = MODEL.moved_along(np.stack([start, start]), np.array([0.015, -0.01]))
+    np.testing.assert_allclose(moved - start, [[0, -0.015, 0], [0, 0.01, 0]], atol=1e-6)
+    disc, length = model_of("disc", sensor(0.0)), 0.02
+    radius = -float(disc.touching(np.zeros((1, 1, 3)))["gap"][0, 0, 0])
+    after = disc.moved_along(np.array([[radius, 0.0, 0.3]]), np.array([length]))[0]
+    np.testing.assert_allclose(
+        after[:2], radius * np.array([math.cos(length / radius), math.sin(length / radius)]), atol=2e-5
+    )
+    assert after[2] == 0.3
+
+
+def window_of(steps: int = STEPS) -> tuple[Window, np.ndarray]:
+    """A tip that pushes the left side straight on, through the centre, and its way."""
+    start = touching_left_side(0.0)
+    way = start + np.arange(steps)[:, None] * [1e-3, 0.0, 0.0]
+    deviation = np.concatenate([[5e-4, 5e-4, 5e-3], NOISE.priors.deviation])
+    prior = Prior(np.zeros(3), NOISE.priors.mean, np.diag(np.square(deviation)))
+    said = [ContactDirection(0.0, 1e-4)]
+    window = Window(make_factors(NOISE, MODEL), MODEL, [prior], way[0], said)
+    for index, pose in enumerate(way[1:], 1):
+        window.add(pose, said, index / 30)
+    return window, way
+
+
+def along(window: Window) -> float:
+    """Where the tip is along the left side [m]."""
+    return float(window.values[SENSOR_IN_OBJECT][0, -1, 1])
+
+
+def deviation_along(window: Window) -> float:
+    covariance = window.beliefs()[0].prior.pose_covariance
+    return math.sqrt(covariance[1, 1])
+
+
+def test_a_window_slides_and_does_not_know_how_far():
+    window, _ = window_of()
+    before, sure = along(window), deviation_along(window)
+    poses = window.values[SENSOR_IN_OBJECT].copy()
+    for slid in (0.0, 0.015, -0.015):
+        other = window.knocked(8, (slid, 0.01))
+        # Seen from the object, which slides counter-clockwise, the sensor goes clockwise: up the left side.
+        assert along(other) - before == pytest.approx(slid, abs=2e-3)
+        assert deviation_along(other) == pytest.approx(0.01, rel=0.15) and sure < 3e-3
+    np.testing.assert_array_equal(window.values[SENSOR_IN_OBJECT], poses)
+
+
+def test_a_knocked_window_and_the_one_it_comes_from_go_their_own_ways():
+    window, way = window_of()
+    alone, _ = window_of()
+    other = window.knocked(8, (0.015, 0.01))
+    for index in range(5):
+        pose = way[-1] + np.array([1e-3 * (index + 1), 0.0, 0.0])
+        for each in (window, alone, other):
+            each.add(pose, [ContactDirection(0.0, 1e-4)], (STEPS + index) / 30)
+    np.testing.assert_array_equal(window.values[SENSOR_IN_OBJECT], alone.values[SENSOR_IN_OBJECT])
+    assert len(window.costs()) == len(other.costs()) == STEPS + 5
+
+
+def test_the_balance_tells_after_a_knock_how_far_it_slid():
+    """Pushed straight on without turning, the object is pushed through its centre: 15 mm beside it cannot be."""
+    window, way = window_of()
+    other = window.knocked(8, (0.015, 0.01))
+    for index in range(40):
+        pose = way[-1] + np.array([1e-3 * (index + 1), 0.0, 0.0])
+        other.add(pose, [ContactDirection(0.0, 1e-4)], (STEPS + index) / 30)
+    assert abs(along(other)) < 6e-3 and deviation_along(other) < 7e-3
+
+
+def test_grip_is_believed_to_be_another_one():
+    window, _ = window_of()
+    other = window.knocked(8, (0.0, 0.01), (NOISE.priors.grip, (0.15, 0.05)))
+    assert window.beliefs()[0].values[IN_OBJECT[GRIP]] == pytest.approx(NOISE.priors.grip[0], abs=0.02)
+    assert other.beliefs()[0].values[IN_OBJECT[GRIP]] == pytest.approx(0.15, abs=0.02)
+
+
+def test_a_tip_that_is_moved_aside_costs_pushing_and_not_what_is_measured():
+    window, way = window_of()
+    for index in range(3):
+        window.add(
+            way[-1] + np.array([0.0, 4e-3 * (index + 1), 0.0]), [ContactDirection(0.0, 1e-4)], (STEPS + index) / 30
+        )
+    measured, pushing = window.costs()[-3:].sum(axis=0)
+    assert pushing > 10 * measured
+    assert window.mean_square("sticking", 3) > 10 * window.mean_square("sticking", STEPS + 3) / 3
