@@ -7,6 +7,7 @@ import numpy as np
 from push_samples import RADIUS, SHAPES, sensor, with_settings
 
 from palpate.estimation.settings import NoiseSettings
+from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 
@@ -14,18 +15,29 @@ Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]
 AS_DRAWN = with_settings(NoiseSettings(), priors={"depth": (0.0, 4e-4), "friction_ratio": (0.0, 0.3)})
 """The defaults, expecting what pushes are drawn with: the object only just touches, and c is the model's."""
+CALIBRATED = with_settings(AS_DRAWN, sensor_pose={"calibration": (0.0, 0.0, 0.0)})
+"""The same, sensor, world and outline being where they are thought to be, as they are in drawn pushes."""
 
 
 def settings(
-    tactile: Any = "oracle", smoother: Any = "fixed-lag", noise: NoiseSettings | None = None
+    tactile: Any = "oracle",
+    smoother: Any = "fixed-lag",
+    noise: NoiseSettings | None = None,
+    hypotheses: int = TrackerSettings.hypotheses,
 ) -> TrackerSettings:
-    return TrackerSettings(tactile, smoother, noise or AS_DRAWN)
+    return TrackerSettings(tactile, smoother, noise or CALIBRATED, hypotheses=hypotheses)
 
 
 def track(name: str, seen: list[Frame], first: Array, how: TrackerSettings, radius: float = RADIUS):
     """The tracker after these frames, and its estimates."""
     tracker = Tracker(SHAPES[name], sensor(radius), first, how)
     return tracker, [tracker.update(frame) for frame in seen]
+
+
+def nees(estimates: list[Estimate], o: Array) -> Array:
+    """Errors from the truth (N, 3) in the reported covariance, squared (N,): 7.8 is its 95 % region."""
+    apart = [se2.log(se2.between(estimate.pose, true)) for estimate, true in zip(estimates, o, strict=True)]
+    return np.array([off @ np.linalg.solve(one.covariance, off) for off, one in zip(apart, estimates, strict=True)])
 
 
 def poses(estimates: list[Estimate]) -> Array:

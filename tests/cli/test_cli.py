@@ -93,6 +93,31 @@ def test_options_reach_the_tracker(capsys):
     assert "-" in capsys.readouterr().out  # scores that are not there
 
 
+def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys):
+    place = ("--first-pose", "0.001", "0", "3", "--first-pose-sigma", "0.02", "0.03", "0.2", "--json")
+    assert palpate("track", "blind.h5", *place, "--hypotheses", "1") == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 40
+    settings = json.loads(Path("runs/blind/settings.json").read_text())
+    assert settings["first_pose"] == [0.001, 0.0, 3.0]
+    covariance = np.genfromtxt("runs/blind/estimates.csv", delimiter=",", names=True)
+    assert covariance.size == 40
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--hypotheses", "0"), "hypotheses is 0; allowed is 1 or more"),
+        (
+            ("--first-pose-sigma", "0", "1", "1"),
+            "first pose sigma is (0.0, 1.0, 1.0); it must be three numbers above 0: x [m], y [m], theta [rad]",
+        ),
+    ],
+)
+def test_answers_and_sigmas_that_cannot_be_are_one_sentence(capsys, option, said):
+    assert failure(capsys, "track", "push.h5", *option) == f"palpate: {said}\n"
+    assert not Path("runs").exists()
+
+
 def test_several_files_get_a_folder_and_a_row_each(capsys):
     write_recording(pushed(30), "other.h5")
     assert palpate("track", "push.h5", "other.h5", "--out", "all") == 0

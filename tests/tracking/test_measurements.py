@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from push_samples import frames, pushed, with_settings
-from tracker_samples import AS_DRAWN, SMOOTHERS, disc_tracker, poses, settings, small_frame, statuses, track
+from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, poses, settings, small_frame, statuses, track
 
 from palpate import EstimationError, Frame, Measurement, ObjectPose, OwnMeasurement, SettingError
 from palpate.geometry import se2
@@ -18,7 +18,7 @@ from palpate.tracking.metrics import rotation_errors, translation_errors
 Array = np.ndarray
 WRONG = np.array([0.012, -0.016, math.radians(5.0)])
 """20 mm and 5 degrees."""
-LOOSE = with_settings(AS_DRAWN, first_pose={"deviation": (0.02, 0.02, 0.1)})
+LOOSE = with_settings(CALIBRATED, first_pose={"deviation": (0.02, 0.02, 0.1)})
 CAMERA = np.diag(np.square([1e-3, 1e-3, 1e-2]))
 
 
@@ -60,7 +60,7 @@ def test_a_wrong_pose_is_put_right_while_the_object_rests():
 
 def test_a_measurement_at_rest_counts_as_much_as_it_is_believed():
     # Both to 1 mm along x, as known and as seen: it is halfway, and surer by the root of 2.
-    noise = with_settings(AS_DRAWN, first_pose={"deviation": (1e-3, 1e-3, 1e-2)})
+    noise = with_settings(CALIBRATED, first_pose={"deviation": (1e-3, 1e-3, 1e-2)})
     tracker = disc_tracker(settings(noise=noise))
     found = tracker.update(small_frame(), [seen([4e-3, 0.0, 0.0])])
     np.testing.assert_allclose(found.pose, [2e-3, 0.0, 0.0], atol=1e-9)

@@ -35,10 +35,26 @@ def test_time_that_does_not_increase(next_time):
     assert tracker.smoothed().time.tolist() == [1.0, 1.1]
 
 
-@pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), None])
+@pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here"])
 def test_a_first_pose_that_is_none(first):
     with pytest.raises(SettingError, match=r"first pose is .* three finite numbers"):
         disc_tracker(first=first)
+
+
+@pytest.mark.parametrize(
+    "sigma", [(1e-3, 1e-3), 1e-3, np.eye(3), (0.0, 1e-3, 1e-2), (1e-3, 1e-3, -1e-2), (1e-3, np.nan, 1e-2), "well"]
+)
+def test_a_first_pose_sigma_that_is_none(sigma):
+    with pytest.raises(
+        SettingError, match=r"^first pose sigma is (.|\n)*; it must be three numbers above 0: x \[m\], y \[m\], theta"
+    ):
+        Tracker(SHAPES["disc"], sensor(), np.zeros(3), first_pose_sigma=sigma)
+
+
+@pytest.mark.parametrize("hypotheses", [0, -1])
+def test_fewer_than_one_hypothesis(hypotheses):
+    with pytest.raises(SettingError, match=rf"^hypotheses is {hypotheses}; allowed is 1 or more$"):
+        TrackerSettings(hypotheses=hypotheses)
 
 
 def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
@@ -51,11 +67,6 @@ def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
 def test_a_first_time_that_is_not_finite():
     with pytest.raises(EstimationError, match="time"):
         disc_tracker().update(small_frame(time=np.nan))
-
-
-def test_a_first_pose_of_words():
-    with pytest.raises(SettingError, match="first pose"):
-        disc_tracker(first="here")
 
 
 def test_a_sensor_pose_of_two_numbers():
@@ -73,7 +84,11 @@ def test_a_caller_may_change_the_estimate_it_was_given():
     tracker = disc_tracker()
     found = tracker.update(small_frame())
     found.pose[2] = 90.0  # say, in degrees
-    assert tracker.update(small_frame(time=1.1)).pose.tolist() == [0, 0, 0]
+    found.answers[0].pose[2] = 90.0
+    found.covariance[:] = found.answers[0].covariance[:] = 0.0
+    again = tracker.update(small_frame(time=1.1))
+    assert again.pose.tolist() == again.answers[0].pose.tolist() == [0, 0, 0]
+    assert np.linalg.eigvalsh(again.covariance).min() > 0.0
     assert tracker.smoothed().pose[0].tolist() == [0, 0, 0]
 
 

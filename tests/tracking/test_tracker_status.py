@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from push_samples import RADIUS, SHAPES, frames, model_of, pushed, sensor, with_settings
-from tracker_samples import AS_DRAWN, SMOOTHERS, disc_tracker, poses, settings, statuses, track, yaw_deviations
+from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, nees, poses, settings, statuses, track, yaw_deviations
 
 from palpate.errors import EstimationError
 from palpate.estimation import estimator
@@ -57,8 +57,9 @@ def moved_while_untouched(shift: tuple[float, float, float]) -> tuple[Array, Arr
 @pytest.mark.parametrize("shift", [(-0.01, 0.0, 0.0), (0.01, 0.0, 0.0), (0.007, 0.015, 0.03)])
 def test_an_object_moved_while_untouched_is_displaced(shift, smoother):
     o, e, contact = moved_while_untouched(shift)
-    _, found = track("rectangle", frames(o, e, contact), o[0], settings("oracle", smoother))
+    _, found = track("rectangle", frames(o, e, contact), o[0], settings("oracle", smoother, hypotheses=1))
     assert set(statuses(found)[51:]) == {"displaced"}
+    assert {estimate.reason for estimate in found[51:]} == {"the object was moved while nothing touched it"}
     before, after = (np.sqrt(np.diag(found[k].covariance)) for k in (50, 51))
     # Along the side nothing tells how far: twice the gap, which is 7 or 10 mm. Across it the contact does.
     assert after[1] > 2 * 0.0065
@@ -70,12 +71,56 @@ def test_an_object_moved_while_untouched_is_displaced(shift, smoother):
         assert error @ np.linalg.solve(found[k].covariance, error) < 7.8
 
 
+@pytest.mark.parametrize("shift", [(-0.01, 0.0, 0.0), (0.01, 0.0, 0.0), (0.007, 0.015, 0.03)])
+def test_an_object_moved_while_untouched_may_be_touched_anywhere(shift):
+    o, e, contact = moved_while_untouched(shift)
+    _, found = track("rectangle", frames(o, e, contact), o[0], settings())
+    assert {len(estimate.answers) for estimate in found[:51]} == {1}
+    assert found[51].status == "ambiguous" and len(found[51].answers) > 3
+    # One answer would have been sure of itself within millimetres; several cover the truth from the first frame on.
+    assert nees(found, o)[41:51].min() > 100.0
+    assert nees(found, o)[51:].max() < 7.8
+    # And one of them stands nearer to it than the object was moved.
+    for k in range(60, 92):
+        apart = [np.hypot(*se2.log(se2.between(answer.pose, o[k]))[:2]) for answer in found[k].answers]
+        assert min(apart) < 10e-3
+
+
+@pytest.mark.parametrize(("speed", "status"), [(1e-3, "displaced"), (-1e-3, "resting"), (0.0, "resting")])
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_sensor_that_goes_on_into_the_object_and_does_not_touch_it(smoother, speed, status):
+    o, e = pushed("rectangle", 40)
+    tracker, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother))
+    last = found[-1]
+    on = [se2.compose(e[-1], [speed * k, 0.0, 0.0]) for k in range(1, 9)]
+    rests = [tracker.update(Frame(last.time + k / 30, at, contact=False)) for k, at in enumerate(on, start=1)]
+    np.testing.assert_array_equal(poses(rests), np.tile(last.pose, (8, 1)))
+    # Someone took the object away, as far as a hand can in that time; else it lies where it was let go of.
+    assert rests[-1].status == status
+    assert (rests[-1].covariance[0, 0] > 4 * last.covariance[0, 0]) == (status == "displaced")
+
+
+def test_an_object_at_rest_that_is_hardly_known_is_uncertain():
+    for sigma, status, reason in (
+        ((0.03, 1e-3, 1e-2), "uncertain", "the pose is known so roughly that the covariance is a guess itself"),
+        ((1e-3, 1e-3, 0.3), "uncertain", "the pose is known so roughly that the covariance is a guess itself"),
+        ((0.015, 0.015, 0.15), "resting", ""),
+    ):
+        tracker = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings(), first_pose_sigma=sigma)
+        found = tracker.update(Frame(0.0, np.array([-0.5, 0.0, 0.0]), contact=False))
+        assert (found.status, found.reason) == (status, reason)
+        np.testing.assert_allclose(found.covariance, np.diag(np.square(sigma)))
+
+
 def test_displacement_is_said_until_the_contact_ends():
     o, e, contact = moved_while_untouched((-0.01, 0.0, 0.0))
-    tracker, found = track("rectangle", frames(o, e, contact), o[0], settings())
+    tracker, found = track("rectangle", frames(o, e, contact), o[0], settings(hypotheses=1))
     assert found[-1].status == "displaced"
     away = se2.compose(o[-1], np.array([-0.25, 0.0, 0.0]))
-    assert tracker.update(Frame(found[-1].time + 0.1, away, contact=False)).status == "resting"
+    rest = tracker.update(Frame(found[-1].time + 0.1, away, contact=False))
+    # It was found again, but for its yaw.
+    assert rest.status == "uncertain"
+    assert rest.covariance[2, 2] > 0.2**2 > 0.1**2 > rest.covariance[0, 0]
 
 
 @pytest.mark.parametrize(("heading", "status"), [(0.0, "resting"), (0.5 * math.pi, "displaced")])
@@ -102,7 +147,7 @@ def test_a_sensor_that_stands_where_the_object_should_be():
     assert all(estimate.pose.tolist() == [0, 0, 0] for estimate in found)
 
 
-SURE = with_settings(AS_DRAWN, relative_pose={"oracle": (1.0, 1.0, 0.02)})
+SURE = with_settings(CALIBRATED, relative_pose={"oracle": (1.0, 1.0, 0.02)})
 """Touch that is surer of a turn than the default: a knock of 0.1 rad is beyond all doubt."""
 
 
@@ -117,7 +162,7 @@ def knocked(angle: float) -> tuple[Array, Array]:
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_a_knock_in_contact_strains(smoother):
     o, e = knocked(0.1)
-    _, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother, SURE))
+    _, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother, SURE, 1))
     said = statuses(found)
     assert set(said[:51]) == {"tracking"}
     # The covariance is larger by so much that it may count as a guess. It stays so: nothing measures what has shifted.
@@ -138,7 +183,7 @@ def test_strain_outlasts_its_contact():
     away = np.broadcast_to(se2.compose(o1[55], [-0.25, 0.0, 0.0]), (5, 3))
     o = np.concatenate([o1[:56], np.broadcast_to(o1[55], (5, 3)), o2])
     e, contact = np.concatenate([e1[:56], away, e2]), np.repeat([True, False, True], [56, 5, 21])
-    _, found = track("rectangle", frames(o, e, contact), o[0], settings(noise=SURE))
+    _, found = track("rectangle", frames(o, e, contact), o[0], settings(noise=SURE, hypotheses=1))
     assert found[55].status in {"strained", "uncertain"}
     # The wider covariance rests with the object, and the next contact does not make it smaller.
     np.testing.assert_allclose(found[60].covariance, found[55].covariance)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.diagnosis import REASONS, UNCERTAIN, Status
+from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
@@ -123,7 +123,11 @@ class Hypotheses:
     @property
     def answers(self) -> tuple[Answer, ...]:
         """All poses that may be the object's, the best first."""
-        return tuple(Answer(one.estimator.known.pose.copy(), one.estimator.covariance, one.weight) for one in self._all)
+        return tuple(
+            Answer(one.estimator.known.pose.copy(), one.estimator.covariance, one.weight)
+            for one in self._all
+            if one.weight
+        )
 
     @property
     def covariance(self) -> Array:
@@ -139,9 +143,9 @@ class Hypotheses:
     @property
     def status(self) -> Status:
         """What to make of it."""
-        if len(self._all) > 1:
+        if sum(one.weight > 0.0 for one in self._all) > 1:
             far = any(one.weight > _TOLD and (np.abs(self._from_best(one)) > _APART).any() for one in self._all)
-            if far or (np.diagonal(self.covariance) > UNCERTAIN**2).any():
+            if far or (np.diagonal(self.covariance) > _APART**2).any():
                 return "ambiguous"
         return self._best.estimator.status
 
@@ -272,8 +276,10 @@ class Hypotheses:
         if len(self._all) == 1:
             self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
             return
-        self._all = [one for one in self._all if not _is_lost(one)] or self._all[:1]
         scores = self._scores()
+        lost = np.array([_is_lost(one) for one in self._all])
+        if not lost.all():
+            scores[lost] = -np.inf  # they may come back
         kept: list[_Hypothesis] = []
         for index in np.argsort(-scores):
             one = self._all[index]

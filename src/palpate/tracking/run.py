@@ -37,6 +37,8 @@ class Run:
     """What the untouched sensor looks like, where it was given and not taken from the first frames."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
+    first_pose_sigma: Array | None
+    """How well it was known, (3,) [m, m, rad]; None where the noise settings say so."""
     online: Trajectory
     """The estimate at each frame from all frames up to it, with covariance, contact and status."""
     smoothed: Trajectory
@@ -107,7 +109,8 @@ def track(
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
         knocked=knocked_frames(recording),
     )
-    return Run(recording, settings, model, background, first, online, smoothed, step_ms, wall_s, truth, summary)
+    sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
+    return Run(recording, settings, model, background, first, sigma, online, smoothed, step_ms, wall_s, truth, summary)
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:
