@@ -145,7 +145,8 @@ def graph(name: str, push: Push) -> Case:
     """The estimator alone."""
 
     def begin() -> Callable[[Felt], object]:
-        estimator = Estimator(push.model, NoiseSettings(), "fixed-lag", push.first_pose)
+        noise = NoiseSettings()
+        estimator = Estimator(push.model, noise, "fixed-lag", push.first_pose, np.array(noise.first_pose.deviation))
 
         def update(felt: Felt) -> object:
             frame, said = felt
