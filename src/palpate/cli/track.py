@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
-HYPOTHESES = 9  # those of TrackerSettings, which would load the estimator with the command line
 METRICS = (
     ("translation_rmse_mm", "translation RMSE", "mm", 2),
     ("rotation_rmse_deg", "rotation RMSE", "deg", 2),
@@ -77,8 +76,13 @@ def track(
         ),
     ] = None,
     hypotheses: Annotated[
-        int, tyro.conf.arg(metavar="N", help="How many answers are kept at most while touch cannot tell.")
-    ] = HYPOTHESES,
+        int | None,
+        tyro.conf.arg(
+            metavar="N",
+            help="How many answers are kept at most while touch cannot tell.",
+            help_behavior_hint="(default: that of the tracker)",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -107,7 +111,7 @@ def track(
         smoother=smoother,
         noise=noise_of(noise),
         pressure=pressure_of(pressure),
-        hypotheses=hypotheses,
+        **({} if hypotheses is None else {"hypotheses": hypotheses}),
     )
     check_model(model, [tactile])
     learnt = None if model is None else TouchModel(model)

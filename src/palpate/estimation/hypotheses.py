@@ -105,6 +105,10 @@ class Hypotheses:
         self._most = most if smoother in ("fixed-lag", "batch") else 1
         self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
         self._steps = 0  # of this contact
+        self._usual = settings.priors.mean, settings.priors.deviation
+        self._slippery = settings.priors.mean, settings.priors.deviation
+        for part, value in zip(self._slippery, _SLIPPERY, strict=True):
+            part[IN_OBJECT[GRIP]] = value
 
     @property
     def _best(self) -> _Hypothesis:
@@ -254,9 +258,10 @@ class Hypotheses:
     def _scores(self) -> Array:
         """Log of how likely each hypothesis is, but for a constant."""
         costs = np.array([one.estimator.costs() for one in self._all])
+        forgotten = self._steps - costs.shape[1]
         for one in self._all:
             for first, end in one.broken:
-                costs[:, first:end, 1] = 0.0
+                costs[:, max(first - forgotten, 0) : max(end - forgotten, 0), 1] = 0.0
         costs = costs.sum(axis=2)
         costs = np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
         return np.array(
@@ -265,10 +270,7 @@ class Hypotheses:
 
     def _oddness(self, one: _Hypothesis) -> float:
         """What it costs that friction and all else that belongs to the object is unlike its prior."""
-        priors = self._settings.priors
-        mean, deviation = priors.mean, priors.deviation
-        if one.slippery:
-            mean[IN_OBJECT[GRIP]], deviation[IN_OBJECT[GRIP]] = _SLIPPERY
+        mean, deviation = self._slippery if one.slippery else self._usual
         return 0.5 * _PRIOR_COUNTS * float(np.sum(np.square((one.estimator.known.values - mean) / deviation)))
 
     def _weigh(self) -> None:

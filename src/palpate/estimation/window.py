@@ -46,6 +46,7 @@ Array = NDArray[np.float64]
 
 _ITERATIONS = 4
 _CONVERGED = 3e-4  # [m], [rad] of the poses; the next frame takes another Gauss-Newton step
+_REMEMBERED = 1000  # steps that left the window of which it is remembered what they cost
 _REPORTED = np.r_[:STEP_SIZE, STEP_SIZE + CONTACT_SIZE : STEP_SIZE + SHARED_SIZE]  # all but what a contact has
 
 
@@ -81,7 +82,7 @@ class Window:
         self._values = Values(model, of_steps, shared)
         self._past, self._past_at = _nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
-        self._left_costs: list[Array] = []
+        self._left_costs = np.empty((0, 2))
         self._left: list[tuple[Array, Array]] = []  # g and e (B, 3) of the steps that left
         self._take(Step(sensor_pose, None, measurements, self._times))
         self._solve()
@@ -112,7 +113,7 @@ class Window:
         more certain. Raises EstimationError where that has no solution.
         """
         other = copy(self)
-        other._times, other._left, other._left_costs = [*self._times], [*self._left], [*self._left_costs]
+        other._times, other._left = [*self._times], [*self._left]
         other._terms = [grown.copy() for grown in self._terms]
         first = max(self._values.steps - steps, 1)
         count = max(self._values.steps - first, 1)
@@ -161,12 +162,13 @@ class Window:
         return 0.0
 
     def costs(self) -> Array:
-        """Return what each step of this contact costs (N, 2): minus the log of how likely it is, but for a constant.
+        """Return what each of the last steps costs (N, 2): minus the log of how likely it is, but for a constant.
 
-        First what is measured in it, then pushing, which holds only where nothing but the sensor moves the object.
-        They are those of the first smoother. A term costs its step what its kernel leaves of half the square.
+        They are all of the contact, or some thousand. First what is measured in it, then pushing, which holds only where
+        nothing but the sensor moves the object. They are those of the first smoother. A term costs its step what its
+        kernel leaves of half the square.
         """
-        return np.concatenate([np.reshape(self._left_costs, (-1, 2)), self._costs()])
+        return np.concatenate([self._left_costs, self._costs()])
 
     def _costs(self) -> Array:
         costs = np.zeros((self._values.steps, 2))
@@ -264,7 +266,7 @@ class Window:
         equations.add_gaussian(self._past_seen_from(at))
         self._past = equations.without_oldest()
         self._past_at = _without_oldest(at)
-        self._left_costs.append(self._costs()[0])
+        self._left_costs = np.concatenate([self._left_costs, self._costs()[:1]])[-_REMEMBERED:]
         for grown in self._terms:
             grown.drop_oldest()
         self._left.append((self._values[SENSOR_IN_OBJECT][:, 0].copy(), self._values[SENSOR][:, 0].copy()))
