@@ -164,7 +164,7 @@ class Window:
     def costs(self) -> Array:
         """Return what each of the last steps costs (N, 2): minus the log of how likely it is, but for a constant.
 
-        They are all of the contact, or some thousand. First what is measured in it, then pushing, which holds only where
+        They are all of the contact, or a thousand. First what is measured in it, then pushing, which holds only where
         nothing but the sensor moves the object. They are those of the first smoother. A term costs its step what its
         kernel leaves of half the square.
         """
