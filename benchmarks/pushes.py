@@ -14,11 +14,12 @@ from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import render
 from palpate.simulation.limit_surface import Steering, push
 from palpate.simulation.unit import draw_unit
-from palpate.touch.detector import FIRST_FRAMES
+from palpate.touch.detector import FIRST_SECONDS
 
 Array = NDArray[np.float64]
 SHAPE = Rectangle(0.2363, 0.1579)
 RATE = 30.0  # [Hz]
+_FIRST = round(FIRST_SECONDS * RATE)  # frames that are taken as untouched
 
 _FELT = 0.01  # [rad], standard deviation of directions and turns
 _OFFSET = 0.7  # [rad] by which turns are less than the yaw
@@ -68,12 +69,12 @@ class Push:
         random, unit = np.random.default_rng(0), draw_unit(DIGIT, 1)
         g = se2.between(self.objects, self.sensors)
         sensors = se2.compose(self.sensors, se2.exp(random.normal(0.0, _SENSOR, g.shape)))
-        untouched = render(unit, SHAPE, np.repeat(g[:1], FIRST_FRAMES, axis=0), 0.0, rng=random)
+        untouched = render(unit, SHAPE, np.repeat(g[:1], _FIRST, axis=0), 0.0, rng=random)
         touched = render(unit, SHAPE, g, _PRESSED, rng=random)
         away = se2.compose(sensors[0], np.array([-_AWAY, 0.0, 0.0]))
         before = [Frame(k / RATE, away, image=image) for k, image in enumerate(untouched)]
         contact = [
-            Frame((FIRST_FRAMES + k) / RATE, sensor, image=image)
+            Frame((_FIRST + k) / RATE, sensor, image=image)
             for k, (sensor, image) in enumerate(zip(sensors, touched, strict=True))
         ]
         return before, contact

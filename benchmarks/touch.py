@@ -18,7 +18,7 @@ from palpate.recording.images import decode_image, encode_image
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import render
 from palpate.simulation.unit import draw_unit
-from palpate.touch.detector import FIRST_FRAMES, ContactDetector
+from palpate.touch.detector import FIRST_SECONDS, ContactDetector
 from palpate.touch.modes import Tactile, make_touch
 
 FRAMES, WARM = 400, 50
@@ -34,7 +34,7 @@ def main() -> None:
     reference = _median([lambda each=each: decode_image(each, "jpeg", size) for each in data])
     print(f"{'decoding a JPEG':28s} {reference:6.2f} ms")
     detector = ContactDetector()
-    for _ in range(FIRST_FRAMES):
+    for _ in range(round(FIRST_SECONDS * DIGIT.rate)):
         detector.update(images[0])
     found = _median([lambda each=each: detector.update(each) for each in images])
     print(f"{'contact':28s} {found:6.2f} ms  {found / reference:5.2f} of decoding")

@@ -23,7 +23,8 @@ from .recording.sensor import POINT as POINT
 from .recording.sensor import SensorProfile as SensorProfile
 from .recording.trajectory import Trajectory as Trajectory
 from .touch.background import Background as Background
-from .touch.background import load_background as load_background
+from .touch.calibration import Calibration as Calibration
+from .touch.calibration import load_calibration as load_calibration
 from .touch.model import TouchModel as TouchModel
 from .tracker import Estimate as Estimate
 from .tracker import Tracker as Tracker

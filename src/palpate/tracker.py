@@ -20,10 +20,12 @@ from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
+from palpate.touch.calibration import AS_TOLD, Calibration
 from palpate.touch.detector import ContactDetector
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, make_touch
 from palpate.touch.relative import Touch
+from palpate.touch.view import AS_IT_IS
 
 Array = NDArray[np.float64]
 
@@ -84,7 +86,7 @@ class Tracker:
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
         model: TouchModel | None = None,
-        background: Background | None = None,
+        calibration: Calibration | None = None,
         touch: Touch | None = None,
         first_pose_sigma: ArrayLike | None = None,
     ) -> None:
@@ -94,10 +96,10 @@ class Tracker:
         frame; by default as well as `noise.first_pose` says. A rough one is found by touch. A first pose of None is
         anywhere within a metre of the world's origin, at any yaw.
 
-        Learnt touch uses `model`, by default the one that comes with palpate. `background` is the untouched gel of this
-        unit, from `palpate calibrate`; without it the first half second of images is taken as untouched. `touch` says
-        what is touched in place of what the settings' mode makes. The first tracker of a process takes half a second
-        to load compiled code, and the very first of a machine some 20 s to compile it.
+        Learnt touch uses `model`, by default the one that comes with palpate. `calibration` is what is known of
+        this unit, from `palpate calibrate`; without it the first half second of images is taken as untouched.
+        `touch` says what is touched in place of what the settings' mode makes. The first tracker of a process takes
+        half a second to load compiled code, and the very first of a machine some 20 s to compile it.
         """
         settings = settings or TrackerSettings()
         pose = _pose(_ANYWHERE if first_pose is None else first_pose)
@@ -114,13 +116,23 @@ class Tracker:
             )
         warm_up(settings.smoother)
         self._sensor = sensor
-        self._detector = ContactDetector(background)
+        size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
+        self._detector = ContactDetector(calibration and calibration.background, size, sensor.rate)
+        self._view = calibration.view if calibration else AS_IT_IS
+        correction = calibration.direction if calibration else AS_TOLD
         without_images = settings.noise.relative_pose
         self._touch = touch or make_touch(
-            settings.tactile, sensor, without_images.oracle, without_images.constant, model, self._background
+            settings.tactile,
+            sensor,
+            without_images.oracle,
+            without_images.constant,
+            model,
+            self._background,
+            correction,
         )
         contact = contact_model(shape, sensor, settings.pressure)
-        self._estimator = Hypotheses(contact, settings.noise, settings.smoother, pose, sigma, settings.hypotheses)
+        noise = _with_offset(settings.noise, correction.offset_sigma)
+        self._estimator = Hypotheses(contact, noise, settings.smoother, pose, sigma, settings.hypotheses)
         self._last: Frame | None = None
         self._interval = 1.0 / sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._times: list[float] = []
@@ -192,8 +204,16 @@ class Tracker:
             raise EstimationError(
                 f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be three finite numbers"
             )
-        contact = frame.contact if frame.image is None else self._detector.update(frame.image)
-        return replace(frame, sensor_pose=pose, contact=contact)
+        image = None if frame.image is None else self._view.of(frame.image)
+        contact = frame.contact if image is None else self._detector.update(image)
+        return replace(frame, sensor_pose=pose, contact=contact, image=image)
+
+
+def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
+    """The settings with what is left unknown of a direction's offset after a calibration, [rad]."""
+    if sigma is None:
+        return noise
+    return replace(noise, priors=replace(noise.priors, direction_bias=(0.0, sigma)))
 
 
 def _pose(given: object) -> Array | None:

@@ -15,8 +15,10 @@ from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background, background_of, load_background, write_background
-from palpate.touch.calibration import MARGIN, NEEDED, calibrate, untouched_frames
+from palpate.touch.background import Background, background_of
+from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration, write_calibration
+from palpate.touch.untouched import MARGIN, NEEDED, calibrate, untouched_frames
+from palpate.touch.view import CameraView
 
 SENSOR = SensorProfile("small", radius=0.02, image_height=48, image_width=32)
 
@@ -93,14 +95,25 @@ def test_too_few_frames_and_no_images_are_told():
 
 def test_a_file_gives_back_what_was_written(tmp_path, background):
     path = tmp_path / "unit.npz"
-    write_background(background, path)
-    again = load_background(path)
-    assert (again.mean == background.mean).all() and (again.deviation == background.deviation).all()
+    given = Calibration(background, CameraView(3, True, (2, 0, 1)), DirectionCorrection(0.01, 0.95, 0.002))
+    write_calibration(given, path)
+    again = load_calibration(path)
+    assert (again.background.mean == background.mean).all()
+    assert (again.background.deviation == background.deviation).all()
+    assert (again.view, again.direction, again.file) == (given.view, given.direction, path)
     with pytest.raises(FileError, match="already exists"):
-        write_background(background, path)
-    write_background(Background(background.mean + 1.0, background.deviation), path, overwrite=True)
-    assert (load_background(path).mean == background.mean + 1.0).all()
+        write_calibration(given, path)
+    brighter = Background(background.mean + 1.0, background.deviation)
+    write_calibration(Calibration(brighter), path, overwrite=True)
+    again = load_calibration(path)
+    assert (again.background.mean == background.mean + 1.0).all()
+    assert (again.view, again.direction) == (CameraView(), DirectionCorrection())
     assert [each.name for each in tmp_path.iterdir()] == ["unit.npz"]
+
+
+def test_a_file_of_the_first_version_has_no_view(tmp_path, background):
+    np.savez(tmp_path / "old.npz", mean=background.mean, deviation=background.deviation)
+    assert load_calibration(tmp_path / "old.npz").view == CameraView()
 
 
 @pytest.mark.parametrize(
@@ -115,6 +128,10 @@ def test_a_file_gives_back_what_was_written(tmp_path, background):
         ({"deviation": np.ones((4, 5, 3), np.float32)}, r"deviation: found shape \(4, 5, 3\), expected \(4, 4, 3\)"),
         ({"mean": np.array([[["a", "b", "c"]]])}, "mean: found values of type"),
         ({"mean": np.array([[[None, 1, 2]]])}, "damaged"),
+        ({"version": 9}, "version: found 9, this palpate reads up to 2"),
+        ({"version": 2, "view": [4, 0, 0, 1, 2]}, "view: found .4, 0, 0, 1, 2., expected quarter turns"),
+        ({"version": 2, "view": [0, 0, 0, 1, 1]}, "view: found"),
+        ({"version": 2, "view": [0, 0, 0, 1, 2], "direction": [0.0, 0.0, 0.1]}, "direction: found"),
     ],
 )
 def test_other_files_are_refused_in_one_sentence(tmp_path, fields, words):
@@ -123,21 +140,21 @@ def test_other_files_are_refused_in_one_sentence(tmp_path, fields, words):
     given = fields if words.endswith("missing") else whole | fields
     np.savez(path, **given)
     with pytest.raises(FileError, match=words) as error:
-        load_background(path)
+        load_calibration(path)
     assert str(error.value).startswith(f"{path}: ") and "\n" not in str(error.value)
 
 
 def test_damaged_files_are_refused(tmp_path, background):
     path = tmp_path / "unit.npz"
-    write_background(background, path)
+    write_calibration(Calibration(background), path)
     data = path.read_bytes()
     middle = len(data) // 2
     for content in (b"", b"no archive", data[:middle], data[:middle] + bytes(64) + data[middle + 64 :]):
         path.write_bytes(content)
         with pytest.raises(FileError, match=r"unit\.npz: is "):
-            load_background(path)
+            load_calibration(path)
     with pytest.raises(FileError, match="no such file"):
-        load_background(tmp_path / "none.npz")
+        load_calibration(tmp_path / "none.npz")
 
 
 def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
@@ -146,7 +163,7 @@ def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
     assert palpate("calibrate", source, "--out", out) == 0
     line = f"{out}: 48 x 32 px, noise 2.0 grey levels, from 56 frames without contact\n"
     assert capsys.readouterr() == (line, "")
-    assert load_background(out).mean.shape == (48, 32, 3)
+    assert load_calibration(out).background.mean.shape == (48, 32, 3)
     assert palpate("calibrate", source, "--out", out) == 2
     assert "--force replaces it" in capsys.readouterr().err
     assert palpate("calibrate", source, "--out", out, "--force", "--json") == 0

@@ -1,5 +1,6 @@
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,16 +9,23 @@ from palpate.errors import SettingError
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI, POINT, sensor_from_dict, sensor_to_dict
-from palpate.simulation.gel import ball_overlap, gel_height, prism_overlap, render, touch_image
+from palpate.simulation.gel import Side, ball_overlap, gel_height, prism_overlap, render, touch_image
+from palpate.simulation.optics import shading
 from palpate.simulation.unit import SensorUnit, draw_unit
 
 SQUARE = Rectangle(0.09, 0.09)
-SPAN = (-0.01, 0.01)
+SIDE = Side(-0.01, 0.01)
 
 
 @pytest.fixture(scope="module")
 def units() -> list[SensorUnit]:
     return [draw_unit(DIGIT, seed) for seed in range(6)]
+
+
+@pytest.fixture(scope="module")
+def shadeless(units: list[SensorUnit]) -> list[SensorUnit]:
+    """Units in which only what is touched changes, and evenly: not what lies in the shadow of it."""
+    return [replace(unit, shadow=0.0, halo=1.0, fold=1.0, response=0.0) for unit in units]
 
 
 def touching(unit: SensorUnit, point, outward: float, yaw: float, depth: float) -> np.ndarray:
@@ -107,21 +115,21 @@ def test_contact_is_visible_from_a_fifth_of_a_millimetre(units: list[SensorUnit]
 @pytest.mark.parametrize("name", ["edge", "disc", "ellipse"])
 def test_patch_rolls_over_the_curved_gel(units: list[SensorUnit], name: str) -> None:
     shape, point, outward = CONTACTS[name]
-    sines = np.linspace(-0.2, 0.2, 9)
+    sines = np.linspace(-0.12, 0.12, 9)
     for unit in units[:3]:
-        poses = np.array([touching(unit, point, outward, math.asin(sine), 4e-4) for sine in sines])
-        places = np.array([centroid(unit, image)[0] for image in render(unit, shape, poses, 4e-4)])
+        poses = (touching(unit, point, outward, math.asin(sine), 4e-4) for sine in sines)
+        pressed = np.array([gel_height(unit, prism_overlap(unit, shape, pose, 4e-4, SIDE)) for pose in poses])
+        places = (unit.place[0] * pressed).sum(axis=(1, 2)) / pressed.sum(axis=(1, 2))
         slope, _ = np.polyfit(sines, places, 1)
-        # On the gel's circle a contact lies at radius * sin(yaw), 21 mm per unit for a gel of 21 mm. The pad's hard rim
-        # and the image's edge cut the patch there and hold its centre back a little.
-        assert -slope / unit.radius * 21.0 == pytest.approx(20.3, abs=1.5)
+        # On the gel's circle a contact lies at radius * sin(yaw).
+        assert -slope == pytest.approx(unit.radius, rel=0.03)
 
 
 def test_the_flat_edges_patch_is_where_geometry_puts_it(units: list[SensorUnit]) -> None:
     for unit in units:
         for yaw in (-0.2, 0.0, 0.3):
             pose = touching(unit, (-0.045, 0.0), math.pi, yaw, 3e-4)
-            overlap = prism_overlap(unit, SQUARE, pose, 3e-4, SPAN)
+            overlap = prism_overlap(unit, SQUARE, pose, 3e-4, SIDE)
             row, column = np.unravel_index(overlap.argmax(), overlap.shape)
             # The deepest point lies towards the edge from the circle's centre: y = -radius sin(yaw), z = 0.
             assert overlap.max() == pytest.approx(3e-4, rel=0.01)
@@ -149,16 +157,16 @@ def test_image_follows_small_motions_smoothly(units: list[SensorUnit]) -> None:
     unit = units[0]
     shape, point, outward = CONTACTS["corner"]
     poses = np.array([touching(unit, point, outward, yaw, 4e-4) for yaw in 0.05 + np.arange(40) * 2e-4])
-    heights = [gel_height(unit, prism_overlap(unit, shape, pose, 4e-4, SPAN)) for pose in poses]
+    heights = [gel_height(unit, prism_overlap(unit, shape, pose, 4e-4, SIDE)) for pose in poses]
     pressed = np.array([height.sum() for height in heights])
     assert np.abs(np.diff(pressed)).max() < 0.01 * pressed.mean()
 
 
 @pytest.mark.parametrize("depth", [5e-4, 1e-3])
-def test_ball_press_is_found_back(units: list[SensorUnit], depth: float) -> None:
+def test_ball_press_is_found_back(shadeless: list[SensorUnit], depth: float) -> None:
     rng = np.random.default_rng(5)
     worst = 0.0
-    for unit in units:
+    for unit in shadeless:
         for place in ((0.0, 0.0), (-0.003, 0.004), (0.004, -0.005)):
             image = touch_image(unit, ball_overlap(unit, 0.003, place, depth), rng=rng)
             worst = max(worst, float(np.hypot(*(centroid(unit, image) - place))))
@@ -172,33 +180,35 @@ def test_ball_overlap_is_a_cap(units: list[SensorUnit]) -> None:
     np.testing.assert_allclose(units[0].place[:, row, column], (0.001, -0.002), atol=1e-4)
     # Ball on a gel of radii R and L: half axes sqrt(2 d / (1/r + 1/R)) across and along.
     inside = units[0].place[:, overlap > 0.0]
-    for half, radius in zip(0.5 * np.ptp(inside, axis=1), (units[0].radius, units[0].length_radius), strict=True):
+    for half, radius in zip(
+        0.5 * (np.ptp(inside, axis=1) + units[0].pitch), (units[0].radius, units[0].length_radius), strict=True
+    ):
         assert half == pytest.approx(math.sqrt(4e-4 / (1 / 0.003 + 1 / radius)), abs=units[0].pitch)
 
 
-def test_jpeg_moves_the_patch_by_less_than_a_fiftieth_of_a_millimetre(units: list[SensorUnit]) -> None:
+def test_jpeg_moves_the_patch_by_less_than_a_thirtieth_of_a_millimetre(shadeless: list[SensorUnit]) -> None:
     import cv2
 
     rng = np.random.default_rng(2)
     moved, sizes = [], []
-    for unit in units[:4]:
+    for unit in shadeless[:4]:
         for shape, point, outward in CONTACTS.values():
             image = render(unit, shape, touching(unit, point, outward, 0.1, 4e-4), 4e-4, 0.5, rng)
             lossy = encode_image(image, "jpeg")
             sizes.append(len(lossy))
             shown = np.asarray(cv2.imdecode(np.frombuffer(lossy, np.uint8), cv2.IMREAD_COLOR))[..., ::-1]
             moved.append(np.hypot(*(centroid(unit, shown) - centroid(unit, image))))
-    assert np.mean(moved) < 2e-5
+    assert np.mean(moved) < 1e-3 / 30
     # 450 frames in at most 15 MB.
     assert np.mean(sizes) < 15e6 / 450
 
 
-def test_shear_moves_the_skirt_and_not_the_contact(units: list[SensorUnit]) -> None:
-    unit = units[1]
+def test_shear_moves_the_skirt_and_not_the_contact(shadeless: list[SensorUnit]) -> None:
+    unit = shadeless[1]
     pose = touching(unit, (-0.045, 0.0), math.pi, 0.0, 5e-4)
-    overlap = prism_overlap(unit, SQUARE, pose, 5e-4, SPAN)
+    overlap = prism_overlap(unit, SQUARE, pose, 5e-4, SIDE)
     rest, pushed, pulled = (gel_height(unit, overlap, force) for force in (0.0, 1.0, -1.0))
-    deep = overlap > 4.5e-4
+    deep = overlap > 4.85e-4
     np.testing.assert_allclose(pushed[deep], rest[deep], atol=4e-6)
     # The force along +y pulls the gel beyond the contact along: more height ahead of it, less behind.
     ahead = (overlap == 0.0) & (unit.place[0] > 0.0) & (rest > 2e-5)
@@ -217,7 +227,7 @@ def test_gel_does_not_give_way_at_the_hard_rim(units: list[SensorUnit]) -> None:
 def test_the_objects_rims_show_where_the_span_puts_them(units: list[SensorUnit]) -> None:
     unit = units[0]
     pose = touching(unit, (-0.045, 0.0), math.pi, 0.0, 8e-4)
-    overlap = prism_overlap(unit, SQUARE, pose, 8e-4, (-0.004, 0.006))
+    overlap = prism_overlap(unit, SQUARE, pose, 8e-4, Side(-0.004, 0.006))
     z = unit.place[1][overlap > 0.0]
     assert (z.min(), z.max()) == (pytest.approx(-0.004, abs=1e-4), pytest.approx(0.006, abs=1e-4))
 
@@ -230,6 +240,52 @@ def test_mounting_moves_and_turns_the_image() -> None:
     along_row = (unit.place[:, 0, -1] - unit.place[:, 0, 0]) / ((width - 1) * unit.pitch)
     np.testing.assert_allclose(along_row, (math.cos(unit.roll), math.sin(unit.roll)), atol=1e-3)
     assert unit.place[1, 0, 0] > unit.place[1, -1, 0]  # the first row is the upper one
+
+
+def test_a_side_that_leans_is_met_where_it_comes_closest(units: list[SensorUnit]) -> None:
+    # A side that leans back by t from a gel of radius L along the pad touches it at z = -L tan(t).
+    unit = replace(units[0], length_radius=0.1, offset=(0.0, 0.0), roll=0.0)
+    pose = touching(unit, (-0.045, 0.0), math.pi, 0.0, 3e-4)
+    for tilt in (-0.03, 0.0, 0.04):
+        overlap = prism_overlap(unit, SQUARE, pose, 3e-4, Side(-0.01, 0.01, tilt))
+        row, _ = np.unravel_index(overlap.argmax(), overlap.shape)
+        assert overlap.max() == pytest.approx(3e-4, rel=0.01)
+        assert unit.place[1, row, 0] == pytest.approx(-0.1 * math.tan(tilt), abs=3e-4)
+
+
+def test_a_bump_is_lit_where_it_faces_the_light_and_dark_beyond(units: list[SensorUnit]) -> None:
+    # One light at a time, from the right: then seen from inside a bump's right flank is bright and its left one dark.
+    right = np.array([math.cos(0.2), 0.0, math.sin(0.2)])
+    even = np.ones_like(units[0].illumination)
+    unit = replace(units[0], light=np.tile(right, (3, 1)), roll=0.0, fold=0.0, illumination=even, halo=0.3)
+    bump = ball_overlap(unit, 0.004, (0.0, 0.0), 8e-4)
+    column, row = np.abs(unit.place[0, 0]).argmin(), np.abs(unit.place[1, :, 0]).argmin()
+    lit, shadeless = (shading(replace(unit, shadow=shadow), gel_height(unit, bump))[row, :, 0] for shadow in (1.0, 0.0))
+    flank, beyond = round(1.5e-3 / unit.pitch), round(3e-3 / unit.pitch)
+    assert lit[column + flank] > 20.0 > -20.0 > lit[column - flank]
+    assert lit[column - beyond] < shadeless[column - beyond] - 5.0
+    np.testing.assert_allclose(lit[column + beyond :], shadeless[column + beyond :], atol=1.0)
+
+
+def test_glow_and_bright_flank_of_a_light_are_on_opposite_sides(shared_data) -> None:
+    import cv2
+
+    # Red and green of the real DIGIT's untouched gel and of its presses, and of the simulated units of its kind.
+    folder = shared_data / "digit_balls"
+    untouched = np.asarray(cv2.imread(str(folder / "untouched.png")), float)[..., ::-1]
+    press = np.asarray(cv2.imread(str(folder / "0010.png")), float)[..., ::-1]
+    unit = draw_unit(DIGIT, 0)
+    place = (float(unit.place[0, 0, 120]), float(unit.place[1, 160, 0]))
+    ours = touch_image(unit, ball_overlap(unit, 0.005, place, 1e-3)).astype(float)
+    column = int(np.abs(press - untouched).sum(axis=(0, 2)).argmax())
+    for glow, change, middle in (
+        (untouched, press - untouched, column),
+        (unit.no_contact, ours - unit.no_contact, 120),
+    ):
+        for channel, side in ((0, -1.0), (1, 1.0)):  # red glows on the left, green on the right
+            halves = glow[:, :120, channel].mean(), glow[:, 120:, channel].mean()
+            flanks = change[:, :middle, channel].sum(), change[:, middle:, channel].sum()
+            assert side * (halves[1] - halves[0]) > 5.0 and side * (flanks[1] - flanks[0]) < 0.0
 
 
 def test_many_poses_are_as_one_by_one(units: list[SensorUnit]) -> None:
@@ -247,7 +303,7 @@ def test_flat_gelsight_mini_and_a_concave_outline() -> None:
     assert sensor_from_dict(sensor_to_dict(GELSIGHT_MINI)) == GELSIGHT_MINI
     unit = draw_unit(GELSIGHT_MINI, 0)
     side = [(0.0, 0.03), (0.0, -0.03), (0.02, -0.03), (0.02, -0.01), (0.06, -0.01), (0.06, 0.01), (0.02, 0.01)]
-    image = render(unit, Polygon([*side, (0.02, 0.03)]), (0.0595, 0.0, math.pi), 5e-4, span=(-0.004, 0.005))
+    image = render(unit, Polygon([*side, (0.02, 0.03)]), (0.0595, 0.0, math.pi), 5e-4, side=Side(-0.004, 0.005))
     assert image.shape == (240, 320, 3)
     # The T's stem ends 20 mm wide, as wide as the pad. Flat on flat has no slopes but at the rims, all across.
     changed = np.abs(image.astype(int) - unit.no_contact).max(axis=-1) > 20
@@ -259,8 +315,8 @@ def test_flat_gelsight_mini_and_a_concave_outline() -> None:
 def test_wrong_settings_are_named(units: list[SensorUnit]) -> None:
     with pytest.raises(SettingError, match=r"'point' has 0 rows"):
         draw_unit(POINT, 0)
-    with pytest.raises(SettingError, match="span"):
-        render(units[0], SQUARE, (0.0, 0.0, 0.0), 1e-4, span=(0.001, 0.002))
+    with pytest.raises(SettingError, match=r"a side is from 0\.001"):
+        render(units[0], SQUARE, (0.0, 0.0, 0.0), 1e-4, side=Side(0.001, 0.002))
 
 
 def test_hundred_images_a_second_on_one_core(units: list[SensorUnit]) -> None:

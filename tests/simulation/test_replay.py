@@ -18,7 +18,7 @@ from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.simulation.real_motion import real_contacts, real_motion
 from palpate.simulation.replay import replay_folder, replay_recording
 from palpate.simulation.unit import draw_unit
-from palpate.touch.detector import FIRST_FRAMES, ContactDetector
+from palpate.touch.detector import ContactDetector
 from palpate.tracker import TrackerSettings
 from palpate.tracking.run import track
 
@@ -163,7 +163,7 @@ def test_images_show_the_contact():
     images = [np.asarray(frame.image) for frame in made]
     detector = ContactDetector()
     assert [bool(detector.update(image)) for image in images] == touching(made).tolist()
-    blank = np.mean(images[:FIRST_FRAMES], axis=0)
+    blank = np.mean(images[:15], axis=0)
     change = np.abs(images[REST + 20] - blank).sum(axis=(0, 2))
     column = (change * np.arange(240)).sum() / change.sum()
     unit = unit_of(made)

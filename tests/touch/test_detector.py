@@ -12,7 +12,10 @@ from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import ball_overlap, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of, check_image
-from palpate.touch.detector import END, FIRST_FRAMES, START, ContactDetector
+from palpate.touch.detector import END, START, ContactDetector
+
+FIRST = 15
+"""Frames of half a second at 30 Hz."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +57,7 @@ def test_a_ball_is_felt_from_a_fifth_of_a_millimetre_on_and_gone_when_it_is(unit
 
 def test_first_frames_are_taken_as_untouched():
     rng = np.random.default_rng(0)
-    images = [rng.integers(90, 110, (60, 60, 3)).astype(np.uint8) for _ in range(FIRST_FRAMES)]
+    images = [rng.integers(97, 104, (60, 60, 3)).astype(np.uint8) for _ in range(FIRST)]
     detector = ContactDetector()
     for image in images:
         assert detector.background is None
@@ -80,7 +83,7 @@ def test_four_deviations_of_a_cell_and_never_less_than_four_levels():
     noisy = Background(still().mean, np.full((60, 60, 3), 10.0, np.float32))
     for background, change, touched in ((noisy, 39, False), (noisy, 41, True), (still(), 3, False), (still(), 5, True)):
         image = grey()
-        image[:20] += change
+        image[10:30, 20:50] += change
         assert ContactDetector(background).update(image) is touched
 
 
@@ -110,8 +113,44 @@ def test_follows_a_slow_drift_of_one_side():
     followed = detector.background
     # It lags 3 s behind a drift of 1 level/s at the edge.
     assert followed is not None and np.abs(followed.mean - grey() - ramp).max() < 4.0
-    sudden = ContactDetector(still())
-    assert sudden.update(np.rint(grey() + ramp).astype(np.uint8))
+
+
+def test_light_that_wanders_to_one_side_is_no_touch_and_hides_none():
+    ramp = np.linspace(-1.0, 1.0, 60)[:, None] * 20.0
+    detector = ContactDetector(still())
+    assert not detector.update(np.rint(grey() + ramp).astype(np.uint8))
+    touched = np.rint(grey() + ramp).astype(np.uint8)
+    touched[10:30, 5:40] += 20  # a fifth of the image
+    assert detector.update(touched)
+    assert detector.share == pytest.approx(20 * 35 / 3600, abs=0.01)
+
+
+def test_half_a_second_of_any_rate_is_taken_and_never_few():
+    for rate, frames in ((30.0, 15), (60.0, 30), (5.0, 8)):
+        detector = ContactDetector(rate=rate)
+        for number in range(frames):
+            assert detector.background is None, number
+            detector.update(grey())
+        assert detector.background is not None
+
+
+def test_black_frames_and_a_touch_that_moves_are_not_taken_as_untouched():
+    detector = ContactDetector()
+    for _ in range(20):
+        detector.update(grey(0.0))
+    for column in range(20):  # something slides over the gel
+        image = grey()
+        image[20:30, 2 * column : 2 * column + 20] = 150
+        detector.update(image)
+    assert detector.background is None
+    for _ in range(FIRST):
+        detector.update(grey())
+    assert detector.background is not None and (detector.background.mean == 100.0).all()
+
+
+def test_images_of_another_size_than_the_sensors_are_refused_from_the_first():
+    with pytest.raises(SettingError, match="turned by a quarter"):
+        ContactDetector(size=(320, 240)).update(grey(size=(240, 320)))
 
 
 def test_a_resting_touch_is_not_swallowed():
@@ -125,20 +164,20 @@ def test_deviation_follows_too():
     rng = np.random.default_rng(2)
     detector = ContactDetector(still())
     for _ in range(450):
-        detector.update((grey() + rng.normal(0.0, 3.0, (60, 60, 3))).astype(np.uint8))
+        detector.update((grey() + rng.normal(0.0, 2.5, (60, 60, 3))).astype(np.uint8))
     assert detector.background is not None
-    assert np.sqrt((detector.background.deviation**2).mean()) == pytest.approx(3.0, rel=0.05)
+    assert np.sqrt((detector.background.deviation**2).mean()) == pytest.approx(2.5, rel=0.05)
 
 
 def test_takes_well_under_a_millisecond(units):
     rng = np.random.default_rng(0)
-    images = [touch_image(units[0], None, rng=rng) for _ in range(FIRST_FRAMES)]
+    images = [touch_image(units[0], None, rng=rng) for _ in range(FIRST)]
     detector, took = ContactDetector(), []
     for image in images * 6:
         begin = time.perf_counter()
         detector.update(image)
         took.append(time.perf_counter() - begin)
-    assert np.median(took[FIRST_FRAMES:]) < 1e-3
+    assert np.median(took[FIRST:]) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -171,7 +210,7 @@ def test_images_must_not_change_their_size():
 def test_swapped_channels_are_told_from_a_background(units):
     rng = np.random.default_rng(3)
     for unit in units:
-        background = background_of(touch_image(unit, None, rng=rng) for _ in range(FIRST_FRAMES))
+        background = background_of(touch_image(unit, None, rng=rng) for _ in range(FIRST))
         image = touch_image(unit, ball_overlap(unit, 0.004, (0.0, 0.0), 1e-3), rng=rng)
         assert ContactDetector(background).update(image)
         with pytest.raises(SettingError, match="found BGR, expected RGB"):
@@ -186,7 +225,7 @@ def read(file: Path) -> np.ndarray:
 
 
 def test_real_untouched_gels_give_no_alarm(shared_data):
-    """Each real image with camera noise, JPEG at two qualities, flicker, and light that drifts by 5 % and sideways."""
+    """Each real image with camera noise, JPEG at two qualities, flicker, and light that drifts, sideways by 10 %."""
     import cv2
 
     files = sorted((shared_data / "digit_backgrounds").glob("*.jpg"))
@@ -197,7 +236,7 @@ def test_real_untouched_gels_give_no_alarm(shared_data):
     for number, file in enumerate(files):
         gel = read(file).astype(np.float32)
         levels, quality = (1.0, 2.0, 3.0)[number % 3], (95, 80)[number % 2]
-        side = np.linspace(-0.02, 0.02, 240)[:, None] * rng.choice([-1.0, 1.0], 3)
+        side = np.linspace(-0.1, 0.1, 240)[:, None] * rng.choice([-1.0, 1.0], 3)
         drift = 0.05 * rng.choice([-1.0, 1.0], 3)
         detector = ContactDetector()
         for part in np.linspace(0.0, 0.5, frames):  # the first half of 160 frames
@@ -220,7 +259,7 @@ def test_every_real_press_on_a_marked_gel_is_felt(shared_data):
         return np.clip(np.rint(image + rng.normal(0.0, 2.0, image.shape)), 0, 255).astype(np.uint8)
 
     detector = ContactDetector()
-    for _ in range(FIRST_FRAMES):
+    for _ in range(FIRST):
         detector.update(noisy(untouched))
     for press in presses:
         assert not detector.update(noisy(untouched))

@@ -13,9 +13,10 @@ from palpate.geometry import se2
 from palpate.recording.recording import Recording
 from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
-from palpate.touch.calibration import calibrate
+from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.untouched import calibrate
 from palpate.tracker import Tracker, TrackerSettings
 from palpate.tracking.run import Run, track
 
@@ -50,7 +51,7 @@ def test_a_background_from_calibration_is_used(recording):
     background, _ = calibrate(recording)
     late = list(recording)[np.flatnonzero(recording.contact)[0] :]
     first = recording.object_pose[0]
-    told = Tracker(recording.shape, recording.sensor, first, background=background)
+    told = Tracker(recording.shape, recording.sensor, first, calibration=Calibration(background))
     guessed = Tracker(recording.shape, recording.sensor, first)
     assert sum(told.update(frame).contact for frame in late[:15]) >= 14
     assert not any(guessed.update(frame).contact for frame in late[:15])  # takes them as untouched, as it says

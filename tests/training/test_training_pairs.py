@@ -1,6 +1,7 @@
 """Groups and pairs of samples, batches, and what is held out."""
 
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 from training_samples import samples
 
 from palpate.errors import SettingError
-from palpate.training.pairs import CLOSEST, FARTHEST, batch, draw_groups, draw_pairs, turned
+from palpate.training import pairs
+from palpate.training.pairs import CLOSEST, FARTHEST, batch, draw_groups, draw_pairs, turned, varied_batch
 from palpate.training.train import split
 
 LENGTHS = [5, 80, 11, 200, 6]
@@ -63,20 +65,47 @@ def test_turns_are_those_of_the_sensor_on_the_object():
     np.testing.assert_allclose(turned(given, np.array([0, 2]), np.array([1, 0])), [2.0 * np.pi - 6.0, 2.5])
 
 
-def test_a_batch_looks_like_units_of_other_brightness():
-    given = samples([50])
+def test_a_batch_is_what_was_seen():
     chosen = np.array([7, 3, 3])
-    plain = batch(given, chosen)
+    plain = batch(samples([50]), chosen)
     assert plain.shape == (3, 3, 2, 2)
     np.testing.assert_array_equal(plain[:, 0, 0, 0], chosen)  # a difference is its number
-    many = batch(given, np.full(5000, 4), np.random.default_rng(0)).numpy()
-    assert (np.ptp(many, axis=(2, 3)) == 0.0).all()  # one gain and tint for all of an image
-    tint = many[:, :, 0, 0] - many[:, :, 0, 0].mean(axis=1, keepdims=True)
-    assert tint.std() * np.sqrt(3 / 2) == pytest.approx(0.05, rel=0.05)
-    # 4 times a gain of 0.75 to 1.3, whose deviation is 0.55 / sqrt(12), besides the mean of three tints.
-    assert many.mean() == pytest.approx(4 * 1.025, abs=0.03)
-    level = many[:, :, 0, 0].mean(axis=1)
-    assert level.std() == pytest.approx(np.hypot(4 * 0.55 / np.sqrt(12), 0.05 / np.sqrt(3)), rel=0.03)
+
+
+def test_a_varied_batch_looks_like_units_of_other_brightness_and_colours():
+    many, sign = varied_batch(samples([50]), np.full((625, 8), 4), np.random.default_rng(0))
+    many = many.numpy()
+    assert many.shape == (5000, 3, 2, 2) and sign.shape == (625,)
+    # Over an image each colour shifts by a tint and a slope across and along, each of 0.05.
+    slopes = np.stack([many[..., 1] - many[..., 0], many[..., 1, :] - many[..., 0, :]])
+    assert 0.5 * slopes.std() == pytest.approx(0.05, rel=0.05)
+    np.testing.assert_allclose(slopes[0, ..., 0], slopes[0, ..., 1], atol=1e-5)
+    # 4 times the product of gains of 0.7 to 1.4 and 0.75 to 1.3.
+    assert many.mean() == pytest.approx(4 * 1.05 * 1.025, rel=0.01)
+    spread = np.hypot(0.7 / 1.05, 0.55 / 1.025) / np.sqrt(12)
+    assert many.mean(axis=(2, 3)).std() == pytest.approx(4 * 1.05 * 1.025 * spread, rel=0.05)
+
+
+def test_a_group_is_in_one_guise_and_its_angles_with_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pairs, "_GAIN", (1.0, 1.0))
+    monkeypatch.setattr(pairs, "_COLOUR_GAIN", (1.0, 1.0))
+    monkeypatch.setattr(pairs, "_TINT", 0.0)
+    image = np.arange(12, dtype=np.float16).reshape(2, 2, 3)
+    given = samples([50])
+    given = dataclasses.replace(given, difference=np.broadcast_to(image, (50, 2, 2, 3)).copy())
+    seen, sign = varied_batch(given, np.arange(3000 * 2).reshape(3000, 2) % 50, np.random.default_rng(0))
+    looks = seen.permute(0, 2, 3, 1).numpy().reshape(3000, 2, 2, 2, 3)
+    np.testing.assert_array_equal(looks[:, 0], looks[:, 1])
+    found = {look.tobytes(): float(each) for look, each in zip(looks[:, 0], sign, strict=True)}
+    wanted = {
+        image[:: 1 - 2 * up, :: 1 - 2 * over][..., order].astype(np.float32).tobytes(): 1.0 - 2.0 * over
+        for up in (0, 1)
+        for over in (0, 1)
+        for order in itertools.permutations(range(3))
+    }
+    assert found == wanted  # all 24, and angles change their sign where left and right do
+    as_it_is = (looks[:, 0] == image.astype(np.float32)).all(axis=(1, 2, 3)).mean()
+    assert as_it_is == pytest.approx(0.5 + 0.5 / 24, abs=0.03)
 
 
 # --- holding out ---

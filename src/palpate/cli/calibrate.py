@@ -1,52 +1,118 @@
-"""`palpate calibrate`: how a sensor unit looks while nothing touches it."""
+"""`palpate calibrate`: how a sensor unit looks while nothing touches it, and how its images lie."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from palpate.cli.options import ForceOption, JsonOption, check_new
+from palpate.cli.options import ForceOption, JsonOption, ModelOption, check_new
 
 
 def calibrate(
     file: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(help="A recording with images, of which some show no contact.")
-    ],
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(
+            metavar="[FILE]",
+            help="A recording with images, of which some show no contact.",
+            help_behavior_hint="",
+        ),
+    ] = None,
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="UNIT.npz", help="File of the calibration.")],
+    presses: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="CSV",
+            help="Presses at known angles: columns file, an image beside the CSV, and angle_deg, of the contact on the "
+            "tip. Five or more tell how the camera's images lie and what is off in directions.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    untouched: Annotated[
+        tuple[Path, ...],
+        tyro.conf.arg(
+            metavar="IMAGE", help="With presses: images of the untouched gel in place of FILE.", help_behavior_hint=""
+        ),
+    ] = (),
+    model: ModelOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> int:
-    """Learn a sensor unit's untouched images, their mean and noise, from a recording's frames without contact.
+    """Learn a sensor unit: its untouched images, and from presses how its images lie and what directions are off.
 
-    Its contact flags say which frames these are; where it has none, they are all, and nothing may touch.
+    The untouched images are a recording's frames without contact: its contact flags say which these are; where it has
+    none, they are all, and nothing may touch.
     """
     import numpy as np
 
-    from palpate import formats
-    from palpate.cli.console import print_json, print_line, progress_bar
-    from palpate.touch.background import write_background
-    from palpate.touch.calibration import calibrate, untouched_frames
+    from palpate.cli.console import print_json, print_line
+    from palpate.errors import SettingError
+    from palpate.touch.calibration import write_calibration
 
+    if (file is None) == (not untouched) or (untouched and presses is None):
+        raise SettingError("calibrate: name a recording, or --presses and either a recording or --untouched images")
     check_new(out, force)
+    if presses is None:
+        assert file is not None
+        calibration, numbers, said = _rested(file)
+    else:
+        calibration, numbers, said = _pressed(presses, file, untouched, model, out.with_suffix(".png"), force)
+    write_calibration(calibration, out, overwrite=force)
+    height, width = calibration.background.mean.shape[:2]
+    noise = float(np.median(calibration.background.deviation))
+    if json:
+        size = {"height": height, "width": width, "noise_levels": noise}
+        print_json({"file": None if file is None else str(file), "out": str(out), **size, **numbers})
+    else:
+        print_line(f"{out}: {height} x {width} px, noise {noise:.1f} grey levels, {said}")
+    return 0
+
+
+def _rested(file: Path) -> tuple[Any, dict[str, Any], str]:
+    """Return the calibration, its numbers and words, of a recording's frames without contact."""
+    from palpate import formats
+    from palpate.cli.console import progress_bar
+    from palpate.touch.calibration import Calibration
+    from palpate.touch.untouched import calibrate, untouched_frames
+
     recording = formats.load_recording(file)
     with progress_bar(f"calibrating on {file.name}", len(untouched_frames(recording))) as progress:
         background, frames = calibrate(recording, progress)
-    write_background(background, out, overwrite=force)
-    height, width = background.mean.shape[:2]
-    noise = float(np.median(background.deviation))
-    if json:
-        print_json(
-            {
-                "file": str(file),
-                "out": str(out),
-                "frames": frames,
-                "height": height,
-                "width": width,
-                "noise_levels": noise,
-            }
-        )
-    else:
-        print_line(f"{out}: {height} x {width} px, noise {noise:.1f} grey levels, from {frames} frames without contact")
-    return 0
+    return Calibration(background), {"frames": frames}, f"from {frames} frames without contact"
+
+
+def _pressed(
+    presses: Path, file: Path | None, untouched: tuple[Path, ...], model: Path | None, picture: Path, force: bool
+) -> tuple[Any, dict[str, Any], str]:
+    """Return the calibration, its numbers and words, of presses, and draw what they tell."""
+    import math
+
+    from palpate import formats
+    from palpate.recording.sensor import DIGIT
+    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.press_figure import press_figure
+    from palpate.touch.presses import learn_from_presses, read_image, read_presses
+    from palpate.touch.untouched import untouched_images
+
+    check_new(picture, force)
+    recording = None if file is None else formats.load_recording(file)
+    still = [read_image(each) for each in untouched] if recording is None else list(untouched_images(recording))
+    sensor = DIGIT if recording is None else recording.sensor
+    given = read_presses(presses)
+    fit = learn_from_presses(given, still, sensor, TouchModel(model or SHIPPED))
+    press_figure(given, fit).savefig(picture, dpi=110)
+    view, direction = fit.calibration.view, fit.calibration.direction
+    numbers = {
+        "presses": len(given.images),
+        "view": str(view),
+        "offset_deg": math.degrees(direction.offset),
+        "scale": direction.scale,
+        "scatter_deg": math.degrees(fit.scatter),
+        "picture": str(picture),
+    }
+    words = (
+        f"images {view}; {len(given.images)} presses: directions are off by {numbers['offset_deg']:+.2f} degrees and "
+        f"{direction.scale - 1.0:+.1%}, {numbers['scatter_deg']:.2f} degrees about the line; see {picture}"
+    )
+    return fit.calibration, numbers, words

@@ -19,7 +19,7 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from palpate.touch.background import Background
+    from palpate.touch.calibration import Calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
@@ -100,7 +100,7 @@ def track(
     from palpate.cli.console import complain, print_json
     from palpate.errors import PalpateError, SettingError
     from palpate.estimation.settings_file import noise_of
-    from palpate.touch.background import load_background
+    from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
 
@@ -115,13 +115,13 @@ def track(
     )
     check_model(model, [tactile])
     learnt = None if model is None else TouchModel(model)
-    background = None if calibration is None else load_background(calibration)
+    unit = None if calibration is None else load_calibration(calibration)
     track_file = partial(
         run_file,
         settings=settings,
         first_pose=first_pose,
         model=learnt,
-        background=background,
+        calibration=unit,
         first_pose_sigma=first_pose_sigma,
     )
     folders = _folders(files, out)
@@ -152,7 +152,7 @@ def run_file(
     first_pose: tuple[float, float, float] | None = None,
     force: bool = False,
     model: "TouchModel | None" = None,
-    background: "Background | None" = None,
+    calibration: "Calibration | None" = None,
     first_pose_sigma: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary."""
@@ -164,7 +164,7 @@ def run_file(
     check_folder(folder, force)  # before the work, not after it
     recording = formats.load_recording(file)
     with progress_bar(file.name, len(recording)) as progress:
-        run = track(recording, settings, first_pose, progress, model, background, first_pose_sigma)
+        run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma)
     write_run(run, folder, force)
     return run.summary
 

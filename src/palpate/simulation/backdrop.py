@@ -1,8 +1,8 @@
 """What a simulated sensor sees without contact: three coloured lights on a gel, drawn anew for each unit.
 
-Seventeen real DIGITs were the guide: a red light from the upper left, a green one from the upper right and a blue one
-from below, each a soft cone or one with a sharp, curved border, some broken into streaks; a dim band at the top,
-vignette, tint and specks. White balance keeps the mean of each channel near 95 and leaves its spread to the unit.
+Seventeen real DIGITs were the guide: red glows on the upper left, green on the upper right and blue below, each as a
+soft cone or one with a sharp, curved border, some broken into streaks; a dim band at the top, vignette, tint and
+specks. White balance keeps the mean of each channel near 95 and leaves its spread to the unit.
 """
 
 from typing import Any
@@ -16,16 +16,16 @@ _MEAN = ((93.0, 97.0, 89.0), (101.0, 107.0, 99.0))  # of red, green and blue, fr
 _SPREAD = ((26.0, 15.0, 15.0), (58.0, 30.0, 30.0))  # standard deviation over the image, from and to [grey levels]
 
 
-def draw_illumination(bearings: NDArray[np.float64], height: int, width: int, rng: np.random.Generator) -> Image:
+def draw_illumination(glow: NDArray[np.float64], height: int, width: int, rng: np.random.Generator) -> Image:
     """Draw how strongly each of three lights reaches each pixel, (3, height, width), about 1 in the mean.
 
-    bearings (3,) [rad] say from which side of the image each light comes, counter-clockwise from its right.
+    glow (3,) [rad] says on which side of the image each makes the gel glow, counter-clockwise from its right.
     """
     right, up = _grid(height, width)
     horizon = up[0, 0] * rng.uniform(0.55, 0.95)
     dim = _step((horizon - up + rng.uniform(-0.25, 0.25) * right) / rng.uniform(0.06, 0.3))
     sharpness = rng.uniform(0.0, 1.0)
-    lights = [_cone(bearing, right, up, sharpness, rng) for bearing in bearings]
+    lights = [_cone(bearing, right, up, sharpness, rng) for bearing in glow]
     dimmed = [light * (0.25 + 0.75 * dim) for light in lights[:2]]
     return np.stack([light / light.mean() for light in (*dimmed, lights[2])]).astype(np.float32)
 
@@ -55,7 +55,7 @@ def _grid(height: int, width: int) -> tuple[Image, Image]:
 
 
 def _cone(bearing: float, right: Image, up: Image, sharpness: float, rng: np.random.Generator) -> Image:
-    """One light: a soft glow from its side and a cone with a curved border, both in streaks away from the light."""
+    """One light: a soft glow on its side and a cone with a curved border, both in streaks away from the light."""
     side = np.array([np.cos(bearing), np.sin(bearing)]) * (1.0, up[0, 0])
     distance = np.hypot(right - 1.2 * side[0], up - 1.2 * side[1])
     glow = np.exp(-((distance / rng.uniform(0.9, 1.5)) ** 2))

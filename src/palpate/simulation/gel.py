@@ -1,13 +1,14 @@
 """Touch images: how a gel looks from inside when an object is pressed into it.
 
 The undeformed gel overlaps the object; the overlap is the depth to which the object presses the gel where they touch.
-Around it the gel follows, and three coloured lights show the slopes. Only what differs from the gel at rest is added
-to the image without contact, as W. Yuan, S. Dong, E. Adelson, "GelSight", 2017 describe the sensor and
+Around it the gel follows, and three coloured lights show the slopes (`optics`). Only what differs from the gel at rest
+is added to the image without contact, as W. Yuan, S. Dong, E. Adelson, "GelSight", 2017 describe the sensor and
 Z. Si, W. Yuan, "Taxim", 2022 a simulation by examples; here lights are a model and drawn, so no examples are needed.
 """
 
 import functools
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,43 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.simulation.optics import shading
 from palpate.simulation.unit import SensorUnit
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _FILLET = 5e-4  # [m] of the object's upper and lower rim
+_THICKNESS = (0.014, 0.03)  # [m] of objects, from and to
+_OFF_CENTRE = 0.005  # [m] by which an object's middle may lie above or below that of the pad
+_TILT = math.radians(1.5)  # standard deviation of how far a side leans from the sensor's upright
 _SKIRTS = (1.6e-3, 6e-4)  # [m] over which the gel follows around a contact, far to near
 _COARSE = 4  # skirts are smooth enough for one of so many pixels
 _SKIN = 1.5e-4  # [m] no feature is finer than the gel's coating
-_FOLD = 8e-4  # [m] over which a fold at the contact's rim takes light away
-_FOLD_LEVELS = 3.5e5  # [grey levels per m of height above the surroundings]
-_FOLD_LIMIT = 60.0  # [grey levels] that no fold exceeds
 _SAG_STEP = 1e-4  # [m]
+
+
+@dataclass(frozen=True)
+class Side:
+    """The side of an object as the pad meets it: how far it reaches up and down, and how it leans."""
+
+    below: float = -0.01
+    """Lower rim, relative to the sensor's origin [m]."""
+    above: float = 0.01
+    """Upper rim, relative to the sensor's origin [m]."""
+    tilt: float = 0.0
+    """How far it leans back from the sensor, going up [rad]."""
+
+    def __post_init__(self) -> None:
+        if not self.below < 0.0 < self.above:
+            found = f"from {self.below!r} to {self.above!r}"
+            raise SettingError(f"a side is {found}; it must reach from below to above the sensor's origin [m]")
+
+
+def draw_side(rng: np.random.Generator) -> Side:
+    """Draw the side of an object that somebody has put before the sensor."""
+    middle, thickness = rng.uniform(-_OFF_CENTRE, _OFF_CENTRE), rng.uniform(*_THICKNESS)
+    return Side(middle - 0.5 * thickness, middle + 0.5 * thickness, float(rng.normal(0.0, _TILT)))
 
 
 def render(
@@ -38,43 +63,39 @@ def render(
     indentation: ArrayLike,
     shear: ArrayLike = 0.0,
     rng: np.random.Generator | None = None,
-    span: tuple[float, float] = (-0.01, 0.01),
+    side: Side = Side(),
 ) -> NDArray[np.uint8]:
     """Return the touch image (height, width, 3) RGB, or (N, height, width, 3) for N poses.
 
     sensor_in_object is object_T_sensor, (3,) or (N, 3) [m, m, rad]; it says where on the pad the object is. How deep
     it is pressed there is the indentation, () or (N,) [m], at the deepest point of the pad; none at 0 and below. shear
-    is the force of the object on the gel along the sensor's y, () or (N,) [N]. The object is a prism from span[0] below
-    to span[1] above the sensor's origin [m]. Camera noise is drawn only where there is an rng.
+    is the force of the object on the gel along the sensor's y, () or (N,) [N]. The object is a prism with this side.
+    Camera noise is drawn only where there is an rng.
     """
     poses = np.asarray(sensor_in_object, dtype=np.float64)
     depth, force = np.asarray(indentation, dtype=np.float64), np.asarray(shear, dtype=np.float64)
     if poses.ndim == 2:
         many = zip(poses, np.broadcast_to(depth, len(poses)), np.broadcast_to(force, len(poses)), strict=True)
-        images = [render(unit, shape, *each, rng=rng, span=span) for each in many]
+        images = [render(unit, shape, *each, rng=rng, side=side) for each in many]
         return np.stack(images) if images else np.empty((0, *unit.no_contact.shape), np.uint8)
-    if not span[0] < 0.0 < span[1]:
-        raise SettingError(f"span is {span!r}; it must reach from below to above the sensor's origin [m]")
     if not float(depth) > 0.0:
         return touch_image(unit, None, rng=rng)
-    return touch_image(unit, prism_overlap(unit, shape, poses, float(depth), span), float(force), rng)
+    return touch_image(unit, prism_overlap(unit, shape, poses, float(depth), side), float(force), rng)
 
 
-def prism_overlap(
-    unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, indentation: float, span: tuple[float, float]
-) -> Image:
+def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, indentation: float, side: Side) -> Image:
     """Return how deep each pixel's piece of gel lies in the object, (height, width) [m]; see `render`."""
     import cv2
 
     object_T_sensor = np.asarray(sensor_in_object)
-    section, column, row = _section(unit)
+    section, column, row = _section(unit, side)
     nearest = _nearest(unit, shape, object_T_sensor)
     distance = shape.signed_distance(se2.transform(object_T_sensor, section))
     depth = (nearest + indentation - distance).astype(np.float32)
     overlap = np.asarray(cv2.remap(depth, column, row, cv2.INTER_LINEAR))
     z = unit.place[1]
     # The depth in a prism with rounded rims: the two depths join in a quarter circle.
-    within = np.minimum(z - np.float32(span[0]), np.float32(span[1]) - z)
+    within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
     fillet = np.float32(_FILLET)
     rounded = fillet - np.hypot(np.maximum(fillet - overlap, 0.0), np.maximum(fillet - within, 0.0))
     return np.maximum(rounded + np.maximum(np.minimum(overlap, within) - fillet, 0.0), 0.0)
@@ -125,29 +146,10 @@ def gel_height(unit: SensorUnit, overlap: Image, shear: float = 0.0) -> Image:
     skirt = contact
     for width in _SKIRTS:
         # Each mean holds the contact fixed, so the form nears that of a stretched membrane.
-        skirt = cv2.GaussianBlur(np.maximum(contact, skirt), (0, 0), width / (_COARSE * unit.pitch))
+        skirt = cv2.GaussianBlur(np.maximum(contact, skirt), (0, 0), unit.halo * width / (_COARSE * unit.pitch))
         skirt = skirt - shift * cv2.Sobel(skirt, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     height = np.maximum(overlap, cv2.resize(skirt, size, interpolation=cv2.INTER_LINEAR))
     return np.asarray(cv2.GaussianBlur(height * unit.softness, (0, 0), _SKIN / unit.pitch), np.float32)
-
-
-def shading(unit: SensorUnit, height: Image) -> Image:
-    """Return what a pressed-in gel adds to the image without contact, (height, width, 3) [grey levels]."""
-    import cv2
-
-    rest_right, rest_up, rest_lit, strength = _rest(unit)
-    scale = 1.0 / (8.0 * unit.pitch)
-    right = rest_right - cv2.Sobel(height, cv2.CV_32F, 1, 0, ksize=3, scale=scale)
-    up = rest_up + cv2.Sobel(height, cv2.CV_32F, 0, 1, ksize=3, scale=scale)
-    shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
-    lit = np.empty((*height.shape, 3), np.float32)
-    for index, (x, y, z) in enumerate(unit.light.astype(np.float32)):
-        facing = np.maximum((x * right + y * up + z) * shrink, 0.0)
-        lit[..., index] = (facing - rest_lit[index]) * strength[index]
-    difference = np.asarray(cv2.transform(lit, unit.colour.T.astype(np.float32)), np.float32)
-    fold = np.float32(_FOLD_LEVELS) * (height - cv2.GaussianBlur(height, (0, 0), _FOLD / unit.pitch))
-    fold /= 1.0 + np.abs(fold) / np.float32(_FOLD_LIMIT)
-    return np.asarray(difference + fold[..., None], np.float32)
 
 
 def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
@@ -164,32 +166,20 @@ def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
 
 
 @functools.lru_cache(maxsize=16)
-def _section(unit: SensorUnit) -> tuple[Array, Image, Image]:
+def _section(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
     """Points of the gel near the sensor's plane, (levels, columns, 2) [m], and where each pixel lies among them.
 
-    Away from the sensor's plane the gel sags, as if it were drawn back from the object: one level for each such sag.
+    Away from the sensor's plane the gel sags and a side that leans recedes, as if the gel were drawn back from the
+    object: one level for each such sag, 0 where the gel reaches farthest into the side.
     """
     y, z = unit.place
-    sag = _sag(z, unit.length_radius)
+    sag = _sag(z, unit.length_radius) + np.float32(math.tan(side.tilt)) * z
+    sag = np.maximum(sag - sag[(z > side.below) & (z < side.above)].min(), 0.0)
     step = 0.5 * unit.pitch
     across = np.arange(float(y.min()), float(y.max()) + 2.0 * step, step)
     levels = np.arange(math.ceil(float(sag.max()) / _SAG_STEP) + 2) * _SAG_STEP
     table = np.stack(np.broadcast_arrays(-_sag(across, unit.radius) - levels[:, None], across), axis=-1)
     return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(_SAG_STEP)
-
-
-@functools.lru_cache(maxsize=16)
-def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image]:
-    """Of the gel at rest: slopes of the normal to the right and up, how it faces each light, the lights' strengths."""
-    y, z = unit.place
-    right, up = y / np.float32(unit.radius), z / np.float32(unit.length_radius)
-    right, up = -right, -up  # seen from inside the gel is hollow
-    shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
-    light = unit.light.astype(np.float32)[:, :, None, None]
-    lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)
-    # Light that has been scattered in the gel fills the gaps between cones and streaks.
-    strength = np.float32(0.6) + np.float32(0.4) * np.minimum(unit.illumination, np.float32(2.5))
-    return right, up, lit, strength
 
 
 def _sag(away: Any, radius: float) -> Any:

@@ -12,12 +12,9 @@ from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import render
+from palpate.simulation.gel import draw_side, render
 from palpate.simulation.pushes import Sequence, draw_sequence, measured
-from palpate.simulation.scene import HEIGHT
 from palpate.simulation.unit import SensorUnit, draw_unit
-
-_OFF_CENTRE = 0.005  # [m] that the middle of an object may be above or below that of the pad
 
 _FRAMES = {
     "sensor_pose": "simulated motion capture with drawn noise; exact in extra/sensor_pose_clean",
@@ -118,13 +115,12 @@ def _pictures(
     progress: Callable[[int], None] | None,
 ) -> tuple[bytes, ...]:
     motion = sequence.motion
-    middle = rng.uniform(-_OFF_CENTRE, _OFF_CENTRE)
-    span = (middle - 0.5 * HEIGHT, middle + 0.5 * HEIGHT)
+    side = draw_side(rng)
     poses = se2.between(motion.object_pose, sequence.sensor_pose)
     each = zip(poses, motion.indentation, motion.tangential_force, strict=True)
     pictures: list[bytes] = []
     for values in each:
-        pictures.append(encode_image(render(unit, shape, *values, rng=rng, span=span)))
+        pictures.append(encode_image(render(unit, shape, *values, rng=rng, side=side)))
         if progress:
             progress(len(pictures))
     return tuple(pictures)

@@ -32,9 +32,8 @@ from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.folder import Outcome, fill_folder
-from palpate.simulation.gel import render
+from palpate.simulation.gel import draw_side, render
 from palpate.simulation.real_motion import SMOOTH, Contacts, RealMotion, real_contacts, real_motion, runs, sliding
-from palpate.simulation.scene import HEIGHT
 from palpate.simulation.unit import SensorUnit, draw_unit
 
 Array = NDArray[np.float64]
@@ -46,7 +45,6 @@ _SLOW = (0.1, 0.5)  # [Hz] at which it does
 _ONSET = 4  # frames in which the gel is pressed in, and let go
 _FRICTION, _STIFFNESS = (0.25, 0.6), (2600.0, 6500.0)  # of simulated worlds; [N/m]
 _CREEP = 0.005  # [m/s] of sliding from which friction is nearly full
-_OFF_CENTRE = 0.005  # [m] that the middle of the object may be above or below that of the pad
 _HOLLOW = 1e-4  # [m] by which a gel may overlap the outline elsewhere than at the contact
 
 
@@ -70,14 +68,13 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
     _check_reach(recording, motion, contacts, pad_angle, depth, sensor_pose, sensor_unit)
     slip = sliding(motion, contacts)
     shear = draws.uniform(*_FRICTION) * draws.uniform(*_STIFFNESS) * depth * np.tanh(slip / _CREEP)
-    middle = camera.uniform(-_OFF_CENTRE, _OFF_CENTRE)
-    span = (middle - 0.5 * HEIGHT, middle + 0.5 * HEIGHT)
+    side = draw_side(camera)
     poses = se2.between(motion.object_pose, sensor_pose)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         pictures = tuple(
-            encode_image(render(sensor_unit, recording.shape, *values, rng=camera, span=span))
+            encode_image(render(sensor_unit, recording.shape, *values, rng=camera, side=side))
             for values in zip(poses, depth, shear, strict=True)
         )
     finally:

@@ -14,7 +14,9 @@ from palpate.simulation import backdrop
 Image = NDArray[np.float32]
 
 _RIM = 8e-4  # [m] from the pad's edge to where the gel gives way freely
-_BEARINGS = np.deg2rad((150.0, 30.0, 270.0))  # from where red, green and blue light come in the image
+_BEARINGS = np.deg2rad((30.0, 150.0, 270.0))  # from where red, green and blue light come in the image, usually
+_USUAL = 0.5  # share of units in which they do; in the others from anywhere, in any order
+_WEAK = 0.1  # share of lights that are weak
 
 _CROSSTALK = np.array([(0.2, 0.3, 0.4), (0.3, 0.2, 0.5), (0.2, 0.4, 0.2)])  # most that each light adds to each channel
 
@@ -43,6 +45,14 @@ class SensorUnit:
     """What each light adds to red, green and blue where the gel faces it, (3 lights, 3) [grey levels]."""
     shear_compliance: float
     """How far a tangential force shifts the gel's skin [m/N]."""
+    response: float
+    """Exponent by which the camera answers more strongly where the image is bright; 0 is everywhere alike."""
+    halo: float
+    """Over how much of the usual distance the gel follows around a contact."""
+    shadow: float
+    """Share of a light that is missing where something stands in its way, 0 to 1."""
+    fold: float
+    """How much of its light the gel's skin loses where it is folded, and gains where it is stretched, 0 to 1."""
     noise: float
     """Standard deviation of the camera's noise [grey levels]."""
     illumination: Image
@@ -77,7 +87,7 @@ class SensorUnit:
 def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     """Draw a unit; the same seed gives the same unit. Raises SettingError for a sensor without images or a pad.
 
-    The image shows 92 to 100 % of the pad's width. Relative to the profile's radius, the gel's radii are
+    The image shows 90 to 102 % of the pad's width. Relative to the profile's radius, the gel's radii are
     those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm.
     """
     height, width, half_width = profile.image_height, profile.image_width, profile.half_width
@@ -85,24 +95,32 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
         found = f"sensor {profile.name!r} has {height} rows, radius {profile.radius} m and half_width {half_width}"
         raise SettingError(f"{found}; touch images need rows, and a half_width below the radius")
     rng = np.random.default_rng(seed)
-    bearing = _BEARINGS + rng.normal(0.0, math.radians(8.0), 3)
-    elevation = rng.uniform(math.radians(25.0), math.radians(50.0), 3)
+    bearing = _BEARINGS + rng.normal(0.0, math.radians(12.0), 3)
+    if rng.random() > _USUAL:
+        bearing = rng.permutation(bearing) + rng.uniform(-math.pi, math.pi)
+    elevation = rng.uniform(math.radians(12.0), math.radians(40.0), 3)
     level = np.cos(elevation)
     light = np.stack([level * np.cos(bearing), level * np.sin(bearing), np.sin(elevation)], axis=-1)
     crosstalk = rng.uniform(0.0, 1.0, (3, 3)) * _CROSSTALK
     colour = (np.eye(3) + crosstalk) * rng.uniform(130.0, 210.0, (3, 1))
-    illumination = backdrop.draw_illumination(bearing, height, width, rng)
+    colour *= np.where(rng.random((3, 1)) < _WEAK, rng.uniform(0.2, 0.6, (3, 1)), 1.0)
+    # The gel is hollow across the pad: what a light makes glow is the far side.
+    illumination = backdrop.draw_illumination(math.pi - bearing, height, width, rng)
     unit = SensorUnit(
         profile=profile,
         seed=seed,
         radius=profile.radius * rng.uniform(0.93, 1.045),
         length_radius=profile.radius * rng.uniform(4.15, 8.6),
-        pitch=2.0 * half_width / width * rng.uniform(0.92, 1.0),
-        offset=tuple(rng.normal(0.0, 2e-4, 2).tolist()),
+        pitch=2.0 * half_width / width * rng.uniform(0.9, 1.02),
+        offset=tuple(rng.normal(0.0, 3e-4, 2).tolist()),
         roll=float(rng.normal(0.0, math.radians(1.0))),
         light=light,
         colour=colour,
         shear_compliance=rng.uniform(1e-4, 4e-4),
+        response=rng.uniform(-0.3, 0.3),
+        halo=rng.uniform(0.35, 1.1),
+        shadow=rng.uniform(0.4, 1.0),
+        fold=rng.uniform(0.0, 1.0),
         noise=rng.uniform(0.8, 1.6),
         illumination=illumination,
         no_contact=backdrop.draw_no_contact(illumination, colour / 200.0, rng),

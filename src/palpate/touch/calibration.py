@@ -1,64 +1,115 @@
-"""How a sensor unit looks untouched, from a recording of it."""
+"""What is known of one sensor unit, and its file (`.npz`), which `palpate calibrate` writes."""
 
-from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.recording.recording import Recording
-from palpate.touch.background import Background, Image, background_of
-from palpate.touch.detector import START, ContactDetector
+from palpate.files import NUMBERS, checked_array, existing_file, whole_file
+from palpate.touch.background import Background, Levels
+from palpate.touch.view import AS_IT_IS, CameraView
 
-NEEDED = 30
-"""Frames without contact, one second at 30 Hz: from them a deviation is known to 13 %."""
-
-MARGIN = 2
-"""Frames beside a contact that are left out, as the paper does: flags may be late, and gel takes its time."""
+VERSION = 2  # the first had mean and deviation only
+_FIELDS = ("mean", "deviation")
 
 
-def calibrate(recording: Recording, progress: Callable[[int], None] | None = None) -> tuple[Background, int]:
-    """Return the background of a recording's frames without contact, and how many they are.
+@dataclass(frozen=True)
+class DirectionCorrection:
+    """How the contact directions that a model tells of a unit differ from the true ones: told = offset + scale true."""
 
-    Its contact flags say which; where it has none, all of them. progress is called with the number of frames done.
-    Raises FileError on a recording without images or with fewer than NEEDED frames without contact, and where a touch
-    shows in them after all. One that lasts through all frames cannot show.
-    """
-    if recording.image is None:
-        raise FileError(f"{_name(recording)}: has no images, a calibration needs touch images")
-    frames = untouched_frames(recording)
-    if len(frames) < NEEDED:
-        raise FileError(
-            f"{_name(recording)}: found {len(frames)} frames more than {MARGIN} away from a contact, "
-            f"a calibration needs {NEEDED}"
+    offset: float = 0.0
+    """[rad]"""
+    scale: float = 1.0
+    """Told change of angle for a true one of 1."""
+    offset_sigma: float | None = None
+    """Standard deviation of the offset [rad]; None where it was not measured."""
+
+    def true(self, told: float) -> float:
+        """Return the angle [rad] that is meant by a told one."""
+        return (told - self.offset) / self.scale
+
+
+AS_TOLD = DirectionCorrection()
+"""Directions are what the model tells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What is known of one sensor unit."""
+
+    background: Background
+    """The untouched gel, in the view of the profile."""
+    view: CameraView = AS_IT_IS
+    """What makes the camera's images those of the profile."""
+    direction: DirectionCorrection = AS_TOLD
+    """What is off in the directions that touch tells."""
+    file: Path | None = None
+    """What it was read from, if from a file."""
+
+
+def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
+    """Write the `.npz`, whole or not at all; an existing one is replaced only if `overwrite`."""
+    view, direction = calibration.view, calibration.direction
+    sigma = np.nan if direction.offset_sigma is None else direction.offset_sigma
+    with whole_file(path, overwrite) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            version=VERSION,
+            mean=calibration.background.mean,
+            deviation=calibration.background.deviation,
+            view=[view.quarter_turns, view.mirrored, *view.channels],
+            direction=[direction.offset, direction.scale, sigma],
         )
-    return background_of(_checked_images(recording, frames, progress)), len(frames)
 
 
-def untouched_frames(recording: Recording) -> NDArray[np.int64]:
-    """Return the indices of the frames that are more than MARGIN frames away from a contact."""
-    if recording.contact is None:
-        return np.arange(len(recording))
-    near = np.convolve(recording.contact, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN]  # contacts at most MARGIN away
-    return np.flatnonzero(near < 0.5)
+def load_calibration(path: Path | str) -> Calibration:
+    """Read a file of `write_calibration`, which runs no code. Raises FileError, in one sentence, on anything else."""
+    import zipfile
+    import zlib
+
+    path = existing_file(path)
+    if not zipfile.is_zipfile(path):
+        raise FileError(f"{path}: is not a calibration (an .npz of palpate calibrate), or is truncated")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if missing := [name for name in _FIELDS if name not in file]:
+                raise FileError(f"is not a calibration: {' and '.join(missing)} missing; expected mean and deviation")
+            version = int(file["version"]) if "version" in file else 1
+            if version > VERSION:
+                raise FileError(f"version: found {version}, this palpate reads up to {VERSION}")
+            mean, deviation = (_levels(name, file[name]) for name in _FIELDS)
+            view = _view(file["view"]) if version > 1 else AS_IT_IS
+            direction = _direction(file["direction"]) if version > 1 else AS_TOLD
+        if mean.shape != deviation.shape:
+            raise FileError(f"deviation: found shape {deviation.shape}, expected {mean.shape} as of mean")
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+    except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+        raise FileError(f"{path}: is truncated or damaged ({' '.join(str(error).split())})") from error
+    return Calibration(Background(mean, deviation), view, direction, path)
 
 
-def _checked_images(
-    recording: Recording, frames: NDArray[np.int64], progress: Callable[[int], None] | None
-) -> Iterator[Image]:
-    detector = ContactDetector()
-    for done, index in enumerate(frames.tolist(), 1):
-        image = recording[index].image
-        assert image is not None
-        if detector.update(image):
-            raise FileError(
-                f"{_name(recording)}: frame {index} is off the first ones in {detector.share:.1%} of its values, as if "
-                f"touched; allowed is {START:.0%}: calibrate on frames without contact"
-            )
-        yield image
-        if progress is not None:
-            progress(done)
+def _levels(name: str, value: NDArray[Any]) -> Levels:
+    levels = checked_array(name, value, NUMBERS, ("N", "N", 3))
+    if levels.dtype != np.float32:
+        raise FileError(f"{name}: found values of type {levels.dtype}, expected float32")
+    if not levels.size or not ((levels >= 0.0) & (levels <= 255.0)).all():
+        raise FileError(f"{name}: found no values, or some that are not grey levels from 0 to 255")
+    return levels
 
 
-def _name(recording: Recording) -> str:
-    return str(recording.file or "recording")
+def _view(value: NDArray[Any]) -> CameraView:
+    turns, mirrored, *channels = checked_array("view", value, NUMBERS, (5,)).astype(int).tolist()
+    if turns not in range(4) or mirrored not in (0, 1) or sorted(channels) != [0, 1, 2]:
+        raise FileError(f"view: found {value.tolist()}, expected quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2")
+    return CameraView(turns, bool(mirrored), (channels[0], channels[1], channels[2]))
+
+
+def _direction(value: NDArray[Any]) -> DirectionCorrection:
+    offset, scale, sigma = checked_array("direction", value, NUMBERS, (3,)).astype(float).tolist()
+    if not (np.isfinite(offset) and 0.0 < scale < np.inf and not sigma <= 0.0):
+        raise FileError(f"direction: found {value.tolist()}, expected an offset, a scale above 0 and a sigma above 0")
+    return DirectionCorrection(offset, scale, None if np.isnan(sigma) else sigma)

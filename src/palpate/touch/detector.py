@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from palpate.compiled import Records, compiled
 from palpate.touch.area import area_means
-from palpate.touch.background import Background, Image, background_of, check_channel_order, check_image
+from palpate.touch.background import Background, Image, Levels, background_of, check_channel_order, check_image
 
-FIRST_FRAMES = 15
-"""Frames, half a second at 30 Hz, that are taken as untouched where no background is given."""
+FIRST_SECONDS, FEWEST = 0.5, 8
+"""Time of frames that are taken as untouched where no background is given [s], and the fewest frames that will do."""
 
 START = 0.01
 """Share of significant values above which the gel is touched: the paper's for its smallest contacts.
@@ -22,6 +23,10 @@ _SIGNIFICANT = 4.0  # standard deviations, as in the paper
 _CELLS = 30  # over the shorter side: the gel spreads every touch over more than such a cell of 0.6 mm
 _ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
+_UNLIKE = 8.0  # [grey levels] between cells of the first frames, that are not of one gel at rest
+_DARK = 5.0  # [grey levels] in the mean of an image before the light or the camera is on
+_LIGHT = 2.0  # [grey levels] of a cell off the light's plane, above which it hardly tells of the light
+_FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
 
@@ -31,19 +36,29 @@ class ContactDetector:
 
     An image is averaged over cells, 30 across, and these are compared with those of the untouched gel: averages have
     less noise, so that a touch of 0.1 mm shows. The 4 standard deviations are those of a cell. The background is first
-    scaled to the image's brightness, each channel by the median ratio, which a touch of less than half of the pad does
-    not sway: a light that fades during a touch leaves none behind. While nothing touches, the background follows what
-    is seen; during a touch it stays as it is.
+    scaled to the image's light: each channel by a plane over the image, fitted robustly, which a touch of less than
+    half of the pad does not sway. A light that fades or wanders during a touch leaves none behind. While nothing
+    touches, the background follows what is seen; during a touch it stays as it is.
 
-    Without a background, the first FIRST_FRAMES images are taken as untouched and their statistics are used; until then
-    the answer is False. A sensor that touches something from the start needs a background from a file.
+    Without a background, the images of the first FIRST_SECONDS are taken as untouched and their statistics are used, as
+    long as they are alike and not black; until then the answer is False. A sensor that touches something from the start
+    needs a background from a file.
     """
 
-    def __init__(self, background: Background | None = None) -> None:
+    def __init__(
+        self, background: Background | None = None, size: tuple[int, int] | None = None, rate: float = 30.0
+    ) -> None:
+        """Take the untouched gel, rows and columns of the sensor's images, and how many come in a second [Hz].
+
+        Without a size, the first image's is taken.
+        """
         # Compiled or loaded now, not at a robot's first image.
         area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
         area_means(np.zeros((1, 1, 3), np.float32), 1, 1)
+        _light(np.ones((2, 2, 3), np.float32), np.ones((2, 2, 3), np.float32))
         self._first: list[Image] = []
+        self._enough = max(round(FIRST_SECONDS * rate), FEWEST)
+        self._image_size = size
         self._background = background
         self._checked = False
         self._touched = False
@@ -85,26 +100,88 @@ class ContactDetector:
         return self._touched
 
     def _gather(self, image: Image) -> None:
-        height, width = (self._first[0] if self._first else np.atleast_2d(image)).shape[:2]
-        check_image(image, height, width)
+        if self._image_size is None:
+            self._image_size = np.atleast_2d(image).shape[:2]
+        check_image(image, *self._image_size)
+        if image.mean() < _DARK:
+            return
+        if self._first and self._significant(image) > START:
+            self._first = []  # something moves on the gel, or its light is not yet what it will be
+        if not self._first:
+            self._set_cells(image.astype(np.float32))
+            self._tolerance = np.float32(_UNLIKE)
         self._first.append(image.copy())
-        if len(self._first) == FIRST_FRAMES:
+        if len(self._first) == self._enough:
             self._compare_with(background_of(self._first))
             self._first, self._checked = [], True
 
     def _compare_with(self, background: Background) -> None:
         self._background = background
-        height, width = background.mean.shape[:2]
-        pixels = max(min(height, width) / _CELLS, 1.0)  # across a cell
-        self._size = (round(height / pixels), round(width / pixels))
-        self._mean = area_means(background.mean, *self._size)
+        pixels = self._set_cells(background.mean)
         noise = area_means(background.deviation, *self._size) * np.float32(min(_ALIKE / pixels, 1.0))
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(noise, np.float32(_LEAST_DEVIATION))
 
+    def _set_cells(self, untouched: Levels) -> float:
+        """Set what cells are compared with, and return how many pixels a cell is across."""
+        height, width = untouched.shape[:2]
+        pixels = max(min(height, width) / _CELLS, 1.0)
+        self._size = (round(height / pixels), round(width / pixels))
+        self._mean = area_means(untouched, *self._size)
+        return pixels
+
     def _significant(self, image: Image) -> float:
         cells = area_means(image, *self._size)
-        brightness = np.median(cells / np.maximum(self._mean, 1.0), axis=(0, 1))
-        return float((np.abs(cells - brightness * self._mean) > self._tolerance).mean())
+        return float((np.abs(cells - _light(cells, self._mean) * self._mean) > self._tolerance).mean())
+
+
+@compiled
+def _light(cells: Records, mean: Records) -> Records:
+    """Return how bright the light is in cells (R, C, 3), relative to their mean: for each channel a plane over them.
+
+    Fitted by reweighted least squares: what is off the plane by more than _LIGHT is a touch, and counts for little.
+    """
+    rows, columns, channels = cells.shape
+    light = np.empty_like(cells)
+    ratio = np.empty(rows * columns)
+    for channel in range(channels):
+        for row in range(rows):
+            for column in range(columns):
+                ratio[row * columns + column] = cells[row, column, channel] / max(mean[row, column, channel], 1.0)
+        middle, right, down = np.median(ratio), 0.0, 0.0
+        for _ in range(_FITS):
+            one, x1, y1, xx, xy, yy, m1, mx, my = (
+                1.0,
+                0.0,
+                0.0,
+                1.0,
+                0.0,
+                1.0,
+                0.0,
+                0.0,
+                0.0,
+            )  # a black channel has a fit
+            for row in range(rows):
+                y = 2.0 * (row + 0.5) / rows - 1.0
+                for column in range(columns):
+                    x = 2.0 * (column + 0.5) / columns - 1.0
+                    level = np.float64(mean[row, column, channel])
+                    off = cells[row, column, channel] - (middle + right * x + down * y) * level
+                    pull = level / (1.0 + (off / _LIGHT) ** 2)
+                    weight, pull = pull * level, pull * off
+                    one, x1, y1 = one + weight, x1 + weight * x, y1 + weight * y
+                    xx, xy, yy = xx + weight * x * x, xy + weight * x * y, yy + weight * y * y
+                    m1, mx, my = m1 + pull, mx + pull * x, my + pull * y
+            square = np.array([[one, x1, y1], [x1, xx, xy], [y1, xy, yy]])
+            step = np.linalg.solve(square, np.array([m1, mx, my]))
+            middle, right, down = middle + step[0], right + step[1], down + step[2]
+            if np.abs(step).max() < _SETTLED:
+                break
+        for row in range(rows):
+            y = 2.0 * (row + 0.5) / rows - 1.0
+            for column in range(columns):
+                x = 2.0 * (column + 0.5) / columns - 1.0
+                light[row, column, channel] = middle + right * x + down * y
+    return light
 
 
 def _followed(background: Background, image: Image, part: float) -> Background:

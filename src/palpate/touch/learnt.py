@@ -11,6 +11,7 @@ from palpate.errors import EstimationError
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
 from palpate.touch.background import Background
+from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import Difference, difference, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.relative import BACK, Touch, compared_frames
@@ -27,7 +28,14 @@ class ImageTouch:
     That is one measurement an image and not one a pair, for pairs of the same images are not independent.
     """
 
-    def __init__(self, model: TouchModel, view: "View", direction: bool = True, turn: bool = True) -> None:
+    def __init__(
+        self,
+        model: TouchModel,
+        view: "View",
+        direction: DirectionCorrection | None = AS_TOLD,
+        turn: bool = True,
+    ) -> None:
+        """Take how this unit's directions are corrected, None to tell none, and whether to tell turns."""
         self._model, self._view = model, view
         self._direction, self._turn = direction, turn
 
@@ -35,9 +43,9 @@ class ImageTouch:
         """See Touch."""
         look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
         said: list[Measurement] = []
-        if self._direction:
+        if self._direction is not None:
             angle, variance = look.direction
-            said.append(ContactDirection(angle, variance * spread["direction"].factor))
+            said.append(ContactDirection(self._direction.true(angle), variance * spread["direction"].factor))
         if self._turn:
             angle, variance = look.turn
             said.append(Turn(angle, variance * spread["turn"].factor))

@@ -8,6 +8,7 @@ import numpy as np
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
+from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
 from palpate.touch.model import SHIPPED, TouchModel
@@ -44,12 +45,14 @@ def make_touch(
     constant: Sigmas,
     model: TouchModel | None,
     background: Callable[[], Background],
+    correction: DirectionCorrection = AS_TOLD,
 ) -> Touch:
     """Return what measures in a mode.
 
     oracle and constant are standard deviations [m, m, rad] of a relative pose in these two modes. Learnt ones use the
-    model, by default the one that comes with palpate, and compare images with what background tells at the moment.
-    Raises SettingError on another mode, and on a model of other images than the sensor's.
+    model, by default the one that comes with palpate, and compare images with what background tells at the moment;
+    correction is of a unit's directions. Raises SettingError on another mode, and on a model of other images than the
+    sensor's.
     """
     if tactile == "none":
         return NoTouch()
@@ -73,4 +76,5 @@ def make_touch(
     model.look(nothing)
     if tactile == "learnt-pairs":
         return pair_touch(model, view)
-    return ImageTouch(model, view, direction=tactile != "learnt-turn", turn=tactile != "learnt-direction")
+    directed = None if tactile == "learnt-turn" else correction
+    return ImageTouch(model, view, directed, turn=tactile != "learnt-direction")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
-from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 from palpate.tracking.findings import trusted_truth
@@ -33,7 +33,7 @@ class Run:
     """How."""
     model: TouchModel | None
     """What felt, where touch was learnt."""
-    background: Background | None
+    calibration: Calibration | None
     """What the untouched sensor looks like, where it was given and not taken from the first frames."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
@@ -59,13 +59,13 @@ def track(
     first_pose: ArrayLike | None = None,
     progress: Callable[[int], None] | None = None,
     model: TouchModel | None = None,
-    background: Background | None = None,
+    calibration: Calibration | None = None,
     first_pose_sigma: ArrayLike | None = None,
 ) -> Run:
     """Track the object of a recording; `progress` is called after each frame with the number done.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
-    `background` and `first_pose_sigma` are the Tracker's.
+    `calibration` and `first_pose_sigma` are the Tracker's.
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
     cannot go on.
     """
@@ -76,7 +76,7 @@ def track(
     if model is None and settings.tactile.startswith("learnt"):
         model = TouchModel(SHIPPED)
     tracker = Tracker(
-        recording.shape, recording.sensor, first, settings, model, background, first_pose_sigma=first_pose_sigma
+        recording.shape, recording.sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma
     )
     estimates: list[Estimate] = []
     step_ms = np.empty(len(recording))
@@ -110,7 +110,7 @@ def track(
         knocked=knocked_frames(recording),
     )
     sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
-    return Run(recording, settings, model, background, first, sigma, online, smoothed, step_ms, wall_s, truth, summary)
+    return Run(recording, settings, model, calibration, first, sigma, online, smoothed, step_ms, wall_s, truth, summary)
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:

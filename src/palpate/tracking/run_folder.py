@@ -65,7 +65,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "source": run.recording.source,
         "tactile": run.settings.tactile,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
-        "calibration": None if run.background is None else str(run.background.file),
+        "calibration": None if run.calibration is None else str(run.calibration.file),
         "smoother": run.settings.smoother,
         "pressure": run.settings.pressure,
         "hypotheses": run.settings.hypotheses,

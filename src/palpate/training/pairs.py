@@ -1,5 +1,7 @@
 """Drawing what is learned from: groups of frames of one contact, pairs of them, and batches for the networks."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -13,7 +15,9 @@ Indices = NDArray[np.int_]
 
 CLOSEST, FARTHEST = 10, 50
 """Frames between the two of a pair (paper Sec. IV-A)."""
-_GAIN, _TINT = (0.75, 1.3), 0.05  # by which brightness and colour of a unit's images may differ from those seen
+# By how much brightness, each colour and its shift (in units of the difference) may differ from those seen.
+_GAIN, _COLOUR_GAIN, _TINT = (0.7, 1.4), (0.75, 1.3), 0.05
+_AS_IT_IS = 0.5  # share of groups of images that keep their orientation and colours
 
 
 def draw_groups(samples: Samples, count: int, size: int, rng: np.random.Generator) -> Indices:
@@ -49,13 +53,57 @@ def turned(samples: Samples, earlier: Indices, later: Indices) -> NDArray[np.flo
     return se2.wrap(samples.yaw[later] - samples.yaw[earlier])
 
 
-def batch(samples: Samples, chosen: Indices, rng: np.random.Generator | None = None) -> Tensor:
-    """Return differences (B, 3, 32, 128) of chosen samples (B,); with an rng, as of units of other brightness."""
+@dataclass(frozen=True)
+class Guise:
+    """How images would look in a unit whose light or camera is the other way round, each exact."""
+
+    mirrored: bool = False
+    """Left and right exchanged: then angles about the upright axis change their sign."""
+    upturned: bool = False
+    """Up and down exchanged."""
+    channels: tuple[int, int, int] = (0, 1, 2)
+    """Which channel each channel shows."""
+
+    @property
+    def sign(self) -> float:
+        """What angles are multiplied by."""
+        return -1.0 if self.mirrored else 1.0
+
+
+def draw_guise(rng: np.random.Generator) -> Guise:
+    """Draw a guise: every other one is that of the images as they are."""
+    if rng.random() < _AS_IT_IS:
+        return Guise()
+    first, second, third = rng.permutation(3).tolist()
+    return Guise(bool(rng.random() < 0.5), bool(rng.random() < 0.5), (first, second, third))
+
+
+def batch(samples: Samples, chosen: Indices) -> Tensor:
+    """Return differences (B, 3, 32, 128) of chosen samples (B,)."""
+    return _tensor(samples.difference[chosen].astype(np.float32))
+
+
+def varied_batch(samples: Samples, chosen: Indices, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """Return differences (G F, 3, 32, 128) of groups of samples (G, F) as of other units, and the sign (G,) of angles.
+
+    Each group is of one unit in one guise; brightness, colours and their slopes over the image differ from those seen.
+    """
+    groups, size = chosen.shape
     difference = samples.difference[chosen].astype(np.float32)
-    if rng is not None:
-        gain = rng.uniform(*_GAIN, (len(chosen), 1, 1, 1)).astype(np.float32)
-        tint = rng.normal(0.0, _TINT, (len(chosen), 1, 1, 3)).astype(np.float32)
-        difference = difference * gain + tint
+    guises = [draw_guise(rng) for _ in range(groups)]
+    for group, guise in enumerate(guises):
+        flipped = difference[group][:, :: -1 if guise.upturned else 1, :: -1 if guise.mirrored else 1]
+        difference[group] = flipped[..., guise.channels]
+    rows, columns = (np.linspace(-1.0, 1.0, count, dtype=np.float32) for count in difference.shape[2:4])
+    each = (groups * size, 1, 1, 3)
+    gain = rng.uniform(*_GAIN, (*each[:3], 1)) * rng.uniform(*_COLOUR_GAIN, each)
+    tint, across, along = rng.normal(0.0, _TINT, (3, *each)).astype(np.float32)
+    shift = tint + across * columns[:, None] + along * rows[:, None, None]
+    difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
+    return _tensor(difference), torch.tensor([guise.sign for guise in guises])
+
+
+def _tensor(difference: NDArray[np.float32]) -> Tensor:
     return torch.from_numpy(difference).permute(0, 3, 1, 2)  # channels last in memory, which is faster here
 
 

@@ -1,0 +1,106 @@
+"""What a touch model says of real images of presses at known angles, and how well it knows how well.
+
+    python benchmarks/real_gel.py --images DIR --untouched FILE --truth CSV [--model FOLDER] [--guise G] [--json]
+
+The truth has columns file and angle_deg, as `digit_balls/truth.csv`. With --guise the images are given mirrored, turned
+by 180 degrees (upturned) or with exchanged channels (swapped).
+
+`slope` and `offset_deg` are of the told angle over the true one; the RMS are of what is left after the offset and about
+the line. `pairs_rms_deg` is of the change of angle between any two images; with `constant_pairs_rms_deg` it would be
+told that nothing changes. `in_68_share` and `in_95_share` are the shares of told angles whose errors, as they are, lie
+within what the model states for them; what it states, in the median, is `stated_deg`. A unit's offset is no error of an
+image: `in_68_share_after_offset` and the one of 95 are without it.
+"""
+
+import argparse
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.touch.difference import difference, reduced
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.training.scores import coverage
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+GUISES = ("as it is", "mirrored", "upturned", "swapped")
+
+
+def main() -> None:
+    """Read the images, ask the model, print the numbers."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--images", type=Path, required=True)
+    parser.add_argument("--untouched", type=Path, required=True)
+    parser.add_argument("--truth", type=Path, required=True)
+    parser.add_argument("--model", type=Path, default=SHIPPED)
+    parser.add_argument("--guise", choices=GUISES, default=GUISES[0])
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    with arguments.truth.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    true = np.radians([float(row["angle_deg"]) for row in rows])
+    images = [in_guise(read(arguments.images / row["file"]), arguments.guise) for row in rows]
+    found = judged(TouchModel(arguments.model), in_guise(read(arguments.untouched), arguments.guise), images, true)
+    if arguments.json:
+        print(json.dumps(found, indent=2))
+        return
+    for name, value in found.items():
+        print(f"{name:26} {value:8.3f}")
+
+
+def judged(model: TouchModel, untouched: Image, images: list[Image], true: Array) -> dict[str, float]:
+    """Return the numbers of the module's docstring for images with true angles (N,) [rad]."""
+    mean = reduced(untouched)
+    told, variance = np.array([model.look(difference(image, mean)).direction for image in images]).T
+    variance = variance * model.settings.spread["direction"].scale
+    error = told - true
+    slope, offset = np.polyfit(true, told, 1)
+    within, without = coverage(error, variance), coverage(error - error.mean(), variance)
+    return {
+        "n": len(images),
+        "correlation": float(np.corrcoef(true, told)[0, 1]),
+        "slope": float(slope),
+        "offset_deg": float(np.degrees(error.mean())),
+        "rms_after_offset_deg": degrees_rms(error - error.mean()),
+        "rms_about_line_deg": degrees_rms(told - slope * true - offset),
+        "pairs_rms_deg": degrees_rms(changes(error)),
+        "constant_pairs_rms_deg": degrees_rms(changes(true)),
+        "in_68_share": within[0.68],
+        "in_95_share": within[0.95],
+        "in_68_share_after_offset": without[0.68],
+        "in_95_share_after_offset": without[0.95],
+        "stated_deg": float(np.degrees(np.median(np.sqrt(variance)))),
+    }
+
+
+def changes(values: Array) -> Array:
+    """Return the differences of any two of values (N,)."""
+    first, second = np.triu_indices(len(values), 1)
+    return values[second] - values[first]
+
+
+def degrees_rms(values: Array) -> float:
+    """Return the root of the mean square [rad] in degrees."""
+    return float(np.degrees(np.sqrt(np.mean(values**2))))
+
+
+def read(file: Path) -> Image:
+    """Return an image (height, width, 3) RGB."""
+    image = cv2.imread(str(file))
+    if image is None:
+        raise SystemExit(f"{file}: is no image that can be read")
+    return np.asarray(image[..., ::-1], np.uint8)
+
+
+def in_guise(image: Image, guise: str) -> Image:
+    """Return an image as another camera would give it; see GUISES."""
+    views = {"mirrored": image[:, ::-1], "upturned": image[::-1, ::-1], "swapped": image[..., ::-1]}
+    return np.ascontiguousarray(views.get(guise, image))
+
+
+if __name__ == "__main__":
+    main()

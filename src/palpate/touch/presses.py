@@ -1,0 +1,163 @@
+"""A sensor unit learns itself from presses at known angles: how its images lie and what is off in what touch tells.
+
+Something is pressed on the gel, a ball, a rod or an edge, at angles that are known from the robot or the place. The
+model is asked in every view that makes the images those of the profile; in the right one what it tells lies on a line
+over the true angles.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.files import existing_file, read_text
+from palpate.recording.sensor import SensorProfile
+from palpate.touch.background import Background, Image, background_of, check_image
+from palpate.touch.calibration import Calibration, DirectionCorrection
+from palpate.touch.detector import ContactDetector
+from palpate.touch.difference import difference, reduced
+from palpate.touch.model import TouchModel
+from palpate.touch.view import CameraView, views
+
+Array = NDArray[np.float64]
+
+FEWEST = 5
+"""Presses from which a line and its scatter can be told."""
+SPREAD = np.radians(8.0)
+"""Between the least and the greatest angle: less does not tell the scale, or left from right [rad]."""
+WORST = np.radians(3.0)
+"""Scatter about the line beyond which the presses or their angles are not what they are taken for [rad]."""
+_UNLIKELY = 3.0  # of log-likelihood by which another view must fit better than a simpler one
+_SCALE = 0.1  # standard deviation of the scale before anything is pressed
+_OFFSET = np.radians(2.0)  # the same of the offset [rad]
+_TRUTH = np.radians(0.3)  # by which the given angles may be off, each by itself [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Presses:
+    """Images of presses, N of them, as the camera gives them."""
+
+    images: tuple[Image, ...]
+    """Each (height, width, 3) RGB."""
+    angle: Array
+    """Angle of the contact on the tip, (N,) [rad]; see `measurements.ContactDirection`."""
+    names: tuple[str, ...]
+    """What each is called in messages."""
+
+
+@dataclass(frozen=True, eq=False)
+class PressFit:
+    """What presses say of a unit."""
+
+    calibration: Calibration
+    """For `Tracker`."""
+    told: Array
+    """What the model tells of each press in the view found, (N,) [rad]."""
+    scatter: float
+    """Root of the mean square of what is told about the line [rad]."""
+
+
+def read_presses(path: Path) -> Presses:
+    """Read a CSV with columns file and angle_deg and the images it names, relative to its folder; FileError if not."""
+    rows = list(csv.DictReader(read_text(existing_file(path)).splitlines()))
+    if not rows or not {"file", "angle_deg"} <= set(rows[0]):
+        found = ", ".join(rows[0]) if rows else "no rows"
+        raise FileError(f"{path}: found {found}; expected a CSV with columns file and angle_deg")
+    angles = []
+    for number, row in enumerate(rows, 1):
+        try:
+            angles.append(float(row["angle_deg"]))
+        except (TypeError, ValueError):
+            angles.append(np.nan)
+        if not abs(angles[-1]) <= 90.0:
+            raise FileError(f"{path}: row {number}: angle_deg is {row['angle_deg']!r}; expected -90 to 90 degrees")
+    names = tuple(row["file"] for row in rows)
+    return Presses(tuple(read_image(path.parent / name) for name in names), np.radians(angles), names)
+
+
+def read_image(path: Path) -> Image:
+    """Return an image file as (height, width, 3) RGB; FileError where it is none or a grey one."""
+    import cv2
+
+    image = cv2.imread(str(existing_file(path)), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8:
+        raise FileError(f"{path}: is no image of 8 bits that can be read")
+    if image.ndim != 3:
+        raise FileError(f"{path}: is a grey image; touch images are in colours")
+    return np.ascontiguousarray(image[..., 2::-1], np.uint8)
+
+
+def learn_from_presses(
+    presses: Presses, untouched: Sequence[Image], sensor: SensorProfile, model: TouchModel
+) -> PressFit:
+    """Return what presses say of a unit, given one or more images of its untouched gel as its camera gives them.
+
+    Raises FileError where there are too few, where they lie too close together or do not touch, where images fit the
+    profile in no orientation, and where what is told does not lie on a line.
+    """
+    if len(presses.images) < FEWEST:
+        raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
+    if (spread := float(np.ptp(presses.angle))) < SPREAD:
+        found = f"found presses within {np.degrees(spread):.1f} degrees"
+        raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
+    height, width = sensor.image_height, sensor.image_width
+    first = untouched[0]
+    for name, image in zip(presses.names, presses.images, strict=True):
+        if image.shape != first.shape:
+            raise FileError(
+                f"{name}: image is {image.shape[:2]}, the untouched gel {first.shape[:2]}; rows and columns"
+            )
+    candidates = list(views(first, height, width))
+    if not candidates:
+        raise FileError(
+            f"images of {first.shape[:2]} are not those of {sensor.name!r}, {height} x {width}, in any turn"
+        )
+    fits = [_fit(view, presses, untouched, model) for view in candidates]
+    # The simplest view that fits as well as any: colours and up and down hardly matter to the model.
+    best = max(likely for likely, _ in fits)
+    fit = next(fit for likely, fit in fits if likely > best - _UNLIKELY)
+    if fit.scatter > WORST:
+        raise FileError(
+            f"what the presses show lies {np.degrees(fit.scatter):.1f} degrees about a line over the given angles, "
+            f"allowed are {np.degrees(WORST):.0f}: are the angles right, and is the untouched gel of this unit?"
+        )
+    _check_touched(fit, presses)
+    return fit
+
+
+def _fit(view: CameraView, presses: Presses, untouched: Sequence[Image], model: TouchModel) -> tuple[float, PressFit]:
+    """Return how likely what is told is in a view, and what follows of the unit."""
+    background = _background([view.of(image) for image in untouched])
+    mean = reduced(background.mean)
+    told, variance = np.array([model.look(difference(view.of(image), mean)).direction for image in presses.images]).T
+    variance = variance * model.settings.spread["direction"].scale + _TRUTH**2
+    # told = offset + scale true, both with priors.
+    design = np.stack([np.ones_like(told), presses.angle], axis=1)
+    prior = np.array([0.0, 1.0]), np.diag([_OFFSET**-2, _SCALE**-2])
+    information = prior[1] + design.T @ (design / variance[:, None])
+    offset, scale = np.linalg.solve(information, prior[1] @ prior[0] + design.T @ (told / variance))
+    off = told - offset - scale * presses.angle
+    cost = off @ (off / variance) + (offset / _OFFSET) ** 2 + ((scale - 1.0) / _SCALE) ** 2 + np.log(variance).sum()
+    scatter = float(np.sqrt(np.mean(off**2)))
+    sigma = float(np.sqrt(np.linalg.inv(information)[0, 0])) * max(1.0, scatter / float(np.sqrt(np.mean(variance))))
+    correction = DirectionCorrection(float(offset), float(scale), sigma)
+    return -0.5 * float(cost), PressFit(Calibration(background, view, correction), told, scatter)
+
+
+def _background(images: Sequence[Image]) -> Background:
+    """Statistics of untouched images; of a single one the deviation is not known, and taken as none."""
+    if len(images) > 1:
+        return background_of(images)
+    check_image(images[0], *images[0].shape[:2])
+    return Background(images[0].astype(np.float32), np.zeros(images[0].shape, np.float32))
+
+
+def _check_touched(fit: PressFit, presses: Presses) -> None:
+    """FileError on the first press that shows no touch."""
+    for name, image in zip(presses.names, presses.images, strict=True):
+        if not ContactDetector(fit.calibration.background).update(fit.calibration.view.of(image)):
+            raise FileError(f"{name}: shows no touch against the untouched gel")
