@@ -117,7 +117,8 @@ def test_plots_tell_what_the_run_says(entities):
 
 
 def test_images_are_those_of_the_recording(entities):
-    assert bytes(at(entities["/touch/image"], 30)[0]) == (imaged_push().image or ())[30]
+    images = imaged_push().image
+    assert images is not None and bytes(at(entities["/touch/image"], 30)[0]) == images[30]
 
 
 def test_a_layout_of_ours_comes_along(saved):
