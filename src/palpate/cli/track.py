@@ -92,6 +92,7 @@ def track(
             help_behavior_hint="(default: runs/<name>)",
         ),
     ] = None,
+    html: Annotated[bool, tyro.conf.arg(help="Leave a page beside it that shows the push, for any browser.")] = False,
     view: Annotated[bool, tyro.conf.arg(help="Show it in Rerun while it is tracked.")] = False,
     save_rrd: Annotated[
         Path | None,
@@ -134,6 +135,7 @@ def track(
         model=learnt,
         background=background,
         first_pose_sigma=first_pose_sigma,
+        html=html,
         window=view,
         rrd=save_rrd,
     )
@@ -167,19 +169,20 @@ def run_file(
     model: "TouchModel | None" = None,
     background: "Background | None" = None,
     first_pose_sigma: tuple[float, float, float] | None = None,
+    html: bool = False,
     window: bool = False,
     rrd: Path | None = None,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary.
 
-    Shown while it is tracked, if `window`, and in a file for Rerun, if one is given.
+    With a page, if `html`; shown while it is tracked, if `window`, and in a file for Rerun, if one is given.
     """
     from contextlib import nullcontext
 
     from palpate import formats
     from palpate.cli.console import progress_bar
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import check_folder, write_run
+    from palpate.tracking.run_folder import PAGE, check_folder, write_run
 
     check_folder(folder, force)  # before the work, not after it
     recording = formats.load_recording(file)
@@ -192,6 +195,10 @@ def run_file(
         watch = log.show if log else None
         run = track(recording, settings, first_pose, progress, model, background, first_pose_sigma, watch)
     write_run(run, folder, force)
+    if html:
+        from palpate.view.page import write_page
+
+        write_page(run, file.name, folder / PAGE)
     return run.summary
 
 

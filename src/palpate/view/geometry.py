@@ -20,15 +20,19 @@ def closed_outline(shape: Shape) -> Array:
     return np.concatenate((outline, outline[:1]))
 
 
-def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
-    """Return the closed ellipses (N, P, 2) that hold the objects' origins with 95 % probability.
+def half_axes_95(covariance: ArrayLike) -> Array:
+    """Return the half axes (N, 2, 2), in columns, of the ellipses that hold the objects' origins with 95 % probability.
 
-    From poses (N, 3) and covariances (N, 3, 3), tangent space at the pose (right, body frame).
+    They are in the frame of the pose that covariances (N, 3, 3) are of: tangent space there, right, body frame.
     """
     values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[..., :2, :2])
-    half_axes = vectors * np.sqrt(_INSIDE_95 * np.maximum(values, 0.0))[..., None, :]
-    circle = np.stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
-    return se2.transform(np.asarray(pose)[..., None, :], np.swapaxes(half_axes @ circle, -1, -2))
+    return vectors * np.sqrt(_INSIDE_95 * np.maximum(values, 0.0))[..., None, :]
+
+
+def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
+    """Return these ellipses about poses (N, 3) as closed lines (N, P, 2)."""
+    points = half_axes_95(covariance) @ np.stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
+    return se2.transform(np.asarray(pose)[..., None, :], np.swapaxes(points, -1, -2))
 
 
 def contact_points(
