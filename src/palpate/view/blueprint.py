@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 _MARGIN = 0.02  # [m] around all that is seen from above
 
 
-def blueprint(scene: Scene, images: bool, tracked: bool) -> "rrb.Blueprint":
-    """Return the layout for a scene with or without touch images, tracked or only recorded."""
+def blueprint(scene: Scene, live: bool) -> "rrb.Blueprint":
+    """Return the layout for a scene; one that is tracked live follows the last frame."""
     import rerun.blueprint as rrb
 
     touch = rrb.Horizontal(
         rrb.Spatial2DView(origin="touch/image", name="Touch"),
         rrb.Spatial2DView(origin="touch/seen", name="What the model saw"),
     )
-    left = rrb.Vertical(_above(scene), touch, row_shares=[3, 2]) if images else _above(scene)
+    left = rrb.Vertical(_above(scene), touch, row_shares=[3, 2]) if scene.recording.image is not None else _above(scene)
     return rrb.Blueprint(
-        rrb.Horizontal(left, _plots(), column_shares=[3, 2]) if tracked else left,
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.Horizontal(left, _plots(), column_shares=[3, 2]) if live or scene.estimate is not None else left,
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if live else "paused"),
         collapse_panels=True,
     )
 
@@ -63,7 +63,9 @@ def _plots() -> "rrb.Vertical":
     return rrb.Vertical(
         rrb.TimeSeriesView(origin="translation", name="Translation [mm]", plot_legend=legend),
         rrb.TimeSeriesView(origin="rotation", name="Rotation [deg]", plot_legend=legend),
-        rrb.TimeSeriesView(origin="friction", name="Friction, as learnt", plot_legend=rrb.PlotLegend("LeftBottom")),
+        rrb.TimeSeriesView(
+            origin="friction", name="Friction, as learnt, with 1 sigma", plot_legend=rrb.PlotLegend(visible=False)
+        ),
         rrb.StateTimelineView(origin="status", name="Status"),
         row_shares=[3, 3, 2, 1.5],
     )

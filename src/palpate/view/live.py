@@ -142,7 +142,7 @@ def live_view(recording: Recording, name: str, file: Path | None, force: bool, w
         sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(part)] if part else []
         if window:
             sinks.append(rr.GrpcSink(open_viewer()))
-        stream.set_sinks(*sinks, default_blueprint=blueprint(scene, recording.image is not None, tracked=True))
+        stream.set_sinks(*sinks, default_blueprint=blueprint(scene, live=True))
         log = LiveLog(stream, recording.shape, recording.sensor)
         try:
             yield log

@@ -14,7 +14,6 @@ from palpate.view.viewer import check_rerun, open_viewer
 
 if TYPE_CHECKING:
     import rerun as rr
-    import rerun.blueprint as rrb
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +25,7 @@ def save_scene(scene: Scene, path: Path, force: bool = False) -> None:
     """Write a file for Rerun's viewer (.rrd), whole or not at all; FileError if it exists, unless `force`."""
     with whole_file(path, overwrite=force) as part:
         stream = open_stream(scene.name)
-        stream.save(part, _blueprint(scene))
+        stream.save(part, blueprint(scene, live=False))
         _send(stream, scene)
         close_stream(stream)
 
@@ -35,7 +34,7 @@ def show_scene(scene: Scene) -> None:
     """Open a viewer that shows the scene and stays when this process ends."""
     address = open_viewer()
     stream = open_stream(scene.name)
-    stream.connect_grpc(address, default_blueprint=_blueprint(scene))
+    stream.connect_grpc(address, default_blueprint=blueprint(scene, live=False))
     _send(stream, scene)
     close_stream(stream)
 
@@ -57,10 +56,6 @@ def close_stream(stream: "rr.RecordingStream") -> None:
     except RuntimeError as error:
         logger.warning("the view is not whole: %s", error)
     stream.disconnect()
-
-
-def _blueprint(scene: Scene) -> "rrb.Blueprint":
-    return blueprint(scene, images=scene.recording.image is not None, tracked=scene.estimate is not None)
 
 
 def _send(stream: "rr.RecordingStream", scene: Scene) -> None:
