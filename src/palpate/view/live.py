@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.errors import SettingError
 from palpate.files import whole_file
 from palpate.geometry.shapes import Shape
 from palpate.recording.frame import Frame
@@ -34,6 +35,7 @@ logger = logging.getLogger(__name__)
 
 INTERVAL = 0.1
 """[s] between frames that are shown."""
+_ROUNDING = 1e-3  # [s] that a frame may be early
 _WAITING = 10  # frames that may wait for the thread: a second of them
 _PATIENCE = 20.0  # [s] for what waits still when tracking has ended
 
@@ -66,7 +68,7 @@ class LiveLog:
         """Take a frame, its estimate and the untouched gel as known then; returns at once."""
         if frame.time < self._next:
             return
-        self._next = frame.time + INTERVAL
+        self._next = frame.time + INTERVAL - _ROUNDING
         if self._queue.full():
             self.dropped += 1
             return
@@ -148,4 +150,7 @@ def live_view(recording: Recording, name: str, file: Path | None, force: bool, w
             yield log
         finally:
             log.close()
-            close_stream(stream)
+            try:
+                close_stream(stream)
+            except SettingError as error:  # the viewer may have been closed meanwhile
+                logger.warning("%s", error)

@@ -1,10 +1,10 @@
 """A whole scene in Rerun: in a file, or in a viewer on this machine."""
 
-import logging
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.errors import SettingError
 from palpate.files import whole_file
 from palpate.view.blueprint import blueprint
 from palpate.view.images import jpeg, views
@@ -14,8 +14,6 @@ from palpate.view.viewer import check_rerun, open_viewer
 
 if TYPE_CHECKING:
     import rerun as rr
-
-logger = logging.getLogger(__name__)
 
 _PATIENCE = 20.0  # [s] for what is on its way
 _AT_ONCE = 200  # images that are in memory together
@@ -50,12 +48,13 @@ def open_stream(name: str) -> "rr.RecordingStream":
 
 
 def close_stream(stream: "rr.RecordingStream") -> None:
-    """Send what is on its way, and let go of file and viewer."""
+    """Send what is on its way, and let go of file and viewer; SettingError where not all of it arrives."""
     try:
         stream.flush(timeout_sec=_PATIENCE)
     except RuntimeError as error:
-        logger.warning("the view is not whole: %s", error)
-    stream.disconnect()
+        raise SettingError(f"the view is not whole: {error}") from error
+    finally:
+        stream.disconnect()
 
 
 def _send(stream: "rr.RecordingStream", scene: Scene) -> None:

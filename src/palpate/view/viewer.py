@@ -12,6 +12,7 @@ from palpate.errors import SettingError
 _COMMAND = (sys.executable, "-m", "rerun_cli")
 _MEMORY, _SERVER_MEMORY = "1GiB", "256MiB"  # the oldest data go first
 _PATIENCE = 30.0  # [s] until a viewer listens
+_WINDOW = 0.5  # [s] from then on in which it fails where it can open no window
 
 
 def check_rerun() -> None:
@@ -47,11 +48,12 @@ def open_viewer(*mode: str) -> str:
     last = time.monotonic() + _PATIENCE
     while time.monotonic() < last and process.poll() is None:
         with socket.socket() as attempt:
-            if attempt.connect_ex(("127.0.0.1", port)) == 0:
-                return f"rerun+http://127.0.0.1:{port}/proxy"
-        time.sleep(0.05)
+            is_listening = attempt.connect_ex(("127.0.0.1", port)) == 0
+        time.sleep(_WINDOW if is_listening else 0.05)
+        if is_listening and process.poll() is None:
+            return f"rerun+http://127.0.0.1:{port}/proxy"
     process.kill()
-    raise SettingError("the viewer does not start; see what `rerun` says by itself, or write a file by --save")
+    raise SettingError("the viewer does not start; `rerun` by itself says why, and a file can be written instead")
 
 
 def quiet_environment() -> dict[str, str]:
