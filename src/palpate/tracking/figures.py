@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.tracking.findings import contact_runs, flag_runs, time_gaps
-from palpate.tracking.metrics import rotation_errors, translation_errors
+from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.tracking.run import Run
 
 if TYPE_CHECKING:
@@ -160,9 +160,8 @@ def _draw_touch(strip: list["Axes"], run: Run, instants: list[int]) -> None:
 
 def _draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
     assert run.online.covariance is not None
-    variance = np.diagonal(run.online.covariance, axis1=1, axis2=2)
-    # The expected length of a zero-mean error in the plane, root mean square.
-    distance, angle = np.sqrt(variance[:, 0] + variance[:, 1]) * 1e3, np.degrees(np.sqrt(variance[:, 2]))
+    distance, angle = deviations(run.online.covariance)
+    distance, angle = distance * 1e3, np.degrees(angle)
     errors: list[Array | None] = [None, None]
     if run.truth is not None and _known_truth(run) is not None:
         errors = [

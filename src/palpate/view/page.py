@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.files import whole_file
 from palpate.geometry.distance_field import DistanceField
-from palpate.tracking.metrics import rotation_errors, translation_errors
+from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.tracking.run import Run
 from palpate.view import colours
 from palpate.view.geometry import closed_outline, contact_points, half_axes_95
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).with_name("page.html.j2")
 _MOST_FRAMES = 3000
 _MOST_PICTURES = 600
-_PICTURES_SIZE = 3_000_000  # [B] of all pictures together
+_PICTURES_SIZE = 2_700_000  # [B] of all pictures together
 _WIDTH = 160  # [px] of a picture
 
 
@@ -38,13 +38,13 @@ def write_page(run: Run, name: str, path: Path, force: bool = False) -> None:
 
 
 def page_data(run: Run) -> dict[str, Any]:
-    """Return what the page draws, as plain data: lengths in mm, angles in degrees, None where nothing is known."""
+    """Return what the page draws, as plain data: mm, yaw of poses in rad, errors in degrees; None where unknown."""
     online, recording = run.online, run.recording
     assert online.covariance is not None and online.contact is not None and online.status is not None
     frames = np.arange(0, len(online), -(-len(online) // _MOST_FRAMES))
     pose, sensor, covariance = online.pose[frames], recording.sensor_pose[frames], online.covariance[frames]
     truth = np.full_like(pose, np.nan) if run.truth is None else run.truth[frames]
-    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    distance, angle = deviations(covariance)
     points = contact_points(sensor, pose, recording.sensor, DistanceField.of(recording.shape))
     points[~online.contact[frames]] = np.nan
     return {
@@ -63,11 +63,11 @@ def page_data(run: Run) -> dict[str, Any]:
         },
         "translation": {
             "error": _rounded(1e3 * translation_errors(pose, truth), 3),
-            "sigma": _rounded(1e3 * np.sqrt(variance[:, 0] + variance[:, 1]), 3),
+            "sigma": _rounded(1e3 * distance, 3),
         },
         "rotation": {
             "error": _rounded(np.degrees(np.abs(rotation_errors(pose, truth))), 3),
-            "sigma": _rounded(np.degrees(np.sqrt(variance[:, 2])), 3),
+            "sigma": _rounded(np.degrees(angle), 3),
         },
         "friction": {
             "value": _rounded(run.friction[frames, 0], 4),

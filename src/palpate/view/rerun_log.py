@@ -13,7 +13,7 @@ from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
-from palpate.tracking.metrics import rotation_errors, translation_errors
+from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.view import colours
 from palpate.view.geometry import closed_outline, contact_points, ellipses_95
 from palpate.view.scene import Scene
@@ -56,10 +56,9 @@ class SceneLog:
         self._send_poses("estimate", pose)
         if covariance is not None:
             self._send_strips("above/estimate/ellipse", [[each] for each in ellipses_95(pose, covariance)])
-            variance = np.diagonal(covariance, axis1=1, axis2=2)
-            # The expected length of a zero-mean error in the plane, root mean square.
-            self._send_number("translation/sigma", 1e3 * np.sqrt(variance[:, 0] + variance[:, 1]))
-            self._send_number("rotation/sigma", np.degrees(np.sqrt(variance[:, 2])))
+            distance, angle = deviations(covariance)
+            self._send_number("translation/sigma", 1e3 * distance)
+            self._send_number("rotation/sigma", np.degrees(angle))
         if scene.truth is not None:
             self._send_number("translation/error", 1e3 * translation_errors(pose, scene.truth))
             self._send_number("rotation/error", np.degrees(np.abs(rotation_errors(pose, scene.truth))))
