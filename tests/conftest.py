@@ -1,4 +1,8 @@
+import os
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -23,3 +27,30 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("real data is not there: no folder ../shared/data")
     return folder
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Any]:
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        lacking = "no chromium and chromedriver to open a page in: apt-get install chromium chromium-driver"
+        if os.environ.get("CI") == "true" and shutil.which("apt-get"):
+            pytest.fail(lacking)
+        pytest.skip(lacking)
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    # No sandbox: root cannot have one, and the page is our own. The rest keeps Chromium from calling home.
+    quiet = "no-first-run disable-background-networking disable-component-update disable-sync disable-quic"
+    for flag in f"headless no-sandbox disable-gpu disable-dev-shm-usage {quiet}".split():
+        options.add_argument(f"--{flag}")
+    options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
+    service = Service(driver)
+    chrome = webdriver.Chrome(options=options, service=service)
+    try:
+        yield chrome
+    finally:
+        chrome.quit()

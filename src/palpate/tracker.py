@@ -1,5 +1,6 @@
 """Touch and estimation together: one frame in, one estimate out."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -8,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import EstimationError, SettingError
+from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.diagnosis import Status
 from palpate.estimation.hypotheses import Answer, Hypotheses
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName
+from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import Shape
 from palpate.recording.frame import Frame
@@ -74,6 +77,8 @@ class Estimate:
     """Why the status is what it is, in words; empty where all is well."""
     answers: tuple[Answer, ...] = ()
     """All poses that may be the object's, the best first; one where nothing is doubtful."""
+    friction: tuple[float, float] = (math.nan, math.nan)
+    """Coulomb friction between sensor and object as learnt so far, with its standard deviation; by the best answer."""
 
 
 class Tracker:
@@ -127,7 +132,7 @@ class Tracker:
             without_images.oracle,
             without_images.constant,
             model,
-            self._background,
+            self._known_background,
             correction,
         )
         contact = contact_model(shape, sensor, settings.pressure)
@@ -174,18 +179,29 @@ class Tracker:
             estimator.status,
             estimator.reason,
             estimator.answers,
+            _friction(estimator.known),
         )
+
+    @property
+    def frame(self) -> Frame:
+        """The last frame as it was taken: its image as the profile's lie, contact as the image tells."""
+        assert self._last is not None
+        return self._last
+
+    @property
+    def background(self) -> Background | None:
+        """The untouched gel as it is known now; None before the first images have told, and without images."""
+        return self._detector.background
 
     def smoothed(self) -> Trajectory:
         """Return all poses so far, each as all later measurements in its contact leave it."""
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
 
-    def _background(self) -> Background:
+    def _known_background(self) -> Background:
         """The untouched gel; it is known before the first contact that the detector finds."""
-        background = self._detector.background
-        assert background is not None
-        return background
+        assert self.background is not None
+        return self.background
 
     def _paused(self, frame: Frame) -> bool:
         return self._last is not None and frame.time - self._last.time > _PAUSE * self._interval
@@ -214,6 +230,11 @@ def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
     if sigma is None:
         return noise
     return replace(noise, priors=replace(noise.priors, direction_bias=(0.0, sigma)))
+
+
+def _friction(known: Prior) -> tuple[float, float]:
+    place = IN_OBJECT[GRIP].start
+    return float(known.values[place]), math.sqrt(known.covariance[3 + place, 3 + place])
 
 
 def _pose(given: object) -> Array | None:

@@ -1,12 +1,8 @@
-import os
-import re
-import shutil
-from collections.abc import Iterator
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
+from page_samples import Page
 from study_samples import drawn_results, drawn_trials
 
 from palpate.errors import FileError
@@ -41,37 +37,6 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trials, results = study()
     write_report(folder, results, trials)
     return folder
-
-
-class Page(HTMLParser):
-    """What a page holds: its tags with attributes, and its words."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.said: list[str] = []
-        self.feed(text)
-        self.words = re.sub(r"\s+", " ", " ".join(self.said))
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "link", "img", "br", "line", "rect", "circle"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.said.append(data)
-
-    def all(self, tag: str, attribute: str) -> list[str]:
-        return [
-            attributes[attribute] or "" for found, attributes in self.tags if found == tag and attribute in attributes
-        ]
 
 
 @pytest.fixture(scope="module")
@@ -192,33 +157,6 @@ def test_report_that_cannot_be_written(tmp_path):
     (tmp_path / "figures").write_text("in the way", encoding="utf-8")
     with pytest.raises(FileError, match=r"figures: cannot be written"):
         write_report(tmp_path, drawn_results([]), [])
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Any]:
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        lacking = "no chromium and chromedriver to open the report in: apt-get install chromium chromium-driver"
-        if os.environ.get("CI") == "true" and shutil.which("apt-get"):
-            pytest.fail(lacking)
-        pytest.skip(lacking)
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    # No sandbox: root cannot have one, and the page is our own. The rest keeps Chromium from calling home.
-    quiet = "no-first-run disable-background-networking disable-component-update disable-sync disable-quic"
-    for flag in f"headless no-sandbox disable-gpu disable-dev-shm-usage {quiet}".split():
-        options.add_argument(f"--{flag}")
-    options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
-    service = Service(driver)
-    chrome = webdriver.Chrome(options=options, service=service)
-    try:
-        yield chrome
-    finally:
-        chrome.quit()
 
 
 @pytest.mark.parametrize(("width", "height", "mobile", "narrowest"), [(1280, 800, False, 260), (390, 844, True, 300)])

@@ -159,3 +159,9 @@ def test_summary_without_truth_has_no_scores():
     assert all(
         found[key] is None for key in KEYS if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))
     )
+
+
+def test_deviations_are_a_length_and_an_angle():
+    # sqrt(9e-6 + 16e-6) = 5 mm, whatever x and y have in common.
+    distance, angle = metrics.deviations([[[9e-6, 1e-6, 0.0], [1e-6, 16e-6, 0.0], [0.0, 0.0, 0.04]]])
+    assert (distance, angle) == (pytest.approx([5e-3]), pytest.approx([0.2]))

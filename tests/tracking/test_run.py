@@ -13,7 +13,7 @@ from palpate.estimation.settings import PRESETS
 from palpate.tracker import TrackerSettings
 from palpate.tracking import run_folder
 from palpate.tracking.run import track
-from palpate.tracking.run_folder import FILES, check_folder, write_run
+from palpate.tracking.run_folder import FILES, RECORDING, check_folder, write_run
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_what_the_settings_need_and_the_recording_lacks():
 def test_a_run_leaves_a_folder(tracked, tmp_path):
     folder = tmp_path / "new" / "run"
     write_run(tracked, folder)
-    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*FILES, RECORDING])  # it is in no other file
     assert [path.name for path in folder.parent.iterdir()] == ["run"]
     assert json.loads((folder / "summary.json").read_text()) == tracked.summary
     settings = json.loads((folder / "settings.json").read_text())

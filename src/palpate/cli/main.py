@@ -16,6 +16,7 @@ from palpate.cli.simulate import simulate
 from palpate.cli.track import track
 from palpate.cli.train import train
 from palpate.cli.tune import tune
+from palpate.cli.view import view
 from palpate.errors import PalpateError
 
 COMMANDS = {
@@ -28,6 +29,7 @@ COMMANDS = {
     "train": train,
     "evaluate": evaluate,
     "tune": tune,
+    "view": view,
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "

@@ -15,6 +15,7 @@ from palpate.cli.options import (
     SmootherOption,
     TactileOption,
     check_model,
+    check_new,
     pressure_of,
 )
 
@@ -91,6 +92,16 @@ def track(
             help_behavior_hint="(default: runs/<name>)",
         ),
     ] = None,
+    html: Annotated[bool, tyro.conf.arg(help="Leave a page beside it that shows the push, for any browser.")] = False,
+    view: Annotated[bool, tyro.conf.arg(help="Show it in Rerun while it is tracked.")] = False,
+    save_rrd: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.rrd",
+            help="Write what --view shows to a file for Rerun.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> int:
@@ -114,6 +125,7 @@ def track(
         **({} if hypotheses is None else {"hypotheses": hypotheses}),
     )
     check_model(model, [tactile])
+    _check_view(files, view, save_rrd, force)
     learnt = None if model is None else TouchModel(model)
     unit = None if calibration is None else load_calibration(calibration)
     track_file = partial(
@@ -123,6 +135,9 @@ def track(
         model=learnt,
         calibration=unit,
         first_pose_sigma=first_pose_sigma,
+        html=html,
+        window=view,
+        rrd=save_rrd,
     )
     folders = _folders(files, out)
     if len(files) == 1:
@@ -154,18 +169,36 @@ def run_file(
     model: "TouchModel | None" = None,
     calibration: "Calibration | None" = None,
     first_pose_sigma: tuple[float, float, float] | None = None,
+    html: bool = False,
+    window: bool = False,
+    rrd: Path | None = None,
 ) -> dict[str, Any]:
-    """Track one file, with progress, write its folder and return the summary."""
+    """Track one file, with progress, write its folder and return the summary.
+
+    With a page, if `html`; shown while it is tracked, if `window`, and in a file for Rerun, if one is given.
+    """
+    from contextlib import nullcontext
+
     from palpate import formats
     from palpate.cli.console import progress_bar
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import check_folder, write_run
+    from palpate.tracking.run_folder import PAGE, check_folder, write_run
 
     check_folder(folder, force)  # before the work, not after it
     recording = formats.load_recording(file)
-    with progress_bar(file.name, len(recording)) as progress:
-        run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma)
+    view = nullcontext()
+    if window or rrd:
+        from palpate.view.live import live_view
+
+        view = live_view(recording, file.name, rrd, force, window)
+    with view as log, progress_bar(file.name, len(recording)) as progress:
+        watch = log.show if log else None
+        run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma, watch)
     write_run(run, folder, force)
+    if html:
+        from palpate.view.page import write_page
+
+        write_page(run, file.name, folder / PAGE)
     return run.summary
 
 
@@ -227,6 +260,22 @@ def _show_runs(runs: list[dict[str, Any]]) -> None:
     title = f"tactile {runs[0]['tactile']}, {runs[0]['smoother']}"
     print_table(title, columns, rows, numbers=range(1, len(columns)))
     print_line(f"runs: {Path(runs[0]['folder']).parent}")
+
+
+def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool) -> None:
+    """Raise SettingError where a view is asked for that cannot be had, before the work and not after it."""
+    from palpate.errors import SettingError
+    from palpate.view.viewer import check_rerun, has_display
+
+    if not view and save_rrd is None:
+        return
+    check_rerun()
+    if len(files) > 1:
+        raise SettingError(f"--view and --save-rrd show one recording, and {len(files)} are given")
+    if view and not has_display():
+        raise SettingError("--view: there is no display to open a window on; --save-rrd FILE.rrd writes a file")
+    if save_rrd:
+        check_new(save_rrd, force)
 
 
 def _folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:

@@ -71,6 +71,21 @@ class SensorProfile:
         """Centres of curvature of the tips in the sensor frame, (tips, 2) [m]."""
         return np.array(self.tips) - np.array((self.radius, 0.0))
 
+    @property
+    def pads(self) -> list[NDArray[np.float64]]:
+        """Outlines (n, 2) [m] of the tips in the sensor frame, for figures.
+
+        They are of a pad as deep as it is wide, or of a whole round tip.
+        """
+        if self.half_width is None:
+            angle = np.linspace(-np.pi, np.pi, 60)
+            back = np.empty((0, 2))
+        else:
+            angle = np.linspace(-1.0, 1.0, 30) * np.arcsin(min(self.half_width / self.radius, 1.0))
+            back = self.half_width * np.array([(-2.0, 1.0), (-2.0, -1.0)])
+        arc = self.radius * np.column_stack((np.cos(angle) - 1.0, np.sin(angle)))
+        return [np.array(tip) + np.concatenate([arc, back]) for tip in self.tips]
+
     def _keep(self, field: str, value: T | None, allowed: Callable[[T], bool], wanted: str) -> None:
         if value is None or not allowed(value):
             found = f"sensor {self.name!r} has {field} {getattr(self, field)!r}"

@@ -1,6 +1,5 @@
 """The report of a study: its figures, and one page that holds them, to be opened anywhere."""
 
-import base64
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from palpate.study.figures import Key, Sheet, render, study_sheets
 from palpate.study.figures.methods import groups_of, main_method, methods_of
 from palpate.study.results import ALL
 from palpate.study.trial import Trial
+from palpate.web_page import picture_uri, rendered_page
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
 _SOURCES = 3
@@ -67,25 +67,17 @@ def _figure(sheet: Sheet, folder: Path) -> Figure:
     whole, pictures = render(sheet)
     with whole_file(folder / f"{sheet.name}.png", overwrite=True) as part:
         part.write_bytes(whole)
-    shown = tuple(
-        Picture(tile.alt, f"data:image/png;base64,{base64.b64encode(picture).decode()}")
-        for tile, picture in zip(sheet.tiles, pictures, strict=True)
-    )
+    shown = tuple(Picture(tile.alt, picture_uri(data)) for tile, data in zip(sheet.tiles, pictures, strict=True))
     return Figure(sheet.name, sheet.title, sheet.caption, sheet.legend, shown, sheet.width < 4.0)
 
 
 def _page(results: Mapping[str, Any], trials: Sequence[Trial], figures: Sequence[Figure]) -> str:
-    import jinja2
-
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters |= {"fixed": _fixed, "percent": _percent, "plain": _plain}
     methods = methods_of(trials)
     table = results["table"]
     groups = [group for group in groups_of(trials) if group in table]
-    return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        **{"against": None, **results, "settings": dict(_flat(results["settings"]))},
+    return rendered_page(
+        TEMPLATE,
+        **{"against": None, **results, "settings": {name: _plain(value) for name, value in _flat(results["settings"])}},
         same=(SAME_MM, SAME_DEG, MM_PER_DEG),
         all=ALL,
         groups=[ALL, *groups] if len(groups) > 1 else groups,
@@ -118,14 +110,6 @@ def _origins(recordings: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]
             }
         )
     return found
-
-
-def _fixed(value: float | None, digits: int = 1) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
-
-
-def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.0f} %"
 
 
 def _plain(value: Any) -> str:

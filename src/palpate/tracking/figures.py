@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.recording.sensor import SensorProfile
 from palpate.tracking.findings import contact_runs, flag_runs, time_gaps
-from palpate.tracking.metrics import rotation_errors, translation_errors
+from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.tracking.run import Run
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def _draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
     touching = np.where(contact[:, None], sensor[:, :2] * 1e3, np.nan)
     axes.plot(*touching.T, color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
     for index in [*instants, len(sensor) - 1]:
-        for pad in _pads(run.recording.sensor):
+        for pad in run.recording.sensor.pads:
             axes.fill(*(se2.transform(sensor[index], pad) * 1e3).T, color=SENSOR, alpha=0.8, lw=0)
     for number, index in enumerate(instants, 1):
         away = -32.0 * np.array([np.cos(sensor[index, 2]), np.sin(sensor[index, 2])])
@@ -124,18 +123,6 @@ def _draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.25)
-
-
-def _pads(sensor: SensorProfile) -> list[Array]:
-    """Outlines (n, 2) [m] of the tips in the sensor frame: of a pad as deep as it is wide, or of a whole round tip."""
-    if sensor.half_width is None:
-        angle = np.linspace(-np.pi, np.pi, 60)
-        back = np.empty((0, 2))
-    else:
-        angle = np.linspace(-1.0, 1.0, 30) * np.arcsin(min(sensor.half_width / sensor.radius, 1.0))
-        back = sensor.half_width * np.array([(-2.0, 1.0), (-2.0, -1.0)])
-    arc = sensor.radius * np.column_stack((np.cos(angle) - 1.0, np.sin(angle)))
-    return [np.array(tip) + np.concatenate([arc, back]) for tip in sensor.tips]
 
 
 def _number(axes: "Axes", number: int, place: Any, away: Any = (0.0, 0.0), coordinates: Any = "data") -> None:
@@ -173,9 +160,8 @@ def _draw_touch(strip: list["Axes"], run: Run, instants: list[int]) -> None:
 
 def _draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
     assert run.online.covariance is not None
-    variance = np.diagonal(run.online.covariance, axis1=1, axis2=2)
-    # The expected length of a zero-mean error in the plane, root mean square.
-    distance, angle = np.sqrt(variance[:, 0] + variance[:, 1]) * 1e3, np.degrees(np.sqrt(variance[:, 2]))
+    distance, angle = deviations(run.online.covariance)
+    distance, angle = distance * 1e3, np.degrees(angle)
     errors: list[Array | None] = [None, None]
     if run.truth is not None and _known_truth(run) is not None:
         errors = [

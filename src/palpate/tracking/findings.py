@@ -83,6 +83,13 @@ def trusted_truth(recording: Recording) -> Flags:
     return np.isfinite(recording.object_pose[:, 0]) & ~derived.spikes(recording.object_pose)
 
 
+def known_truth(recording: Recording) -> Array | None:
+    """Ground truth (N, 3) where it can be trusted, NaN elsewhere; None if there is none."""
+    if recording.object_pose is None:
+        return None
+    return np.where(trusted_truth(recording)[:, None], recording.object_pose, np.nan)
+
+
 def contact_runs(recording: Recording) -> list[tuple[int, int]]:
     """First and last frame of each unbroken contact; one also ends where the episode number changes."""
     if recording.contact is None:

@@ -29,6 +29,12 @@ def rotation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
     return se2.wrap(np.asarray(pose, dtype=np.float64)[..., 2] - np.asarray(truth)[..., 2])
 
 
+def deviations(covariance: ArrayLike) -> tuple[Array, Array]:
+    """Return how long [m] and how large [rad] errors of covariances (N, 3, 3) are, root mean square, (N,) each."""
+    variance = np.diagonal(np.asarray(covariance, dtype=np.float64), axis1=1, axis2=2)
+    return np.sqrt(variance[:, 0] + variance[:, 1]), np.sqrt(variance[:, 2])
+
+
 def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
     """Normalised estimation error squared (N,): d^T covariance^-1 d with d = log(estimate^-1 truth).
 

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,17 +10,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
+from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
+from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
-from palpate.tracking.findings import trusted_truth
+from palpate.tracking.details import Answers
+from palpate.tracking.findings import known_truth, trusted_truth
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
+Watch = Callable[[Frame, Estimate, Background | None], None]
+"""What looks on while tracking: it takes each frame, its estimate and the untouched gel as known then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,10 @@ class Run:
     """The estimate at each frame from all frames up to it, with covariance, contact and status."""
     smoothed: Trajectory
     """The poses as all frames of their contact leave them."""
+    answers: Answers
+    """All answers at each of N frames, the best first; none at frames with one, which is the estimate."""
+    friction: Array
+    """Friction between sensor and object as learnt up to each frame, and its standard deviation, (N, 2)."""
     step_ms: Array
     """Time of each `Tracker.update` (N,) [ms], the reading and decoding of the frame left out."""
     wall_s: float
@@ -61,8 +70,9 @@ def track(
     model: TouchModel | None = None,
     calibration: Calibration | None = None,
     first_pose_sigma: ArrayLike | None = None,
+    watch: Watch | None = None,
 ) -> Run:
-    """Track the object of a recording; `progress` is called after each frame with the number done.
+    """Track the object of a recording; `progress` is called after each frame with the number done, and `watch`.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
     `calibration` and `first_pose_sigma` are the Tracker's.
@@ -84,21 +94,15 @@ def track(
         start = time.perf_counter()
         estimates.append(tracker.update(frame))
         step_ms[index] = (time.perf_counter() - start) * 1e3
+        if watch:
+            watch(tracker.frame, estimates[-1], tracker.background)
         if progress:
             progress(index + 1)
-    contact = np.array([estimate.contact for estimate in estimates])
-    online = Trajectory(
-        time=np.array([estimate.time for estimate in estimates]),
-        pose=np.array([estimate.pose for estimate in estimates]),
-        covariance=np.array([estimate.covariance for estimate in estimates]),
-        contact=contact,
-        status=tuple(estimate.status for estimate in estimates),
-    )
+    online, answers, friction = gathered(estimates)
+    contact = np.asarray(online.contact, np.bool_)
     smoothed = tracker.smoothed()
     wall_s = time.perf_counter() - begin
-    truth = recording.object_pose
-    if truth is not None:
-        truth = np.where(trusted_truth(recording)[:, None], truth, np.nan)
+    truth = known_truth(recording)
     summary = summarise(
         online,
         truth,
@@ -110,7 +114,35 @@ def track(
         knocked=knocked_frames(recording),
     )
     sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
-    return Run(recording, settings, model, calibration, first, sigma, online, smoothed, step_ms, wall_s, truth, summary)
+    return Run(
+        recording,
+        settings,
+        model,
+        calibration,
+        first,
+        sigma,
+        online,
+        smoothed,
+        answers,
+        friction,
+        step_ms,
+        wall_s,
+        truth,
+        summary,
+    )
+
+
+def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]:
+    """Return what estimates of N frames say: poses with all about them, answers and friction, as a Run has them."""
+    online = Trajectory(
+        time=np.array([estimate.time for estimate in estimates]),
+        pose=np.array([estimate.pose for estimate in estimates]),
+        covariance=np.array([estimate.covariance for estimate in estimates]),
+        contact=np.array([estimate.contact for estimate in estimates]),
+        status=tuple(estimate.status for estimate in estimates),
+    )
+    answers = tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
+    return online, answers, np.array([estimate.friction for estimate in estimates])
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:

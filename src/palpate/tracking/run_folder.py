@@ -10,18 +10,30 @@ from typing import Any
 import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
-from palpate.formats import estimates_csv, tum
+from palpate.formats import estimates_csv, palpate_h5, tum
+from palpate.tracking import details
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
 
-FILES = ("settings.json", "trajectory.tum", "estimates.csv", "summary.json", "figure.png")
+FILES = (
+    "settings.json",
+    "trajectory.tum",
+    "estimates.csv",
+    "answers.csv",
+    "friction.csv",
+    "summary.json",
+    "figure.png",
+)
 """What a run folder holds."""
+RECORDING, PAGE = "recording.h5", "page.html"
+"""What it may hold beside: the recording, where that is in no other file, and the page of `palpate track --html`."""
 
 
 def write_run(run: Run, folder: Path | str, force: bool = False) -> None:
     """Write the folder of a run, whole or not at all: FILES.
 
-    `estimates.csv` and `summary.json` are of the online estimates, `trajectory.tum` holds the smoothed ones.
+    `estimates.csv` and `summary.json` are of the online estimates, `trajectory.tum` holds the smoothed ones. A
+    recording that is in no file is kept as RECORDING, so that the run can be looked at again.
     Raises FileError if the folder exists; with `force` an earlier run in it is replaced once the new one is
     whole.
     """
@@ -33,8 +45,12 @@ def write_run(run: Run, folder: Path | str, force: bool = False) -> None:
         _write_json(part / "settings.json", settings_dict(run))
         tum.write(run.smoothed, part / "trajectory.tum")
         estimates_csv.write(run.online, part / "estimates.csv")
+        details.write_answers(run.online.time, run.answers, part / "answers.csv")
+        details.write_friction(run.online.time, run.friction, part / "friction.csv")
         _write_json(part / "summary.json", run.summary)
         run_figure(run).savefig(part / "figure.png", dpi=150)
+        if run.recording.file is None:
+            palpate_h5.write_recording(run.recording, part / RECORDING)
         _replace(folder, part)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
@@ -52,7 +68,7 @@ def check_folder(folder: Path, force: bool = False) -> None:
         raise FileError(f"{folder}: is a file, expected the name of a folder to write")
     if not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    if foreign := sorted(path.name for path in folder.iterdir() if path.name not in FILES):
+    if foreign := sorted(path.name for path in folder.iterdir() if path.name not in (*FILES, RECORDING, PAGE)):
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is no part of a run, so it is not replaced")
 
 
@@ -61,7 +77,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
     noise = run.settings.noise
     return {
         "palpate": palpate.__version__,
-        "recording": None if run.recording.file is None else str(run.recording.file),
+        "recording": RECORDING if run.recording.file is None else str(run.recording.file.absolute()),
         "source": run.recording.source,
         "tactile": run.settings.tactile,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},

@@ -1,0 +1,45 @@
+"""`palpate view`: shows a run or a recording in Rerun."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from palpate.cli.options import ForceOption, check_new
+
+
+def view(
+    path: Annotated[
+        tyro.conf.Positional[Path],
+        tyro.conf.arg(metavar="RUN|RECORDING", help="Folder of a run, or a recording in any known format."),
+    ],
+    /,
+    *,
+    save: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.rrd",
+            help="Write a file for Rerun instead of opening a window.",
+            help_behavior_hint="(default: a window; without a display, <name>.rrd)",
+        ),
+    ] = None,
+    force: ForceOption = False,
+) -> int:
+    """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time."""
+    from palpate.cli.console import busy, print_line
+    from palpate.view.scene import load_scene
+    from palpate.view.show import save_scene, show_scene
+    from palpate.view.viewer import check_rerun, has_display
+
+    check_rerun()
+    file = save if save or has_display() else Path(f"{path.resolve().stem}.rrd")
+    if file:
+        check_new(file, force)
+    with busy(f"reading {path.name}"):
+        scene = load_scene(path)
+        if file is None:
+            show_scene(scene)
+            return 0
+        save_scene(scene, file, force)
+    print_line(f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has")
+    return 0

@@ -1,0 +1,1 @@
+"""Runs and recordings shown: in Rerun, live and afterwards, and on a page of their own."""

@@ -1,0 +1,163 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+from view_samples import FIRST, FRAMES, LAST, imaged_push, tracked_push
+
+from palpate import formats
+from palpate.errors import FileError
+from palpate.geometry import se2
+from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.shapes import Disc, Rectangle
+from palpate.recording.sensor import SensorProfile
+from palpate.tracking.run_folder import RECORDING, write_run
+from palpate.view.geometry import closed_outline, contact_points, ellipses_95
+from palpate.view.images import jpeg, views
+from palpate.view.scene import Scene, load_scene, scene_of
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("written") / "run"
+    write_run(tracked_push(), folder)
+    return folder
+
+
+@pytest.fixture
+def run_folder(written, tmp_path):
+    return shutil.copytree(written, tmp_path / "run")
+
+
+def assert_same(found: Scene, made: Scene):
+    assert found.estimate is not None and made.estimate is not None
+    for name in ("time", "pose", "contact", "status"):
+        np.testing.assert_array_equal(getattr(found.estimate, name), getattr(made.estimate, name))
+    np.testing.assert_array_equal(found.truth, made.truth)
+    np.testing.assert_array_equal(found.friction, made.friction)
+    assert [len(several) for several in found.answers] == [len(several) for several in made.answers]
+    for one, other in zip(found.answers[30], made.answers[30], strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-12)
+        assert one.weight == other.weight
+
+
+def test_a_run_folder_shows_what_the_run_did(run_folder):
+    made = scene_of(tracked_push(), "run")
+    found = load_scene(run_folder)
+    assert_same(found, made)
+    assert found.recording.image == made.recording.image  # it was in no file, so the folder has it
+    assert found.name == "run"
+
+
+def test_friction_is_learnt_from_contact_on(run_folder):
+    friction = load_scene(run_folder).friction
+    assert friction is not None and friction.shape == (FRAMES, 2)
+    np.testing.assert_array_equal(friction[:FIRST], [tracked_push().settings.noise.priors.grip] * FIRST)
+    assert (friction[:, 1] > 0.0).all() and friction[LAST, 0] != friction[0, 0]
+
+
+def test_a_recording_shows_itself(tmp_path):
+    formats.write(imaged_push(), tmp_path / "push.h5")
+    scene = load_scene(tmp_path / "push.h5")
+    assert scene.estimate is None and scene.name == "push.h5"
+    np.testing.assert_array_equal(scene.contact, imaged_push().contact)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("settings.json", None, "is no run of palpate track"),
+        ("settings.json", "{}", r"settings.json: recording is null, expected the name of a file"),
+        ("settings.json", '{"recording": "gone.h5"}', "gone.h5: no such file"),
+        ("friction.csv", "time,friction,deviation\n0.0,0.4,0.1\n", "has 1 times that are not those of the run's 50"),
+        ("friction.csv", "time,friction\n", "line 1: expected the header time,friction,deviation"),
+        ("answers.csv", None, "answers.csv: no such file"),
+    ],
+)
+def test_a_run_folder_that_cannot_be_shown(run_folder, file, text, message):
+    (run_folder / file).unlink()
+    if text is not None:
+        (run_folder / file).write_text(text)
+    with pytest.raises(FileError, match=message):
+        load_scene(run_folder)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("9.0,1,0,0,0,1,0,0,1,0,1", "line 2: time is 9 s, at which there is no estimate"),
+        ("0.0,1,0,0,0,1,0,0,1,0", "line 2: found 10 fields, expected 11"),
+        ("0.0,1,0,0,0,1,0,0,1,0,one", "line 2: could not convert"),
+    ],
+)
+def test_answers_that_cannot_be_read(run_folder, row, message):
+    header = (run_folder / "answers.csv").read_text().splitlines()[0]
+    (run_folder / "answers.csv").write_text(f"{header}\n{row}\n")
+    with pytest.raises(FileError, match=message):
+        load_scene(run_folder)
+
+
+def test_a_recording_that_has_changed_since(run_folder):
+    formats.write(imaged_push(), run_folder / "shorter.h5")
+    settings = json.loads((run_folder / "settings.json").read_text())
+    lines = (run_folder / "estimates.csv").read_text().splitlines(keepends=True)
+    (run_folder / "estimates.csv").write_text("".join(lines[:-1]))
+    with pytest.raises(FileError, match="49 estimates are not of the 50 frames"):
+        load_scene(run_folder)
+    assert settings["recording"] == RECORDING
+
+
+def test_ellipses_hold_95_percent_of_what_is_drawn():
+    rng = np.random.default_rng(5)
+    pose = np.array([0.3, -0.2, 2.0])
+    root = np.array([[0.02, 0.0, 0.0], [0.012, 0.004, 0.0], [0.1, 0.0, 0.2]])
+    drawn = (rng.normal(size=(20000, 3)) @ root.T)[:, :2]  # in the object's frame
+    ellipse = se2.transform(se2.inverse(pose), ellipses_95(pose[None], (root @ root.T)[None])[0])
+    np.testing.assert_allclose(ellipse[0], ellipse[-1], atol=1e-12)
+    edges = np.roll(ellipse[:-1], -1, axis=0) - ellipse[:-1]
+    to = drawn[:, None] - ellipse[:-1]
+    side = edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0]
+    inside = (np.sign(side) == np.sign(side[:, :1])).all(axis=1).mean()
+    assert 0.94 < inside < 0.96
+
+
+def test_the_contact_point_is_the_nearest_of_the_outline():
+    sensor = SensorProfile(name="two", radius=0.01, tips=((0.0, -0.02), (0.0, 0.02)))
+    field = DistanceField.of(Rectangle(0.1, 0.06))
+    poses = np.array([[0.5, 0.1, np.pi / 2]] * 2)
+    # At the object's left side, turned a little so that the one tip is nearer, and then the other.
+    object_T_sensor = np.array([[-0.055, 0.0, -0.05], [-0.055, 0.0, 0.05]])
+    points = contact_points(se2.compose(poses, object_T_sensor), poses, sensor, field)
+    local = se2.transform(se2.inverse(poses), points)
+    centers = se2.transform(object_T_sensor[:, None], sensor.centers)
+    nearest = [centers[0, 1], centers[1, 0]]
+    np.testing.assert_allclose(local, [[-0.05, each[1]] for each in nearest], atol=2e-4)
+
+
+def test_an_outline_is_closed():
+    outline = closed_outline(Disc(0.05))
+    np.testing.assert_array_equal(outline[0], outline[-1])
+    np.testing.assert_allclose(np.hypot(*outline.T), 0.05)
+
+
+def test_the_model_sees_grey_where_nothing_touches():
+    recording = imaged_push()
+    pairs = list(views(recording, None))
+    assert len(pairs) == FRAMES
+    assert all(model is None for _, model in pairs[:14])  # the untouched gel is not known yet
+    untouched, touched = pairs[16][1], pairs[30][1]
+    assert untouched is not None and touched is not None and touched.shape == (40, 30, 3)
+    assert np.abs(untouched.astype(int) - 128).max() < 12
+    assert touched[20, 15].min() > 220 and np.abs(touched[3, 3].astype(int) - 128).max() < 12
+
+
+def test_pictures_are_made_smaller_and_never_larger():
+    import cv2
+
+    image = np.zeros((40, 30, 3), np.uint8)
+    image[..., 0] = 200
+    for width, expected in ((15, (20, 15, 3)), (60, (40, 30, 3)), (None, (40, 30, 3))):
+        found = cv2.imdecode(np.frombuffer(jpeg(image, width), np.uint8), cv2.IMREAD_COLOR)
+        assert found is not None and found.shape == expected
+        assert found[5, 5, 2] > 180 and found[5, 5, 0] < 20  # still RGB
