@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from palpate.cli.bag_options import Bag, BagOptions, read_with
 from palpate.cli.options import (
     ForceOption,
     JsonOption,
@@ -83,6 +84,7 @@ def track(
             help_behavior_hint="(default: that of the tracker)",
         ),
     ] = None,
+    bag: Bag = BagOptions(),  # noqa: B008
     out: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -123,6 +125,7 @@ def track(
         model=learnt,
         background=background,
         first_pose_sigma=first_pose_sigma,
+        bag=bag,
     )
     folders = _folders(files, out)
     if len(files) == 1:
@@ -154,15 +157,18 @@ def run_file(
     model: "TouchModel | None" = None,
     background: "Background | None" = None,
     first_pose_sigma: tuple[float, float, float] | None = None,
+    bag: BagOptions = BagOptions(),  # noqa: B008
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary."""
-    from palpate import formats
-    from palpate.cli.console import progress_bar
+    from palpate.cli.console import busy, progress_bar
+    from palpate.recording.recording import Recording
     from palpate.tracking.run import track
     from palpate.tracking.run_folder import check_folder, write_run
 
     check_folder(folder, force)  # before the work, not after it
-    recording = formats.load_recording(file)
+    with busy(f"reading {file.name}"):
+        reading = read_with(file, bag)
+    recording = reading if isinstance(reading, Recording) else reading.recording
     with progress_bar(file.name, len(recording)) as progress:
         run = track(recording, settings, first_pose, progress, model, background, first_pose_sigma)
     write_run(run, folder, force)

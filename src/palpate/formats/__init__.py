@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import FileError, SettingError
-from palpate.files import existing_file
+from palpate.formats.bags.containers import existing_bag
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 
 MODULES = {
     "palpate": "palpate_h5",
+    "bag": "bag",
     "mit-push": "mit_push",
     "cmu-two-finger": "cmu_two_finger",
     "theseus-json": "theseus_json",
@@ -35,13 +36,13 @@ EXTENSIONS = {
 
 def detect_format(path: Path | str) -> str | None:
     """The name of the file's format, or None if it is not known. Raises FileError if there is no file."""
-    path = existing_file(path)
+    path = existing_bag(path)
     return next((name for name in MODULES if _module(name).detect(path)), None)
 
 
 def read(path: Path | str, format: str | None = None) -> Recording | Trajectory:
     """Read a file of any known format; `format` names it if it is not to be told from the content."""
-    path = existing_file(path)
+    path = existing_bag(path)
     name = format or detect_format(path)
     if name is None:
         import h5py

@@ -37,7 +37,7 @@ SHAPE = Disc(0.05)
 def read(tmp_path: Any, messages: list[Message], container: str = "mcap", **choices: Any) -> Any:
     """The recording in a bag of these messages."""
     path = write_bag(tmp_path / "bag", container, sorted(messages, key=lambda message: message.log_time))
-    return read_bag(path, SHAPE, BagChoices(**choices))[0]
+    return read_bag(path, SHAPE, BagChoices(**choices)).recording
 
 
 def few_images(count: int = 6) -> list[Message]:
@@ -58,7 +58,7 @@ def same_poses(found: Any, wanted: Any, within: float = 1e-9) -> None:
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_a_bag_that_another_program_wrote(tmp_path, container, compressed):
     path = write_bag(tmp_path / "bag", container, push_messages(compressed))
-    recording, plane = read_bag(path, SHAPE)
+    recording, plane, _ = read_bag(path, SHAPE)
     assert (recording.shape, recording.sensor, recording.file) == (SHAPE, DIGIT, path)
     assert recording.time.tolist() == (image_times() / 1e9).tolist()
     same_poses(recording.sensor_pose, true_pose(image_times()))

@@ -2,6 +2,7 @@
 
 import logging
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,24 +30,35 @@ TOLD = np.radians(2.0)
 """Angle out of the plane [rad] from which on it is warned of."""
 
 
+class BagReading(NamedTuple):
+    """What was read of a bag."""
+
+    recording: Recording
+    plane: Plane
+    """The plane that its poses are in."""
+    mapping: Mapping
+    """What was read from where."""
+
+
 def read_bag(
-    path: Path, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = DIGIT
-) -> tuple[Recording, Plane]:
-    """Read a bag as a recording of an object of this shape; also returns the plane that its poses are in.
+    path: Path | str, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = DIGIT
+) -> BagReading:
+    """Read a bag as a recording of an object of this shape.
 
     Frames are the images, at their times by the chosen clock, with the sensor's poses between those of the bag; a
     warning says how many are left out because no pose is known at their time. Raises FileError where topics are
     ambiguous, clocks do not go together, or poses leave the plane.
     """
     choices = choices or BagChoices()
-    found = contents(path)
+    found = contents(Path(path))
     chosen = mapping(found, choices)
     if choices.clock == "header":
         check_stamps(found, chosen)
     try:
-        return _recording(found, chosen, choices, read_streams(found, chosen, choices), shape, sensor)
+        recording, plane = _recording(found, chosen, choices, read_streams(found, chosen, choices), shape, sensor)
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
+    return BagReading(recording, plane, chosen)
 
 
 def _recording(
