@@ -61,6 +61,7 @@ class BagOptions:
     off_plane: Annotated[float, tyro.conf.arg(metavar="METRES", help="How far poses may be off that plane [m].")] = 0.01
 
 
+BAG_DEFAULTS = BagOptions()
 Bag = Annotated[BagOptions, tyro.conf.arg(name="")]
 """The options of `BagOptions` as options of a command."""
 
@@ -73,7 +74,7 @@ def choices_of(options: BagOptions) -> "BagChoices":
 
 
 def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
-    """The recording in a file, and if it is a bag and a shape is given, what else its reading told.
+    """The recording in a file or, if it is a bag and a shape is given, in what its reading told.
 
     Raises SettingError for options that are of no use.
     """
@@ -84,11 +85,22 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
     from palpate.simulation.objects import find_shape
 
     if options.shape is None:
-        if options != BagOptions():
-            given = [name for name, value in asdict(options).items() if value != getattr(BagOptions(), name)]
+        if options != BAG_DEFAULTS:
+            given = [name for name, value in asdict(options).items() if value != getattr(BAG_DEFAULTS, name)]
             names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
             raise SettingError(f"{names} can be used for bags only, with --shape")
         return formats.load_recording(file)
     if container_of(existing_bag(file)) is None:
         raise SettingError(f"--shape {options.shape}: {file} is no bag, so it tells the object's outline itself")
     return read_bag(file, find_shape(options.shape)[1], choices_of(options))
+
+
+def read_to_convert(file: Path, options: BagOptions) -> tuple["Recording", list[str]]:
+    """The recording in a file, and what a bag holds beyond it, in words."""
+    from palpate.recording.recording import Recording
+
+    reading = read_with(file, options)
+    if isinstance(reading, Recording):
+        return reading, []
+    unused = [f"topic {topic}" for topic in reading.mapping.unused]
+    return reading.recording, ["poses between images", "heights and tilts", *unused]

@@ -25,11 +25,13 @@ def info(
     from palpate import formats
     from palpate.cli.bag_info import show_bag
     from palpate.cli.console import busy, print_json
+    from palpate.formats.bag import read_own
     from palpate.geometry.shapes import shape_to_dict
+    from palpate.recording.recording import Recording
     from palpate.recording.sensor import sensor_to_dict
     from palpate.tracking.inspection import inspect_recording
 
-    if formats.detect_format(file) == "bag":
+    if formats.detect_format(file) == "bag" and not isinstance(read_own(file), Recording):
         show_bag(file, json)
         return 0
     with busy(f"inspecting {file.name}"):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.bag_options import Bag, BagOptions, read_with
+from palpate.cli.bag_options import BAG_DEFAULTS, Bag, BagOptions, read_with
 from palpate.cli.options import (
     ForceOption,
     JsonOption,
@@ -84,7 +84,8 @@ def track(
             help_behavior_hint="(default: that of the tracker)",
         ),
     ] = None,
-    bag: Bag = BagOptions(),  # noqa: B008
+    bag: Bag = BAG_DEFAULTS,
+    mcap: Annotated[bool, tyro.conf.arg(help="Write the estimates as ROS 2 messages too, estimates.mcap.")] = False,
     out: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -126,6 +127,7 @@ def track(
         background=background,
         first_pose_sigma=first_pose_sigma,
         bag=bag,
+        mcap=mcap,
     )
     folders = _folders(files, out)
     if len(files) == 1:
@@ -157,10 +159,12 @@ def run_file(
     model: "TouchModel | None" = None,
     background: "Background | None" = None,
     first_pose_sigma: tuple[float, float, float] | None = None,
-    bag: BagOptions = BagOptions(),  # noqa: B008
+    bag: BagOptions = BAG_DEFAULTS,
+    mcap: bool = False,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary."""
     from palpate.cli.console import busy, progress_bar
+    from palpate.formats.bags.plane import flat
     from palpate.recording.recording import Recording
     from palpate.tracking.run import track
     from palpate.tracking.run_folder import check_folder, write_run
@@ -168,10 +172,10 @@ def run_file(
     check_folder(folder, force)  # before the work, not after it
     with busy(f"reading {file.name}"):
         reading = read_with(file, bag)
-    recording = reading if isinstance(reading, Recording) else reading.recording
+    recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
     with progress_bar(file.name, len(recording)) as progress:
         run = track(recording, settings, first_pose, progress, model, background, first_pose_sigma)
-    write_run(run, folder, force)
+    write_run(run, folder, force, plane if mcap else None)
     return run.summary
 
 

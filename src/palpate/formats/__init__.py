@@ -1,7 +1,7 @@
 """Files of palpate and of others, one module for each format, found by their content.
 
 A format module has NAME, DESCRIPTION, detect(path) and read(path), and write(data, path, overwrite) where
-that makes sense. What a file's frames and units are, each module says.
+that makes sense; lost(data) where it cannot hold all. What a file's frames and units are, each module says.
 """
 
 from importlib import import_module
@@ -15,12 +15,12 @@ from palpate.recording.trajectory import Trajectory
 
 MODULES = {
     "palpate": "palpate_h5",
-    "bag": "bag",
     "mit-push": "mit_push",
     "cmu-two-finger": "cmu_two_finger",
     "theseus-json": "theseus_json",
     "tum": "tum",
     "estimates-csv": "estimates_csv",
+    "bag": "bag",
 }
 """The module of each format, by its name; detection asks them in this order."""
 
@@ -30,6 +30,7 @@ EXTENSIONS = {
     ".json": "theseus-json",
     ".tum": "tum",
     ".csv": "estimates-csv",
+    ".mcap": "bag",
 }
 """The format that a file to be written gets, by its extension."""
 
@@ -65,6 +66,17 @@ def load_recording(path: Path | str) -> Recording:
 
 def write(data: Recording | Trajectory, path: Path | str, format: str | None = None, overwrite: bool = False) -> None:
     """Write a file in the named format, or in the one its extension stands for."""
+    _writer(path, format).write(data, Path(path), overwrite)
+
+
+def lost(data: Recording | Trajectory, path: Path | str, format: str | None = None) -> list[str]:
+    """What of the data the format that `write` would take cannot hold, in words; nothing for most."""
+    module = _writer(path, format)
+    return module.lost(data) if hasattr(module, "lost") else []
+
+
+def _writer(path: Path | str, format: str | None) -> Any:
+    """The module of the named format, or of the one that the extension stands for."""
     path = Path(path)
     name = format or EXTENSIONS.get(path.suffix.lower())
     if name is None:
@@ -73,7 +85,7 @@ def write(data: Recording | Trajectory, path: Path | str, format: str | None = N
     module = _module(name)
     if not hasattr(module, "write"):
         raise SettingError(f"{path}: {name} files can be read but not written")
-    module.write(data, path, overwrite)
+    return module
 
 
 def _module(name: str) -> Any:

@@ -11,17 +11,22 @@ import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
 from palpate.formats import estimates_csv, tum
+from palpate.formats.bags.estimates_mcap import write_estimates_mcap
+from palpate.formats.bags.plane import Plane
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
 
 FILES = ("settings.json", "trajectory.tum", "estimates.csv", "summary.json", "figure.png")
 """What a run folder holds."""
+MCAP = "estimates.mcap"
+"""What it holds besides if asked for."""
 
 
-def write_run(run: Run, folder: Path | str, force: bool = False) -> None:
-    """Write the folder of a run, whole or not at all: FILES.
+def write_run(run: Run, folder: Path | str, force: bool = False, mcap: Plane | None = None) -> None:
+    """Write the folder of a run, whole or not at all: FILES and, with the plane in space that `mcap` is, MCAP.
 
-    `estimates.csv` and `summary.json` are of the online estimates, `trajectory.tum` holds the smoothed ones.
+    `estimates.csv`, `estimates.mcap` and `summary.json` are of the online estimates, `trajectory.tum` holds the
+    smoothed ones.
     Raises FileError if the folder exists; with `force` an earlier run in it is replaced once the new one is
     whole.
     """
@@ -33,6 +38,8 @@ def write_run(run: Run, folder: Path | str, force: bool = False) -> None:
         _write_json(part / "settings.json", settings_dict(run))
         tum.write(run.smoothed, part / "trajectory.tum")
         estimates_csv.write(run.online, part / "estimates.csv")
+        if mcap is not None:
+            write_estimates_mcap(run.online, part / MCAP, plane=mcap)
         _write_json(part / "summary.json", run.summary)
         run_figure(run).savefig(part / "figure.png", dpi=150)
         _replace(folder, part)
@@ -52,7 +59,7 @@ def check_folder(folder: Path, force: bool = False) -> None:
         raise FileError(f"{folder}: is a file, expected the name of a folder to write")
     if not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    if foreign := sorted(path.name for path in folder.iterdir() if path.name not in FILES):
+    if foreign := sorted(path.name for path in folder.iterdir() if path.name not in (*FILES, MCAP)):
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is no part of a run, so it is not replaced")
 
 

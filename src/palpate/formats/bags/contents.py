@@ -75,7 +75,7 @@ def contents(path: Path) -> Contents:
     except CutShort as error:
         cut = True
         count = sum(len(tally.log_times) for tally in tallies.values())
-        logger.warning("%s, as when its recorder was killed; the %d messages before it are read", error, count)
+        warn_of_cut(error, count, "messages")
     if not tallies:
         raise FileError(f"{path}: holds no messages")
     topics = tuple(_topic(channel, tally) for channel, tally in sorted(tallies.items()))
@@ -83,6 +83,11 @@ def contents(path: Path) -> Contents:
         names = ", ".join(f"{channel.topic} ({channel.encoding or 'unknown'})" for channel in ignored)
         logger.warning("%s: topics that are no ROS messages are ignored: %s", path, names)
     return Contents(path, topics, parents, cut)
+
+
+def warn_of_cut(error: CutShort, count: int, what: str) -> None:
+    """Say that a bag ends too early and how much of it is read."""
+    logger.warning("%s, as when its recorder was killed; the %d %s before it are read", error, count, what)
 
 
 @dataclass

@@ -46,7 +46,7 @@ def is_read(channel: Channel) -> bool:
 
 def decoded(raw: RawMessage) -> Any:
     """The message, its fields as attributes. Raises FileError that names the topic where its bytes are damaged."""
-    store = _types(raw.channel.encoding)
+    store = ros_types(raw.channel.encoding)
     decode = store.deserialize_cdr if raw.channel.encoding == "cdr" else store.deserialize_ros1
     try:
         return decode(raw.data, raw.channel.type)
@@ -112,7 +112,8 @@ def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
 
 
 @cache
-def _types(encoding: str) -> Any:
+def ros_types(encoding: str) -> Any:
+    """The types of ROS 2 ("cdr") or ROS 1 ("ros1"), as `rosbags` has them."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     if encoding == "cdr":
