@@ -10,11 +10,12 @@ from palpate.errors import FileError, SettingError
 from palpate.files import existing_file
 from palpate.formats.bags.mcap_file import MAGIC, mcap_messages
 from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.ros1_file import FIRST_LINE, ros1_messages
 
 Container = Literal["mcap", "ros2", "ros1"]
 """MCAP; SQLite or a compressed folder of ROS 2; a bag of ROS 1."""
 
-FIRST_BYTES: dict[Container, bytes] = {"mcap": MAGIC, "ros2": b"SQLite format 3\x00", "ros1": b"#ROSBAG V2.0"}
+FIRST_BYTES: dict[Container, bytes] = {"mcap": MAGIC, "ros2": b"SQLite format 3\x00", "ros1": FIRST_LINE}
 
 
 def container_of(path: Path) -> Container | None:
@@ -53,8 +54,10 @@ def raw_messages(path: Path) -> Iterator[RawMessage]:
         raise FileError(f"{path}: is no bag; known are MCAP, ROS 2 .db3 or its folder, and ROS 1 .bag")
     if container == "mcap":
         yield from _parts_in_turn(path)
+    elif container == "ros1":
+        yield from ros1_messages(path)
     else:
-        yield from _by_rosbags(path, container)
+        yield from _ros2_messages(path)
 
 
 def check_installed() -> None:
@@ -87,19 +90,18 @@ def _parts_in_turn(path: Path) -> Iterator[RawMessage]:
         raise cut
 
 
-def _by_rosbags(path: Path, container: Container) -> Iterator[RawMessage]:
-    from rosbags import rosbag1, rosbag2
+def _ros2_messages(path: Path) -> Iterator[RawMessage]:
+    from rosbags.rosbag2 import Reader
 
-    reader = rosbag1.Reader(path) if container == "ros1" else rosbag2.Reader(path)
+    reader = Reader(path)
     try:
         reader.open()
-    except Exception as error:  # the errors of SQLite, YAML and two readers
+    except Exception as error:  # the errors of SQLite, of YAML and of the reader
         raise FileError(f"{path}: cannot be opened ({' '.join(str(error).split())})") from error
-    encoding = "ros1" if container == "ros1" else "cdr"
     count = 0
     try:
         for connection, time, data in reader.messages():
-            yield RawMessage(Channel(connection.topic, connection.msgtype, encoding), time, bytes(data))
+            yield RawMessage(Channel(connection.topic, connection.msgtype, "cdr"), time, bytes(data))
             count += 1
     except Exception as error:
         raise CutShort(f"{path}: is cut off or damaged after {count} messages") from error
