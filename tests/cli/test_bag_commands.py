@@ -23,7 +23,9 @@ from palpate.cli.bag_options import BAG_DEFAULTS
 from palpate.formats.bags.choices import BagChoices
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
+from palpate.tracking import time_offset as offsets
 from palpate.tracking.run_folder import FILES
+from palpate.tracking.time_offset import TimeOffset
 
 
 @pytest.fixture(autouse=True)
@@ -121,6 +123,23 @@ def test_track_takes_a_folder_and_names(capsys):
     found = json.loads(capsys.readouterr().out)
     assert (found["frames"], found["scored_frames"]) == (24, 24)
     assert "would both go to" not in failure(capsys, "track", "two", "--shape", "disc", "--out", "a")
+
+
+def test_a_time_offset_is_fitted_said_and_used(capsys, monkeypatch):
+    """What is found is a matter of `time_offset`; here it is said, and used where it is more than its sigma."""
+    assert "no contact tells the time offset" in failure(capsys, *TRACK, "--time-offset", "fit")
+    for seconds, sigma in ((-0.02, 0.005), (-0.02, 0.015)):
+        found = TimeOffset(seconds, sigma, 2)
+        monkeypatch.setattr(offsets, "time_offset", lambda *_, found=found: found)
+        assert palpate(*TRACK, "--time-offset", "fit", "--json", "--force") == 0
+        err = capsys.readouterr().err
+        assert f"push.bag: time offset -0.020 s, sigma {sigma:.3f} s, from the beginning of 2 contacts" in err
+        times = (formats.read("runs/push/estimates.csv").time * 1e9).astype(np.int64)  # pyright: ignore
+        used = seconds if sigma < 0.01 else 0.0
+        assert ("cannot be told from 0" in err) == (used == 0.0)
+        assert abs(times[0] - image_times()[0] - used * 1e9) < 1000
+    line = failure(capsys, "convert", "push.bag", "a.h5", "--shape", "disc", "--time-offset", "fit")
+    assert "--time-offset fit is for palpate track" in line
 
 
 def test_what_is_said_of_bags_in_vain(capsys):

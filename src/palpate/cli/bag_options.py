@@ -49,8 +49,12 @@ class BagOptions:
         Literal["header", "log"], tyro.conf.arg(help="Times in the messages' headers, or of their recording.")
     ] = "header"
     time_offset: Annotated[
-        float,
-        tyro.conf.arg(metavar="S", help="Added to the times of images [s]; negative where they are stamped late."),
+        float | Literal["fit"],
+        tyro.conf.arg(
+            metavar="S|fit",
+            help="Added to the times of images [s], negative where they are stamped late; or fitted to when contacts "
+            "begin, which takes a first pose or ground truth.",
+        ),
     ] = 0.0
     plane: Annotated[
         tuple[float, float, float] | Literal["fit"],
@@ -67,10 +71,14 @@ Bag = Annotated[BagOptions, tyro.conf.arg(name="")]
 
 
 def choices_of(options: BagOptions) -> "BagChoices":
-    """What the options say of a bag, the shape left out."""
+    """What the options say of a bag, the shape left out; an offset that is still to be fitted is none."""
     from palpate.formats.bags.choices import BagChoices
 
-    return BagChoices(**{name: value for name, value in asdict(options).items() if name != "shape"})
+    said = asdict(options)
+    del said["shape"]
+    if options.time_offset == "fit":
+        said["time_offset"] = 0.0
+    return BagChoices(**said)
 
 
 def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":

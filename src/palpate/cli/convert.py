@@ -41,6 +41,8 @@ def convert(
 
     check_new(target, force)
     with busy(f"converting {source.name}"):
+        if bag.time_offset == "fit":
+            raise SettingError("--time-offset fit is for palpate track, which says what it finds")
         if bag == BAG_DEFAULTS:
             data, left_out = formats.read(source, from_), []
         else:

@@ -1,5 +1,7 @@
 """`palpate track`: tracks recordings and leaves a folder for each."""
 
+from dataclasses import replace
+from math import hypot
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +22,7 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from palpate.recording.recording import Recording
     from palpate.touch.background import Background
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
@@ -172,11 +175,38 @@ def run_file(
     check_folder(folder, force)  # before the work, not after it
     with busy(f"reading {file.name}"):
         reading = read_with(file, bag)
+        if bag.time_offset == "fit" and not isinstance(reading, Recording):
+            seconds = _fitted_offset(reading.recording, settings, first_pose, first_pose_sigma, background)
+            reading = read_with(file, replace(bag, time_offset=seconds)) if seconds else reading
     recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
     with progress_bar(file.name, len(recording)) as progress:
         run = track(recording, settings, first_pose, progress, model, background, first_pose_sigma)
     write_run(run, folder, force, plane if mcap else None)
     return run.summary
+
+
+def _fitted_offset(
+    recording: "Recording",
+    settings: "TrackerSettings",
+    first_pose: tuple[float, float, float] | None,
+    first_pose_sigma: tuple[float, float, float] | None,
+    background: "Background | None",
+) -> float:
+    """The time offset [s] that contacts tell, which is said; 0 where they cannot tell it from 0."""
+    from palpate.cli.console import complain
+    from palpate.tracking.time_offset import time_offset
+
+    pose_sigma = settings.noise.sensor_pose.calibration[0]
+    if first_pose is not None:
+        pose_sigma = hypot(pose_sigma, *(first_pose_sigma or settings.noise.first_pose.deviation)[:2])
+    found = time_offset(recording, first_pose, pose_sigma, background)
+    tells = abs(found.seconds) > 2.0 * found.sigma
+    complain(
+        f"{recording.file}: time offset {found.seconds:.3f} s, sigma {found.sigma:.3f} s, from the beginning of "
+        f"{found.contacts} contact{'s' if found.contacts > 1 else ''}"
+        f"{'' if tells else ': it cannot be told from 0, which is used'}"
+    )
+    return found.seconds if tells else 0.0
 
 
 def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
