@@ -147,6 +147,12 @@ def test_transforms_along_a_chain(tmp_path, container):
     same_poses(recording.sensor_pose, wanted)
     named = read(tmp_path / "named", few_images() + messages, container, sensor_poses="base:digit")
     same_poses(named.sensor_pose, se2.compose(true_pose(image_times(6)), [0.05, 0.0, 0.0]))
+    both = read(
+        tmp_path / "both", few_images() + messages, container, sensor_poses="base:digit", object_poses="base:tool"
+    )
+    same_poses(both.object_pose, true_pose(image_times(6)))
+    with pytest.raises(FileError, match="base:base is one frame, expected two"):
+        read(tmp_path / "one", few_images() + messages, container, sensor_poses="base:base")
 
 
 def test_ground_truth_is_named_and_the_sensor_is_what_is_left(tmp_path):

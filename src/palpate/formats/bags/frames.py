@@ -12,6 +12,8 @@ def chain(parents: Mapping[str, str], parent: str, child: str) -> tuple[list[str
     `parents` has the parent of each frame. Returns the frames on the way up from `parent` and those on the way up
     from `child`, each in that order, without the one where they meet. Raises FileError where there is a hole.
     """
+    if parent == child:
+        raise FileError(f"{parent}:{child} is one frame, expected two")
     known = {*parents, *parents.values()}
     for name in (parent, child):
         if name not in known:

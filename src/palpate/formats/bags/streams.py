@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.formats.bags.choices import BagChoices, Mapping, PoseSource, topics_of, written
+from palpate.formats.bags.choices import BagChoices, Mapping, PoseSource, topics_of
 from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.contents import Contents
 from palpate.formats.bags.frames import chain, compose_chain
@@ -37,6 +37,7 @@ class Streams:
 def read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> Streams:
     """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
     streams = Streams()
+    needed = {name for source in (chosen.sensor, chosen.object) for name in _names(found, source)}
     count = 0
     gathered: dict[str, tuple[list[Pose], list[int]]] = {}
     topics = {topic.channel: topic for topic in topics_of(found, chosen)}
@@ -53,6 +54,8 @@ def read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> Strea
                 continue
             for pose in poses_of(message):
                 name = pose.child if raw.channel.type in TRANSFORM_TYPES else raw.channel.topic
+                if name not in needed:
+                    continue
                 poses, times = gathered.setdefault(name, ([], []))
                 poses.append(pose)
                 times.append(pose.stamp if log_time is None else log_time)
@@ -76,10 +79,15 @@ def placed_at(streams: Streams, source: PoseSource, found: Contents, time: NDArr
         poses = streams.poses[name]
         return always(poses, len(time)) if name in streams.static else at_times(poses, time)
 
-    parent, child = source
-    if parent == child:
-        raise FileError(f"{written(source)} is one frame, expected two")
-    return parent, compose_chain(*chain(found.parents, parent, child), placed)
+    return source[0], compose_chain(*chain(found.parents, *source), placed)
+
+
+def _names(found: Contents, source: PoseSource | None) -> list[str]:
+    """The topic, or the frames of the transforms, that a source needs."""
+    if source is None or isinstance(source, str):
+        return [] if source is None else [source]
+    up_parent, up_child = chain(found.parents, *source)
+    return [*up_parent, *up_child]
 
 
 def _add_image(streams: Streams, topic: str, message: Any, log_time: int | None) -> None:
