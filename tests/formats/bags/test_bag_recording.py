@@ -286,7 +286,7 @@ def test_tilt_is_told_and_refused_where_it_is_steep(tmp_path, caplog):
     assert "the sensor's z axis points against the plane's normal" in caplog.text
 
 
-def test_a_wall_as_the_plane(tmp_path):
+def test_a_wall_as_the_plane(tmp_path, caplog):
     """A push along a wall, in the plane of y and z: given by its normal, or fitted."""
     turn = Rotation.from_matrix(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))  # x to y, y to z, z to x
     messages = []
@@ -306,6 +306,7 @@ def test_a_wall_as_the_plane(tmp_path):
     # The fitted normal is plus or minus that of the wall; how far frames are apart does not depend on it.
     between = [se2.between(each.sensor_pose[0], each.sensor_pose[-1]) for each in (given, fitted)]
     assert np.abs(between[0]) == pytest.approx(np.abs(between[1]), abs=1e-6)
+    assert "the sensor moves in the plane 90.0 degrees off its xy plane at" in caplog.text
     assert "plane 90.0 degrees off its xy plane" in given.frames["sensor_pose"]
 
 

@@ -76,6 +76,8 @@ def _recording(
         raise FileError(f"{chosen.images}: an image: {error}") from error
     if choices.plane == "fit":
         plane = plane_through(frame, placed.position)
+        normal = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
+        logger.warning("%s: the sensor moves in the %s, normal (%s)", found.path, _words(plane), normal)
     else:
         plane = plane_across(frame, np.array(choices.plane, np.float64), placed.position)
     sensor_pose = _planar(f"the sensor ({written(chosen.sensor)})", plane, time, placed, choices)
@@ -85,19 +87,9 @@ def _recording(
             "frame is turned about x",
             found.path,
         )
-    object_pose = None
+    object_pose = _truth(found, chosen, choices, streams, plane, time)
     frames = {"sensor_pose": f"{written(chosen.sensor)} in {frame!r}, between its messages; {_words(plane)}"}
     if chosen.object is not None:
-        object_frame, truth = placed_at(streams, chosen.object, found, time)
-        if object_frame != frame:
-            raise FileError(
-                f"poses of the sensor are given in frame {frame!r}, those of the object in {object_frame!r}; expected "
-                "one frame"
-            )
-        object_pose = np.full((len(time), 3), np.nan)
-        object_pose[truth.known] = _planar(
-            f"the object ({written(chosen.object)})", plane, time[truth.known], truth[truth.known], choices
-        )
         frames["object_pose"] = f"{written(chosen.object)}, likewise"
     recording = Recording(
         time=time / 1e9,
@@ -126,6 +118,24 @@ def _known(
     if lost:
         logger.warning("%s: %d of %d images have no sensor pose at their time and are left out", path, lost, len(time))
     return stamps[placed.known], time[placed.known], placed[placed.known]
+
+
+def _truth(
+    found: Contents, chosen: Mapping, choices: BagChoices, streams: Streams, plane: Plane, time: NDArray[np.int64]
+) -> Array | None:
+    """The object's poses in the plane (N, 3), NaN where they are not known; None if the bag is to have none."""
+    if chosen.object is None:
+        return None
+    frame, placed = placed_at(streams, chosen.object, found, time)
+    if frame != plane.frame:
+        raise FileError(
+            f"poses of the sensor are given in frame {plane.frame!r}, those of the object in {frame!r}; expected one "
+            "frame"
+        )
+    known, what = placed.known, f"the object ({written(chosen.object)})"
+    pose = np.full((len(time), 3), np.nan)
+    pose[known] = _planar(what, plane, time[known], placed[known], choices)
+    return pose
 
 
 def _planar(what: str, plane: Plane, time: NDArray[np.int64], placed: Placed, choices: BagChoices) -> Array:
