@@ -143,7 +143,9 @@ def test_a_time_offset_is_fitted_said_and_used(capsys, monkeypatch):
 
 
 def test_what_is_said_of_bags_in_vain(capsys):
-    assert "tell no outline of the object: give --shape" in failure(capsys, "track", "push.bag")
+    assert "tell no outline of the object; palpate track and convert take it by --shape" in failure(
+        capsys, "track", "push.bag"
+    )
     assert "push.h5 is no bag" in failure(capsys, "track", "push.h5", "--shape", "disc")
     line = failure(capsys, "track", "push.h5", "--time-offset", "-0.1", "--plane", "fit")
     assert "--time-offset, --plane can be used for bags only, with --shape" in line

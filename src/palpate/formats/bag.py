@@ -26,8 +26,8 @@ def read(path: Path) -> Recording | Trajectory:
     found = read_own(path)
     if found is None:
         raise FileError(
-            f"{path}: is a bag of ROS messages, which tell no outline of the object: give --shape, in Python "
-            "palpate.read_bag"
+            f"{path}: is a bag of ROS messages, which tell no outline of the object; palpate track and convert take it "
+            "by --shape, in Python palpate.read_bag"
         )
     return found
 
