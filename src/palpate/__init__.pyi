@@ -6,6 +6,9 @@ from .errors import ShapeError as ShapeError
 from .estimation.settings import PUBLISHED as PUBLISHED
 from .estimation.settings import NoiseSettings as NoiseSettings
 from .formats import load_recording as load_recording
+from .formats.bags.bag_recording import BagReading as BagReading
+from .formats.bags.bag_recording import read_bag as read_bag
+from .formats.bags.choices import BagChoices as BagChoices
 from .formats.palpate_h5 import read_recording as read_recording
 from .formats.palpate_h5 import write_recording as write_recording
 from .geometry.shapes import Disc as Disc

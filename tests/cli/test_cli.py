@@ -253,7 +253,7 @@ def test_info_json(capsys):
 
 
 def test_convert(capsys):
-    assert palpate("convert", "push.h5", "truth.tum") == 0
+    assert palpate("convert", "push.h5", "truth.tum", "--lossy") == 0
     assert "truth.tum" in capsys.readouterr().out
     found: Any = formats.read("truth.tum")
     assert np.allclose(found.pose, pushed().object_pose, atol=1e-8)
@@ -270,7 +270,7 @@ def test_convert_overwrites_only_with_force(capsys):
     Path("there.tum").write_text("old")
     assert "already exists; --force" in failure(capsys, "convert", "push.h5", "there.tum")
     assert Path("there.tum").read_text() == "old"
-    assert palpate("convert", "push.h5", "there.tum", "--force") == 0
+    assert palpate("convert", "push.h5", "there.tum", "--force", "--lossy") == 0
     capsys.readouterr()
     assert len(formats.read("there.tum")) == 40  # pyright: ignore[reportArgumentType]
     assert ".xyz" in failure(capsys, "convert", "push.h5", "a.xyz")

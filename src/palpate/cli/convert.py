@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from palpate.cli.bag_options import BAG_DEFAULTS, Bag, read_to_convert
 from palpate.cli.options import ForceOption, JsonOption, check_new
 
 
@@ -12,7 +13,9 @@ def convert(
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN", help="File in any known format.")],
     target: Annotated[
         tyro.conf.Positional[Path],
-        tyro.conf.arg(metavar="OUT", help="File to write; its extension says the format: .h5, .json, .tum, .csv."),
+        tyro.conf.arg(
+            metavar="OUT", help="File to write; its extension says the format: .h5, .mcap, .json, .tum, .csv."
+        ),
     ],
     /,
     *,
@@ -25,17 +28,28 @@ def convert(
             help_behavior_hint="(default: from its content)",
         ),
     ] = None,
+    lossy: Annotated[bool, tyro.conf.arg(help="Leave out what the format of OUT cannot hold.")] = False,
+    bag: Bag = BAG_DEFAULTS,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> int:
-    """Convert a recording or a trajectory from one format to another."""
+    """Convert a recording or a trajectory from one format to another, or a bag to a recording."""
     from palpate import formats
     from palpate.cli.console import busy, print_json, print_line
+    from palpate.errors import SettingError
     from palpate.recording.recording import Recording
 
     check_new(target, force)
     with busy(f"converting {source.name}"):
-        data = formats.read(source, from_)
+        if bag.time_offset == "fit":
+            raise SettingError("--time-offset fit is for palpate track, which says what it finds")
+        if bag == BAG_DEFAULTS:
+            data, left_out = formats.read(source, from_), []
+        else:
+            data, left_out = read_to_convert(source, bag)
+        left_out += formats.lost(data, target)
+        if left_out and not lossy:
+            raise SettingError(f"{target} would lack {', '.join(left_out)}; --lossy converts all the same")
         formats.write(data, target, overwrite=force)
     what = "recording" if isinstance(data, Recording) else "trajectory"
     if json:

@@ -13,18 +13,27 @@ if TYPE_CHECKING:
 
 
 def info(
-    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format.")],
+    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format, or a bag.")],
     /,
     *,
     json: JsonOption = False,
 ) -> int:
-    """What a recording holds: rates, gaps, contacts, ground truth, and what is wrong with it."""
+    """What a recording holds: rates, gaps, contacts, ground truth, and what is wrong with it.
+
+    Of a bag of ROS messages: its topics, rates, gaps and clocks, and what would be read from where.
+    """
     from palpate import formats
+    from palpate.cli.bag_info import show_bag
     from palpate.cli.console import busy, print_json
+    from palpate.formats.bag import read_own
     from palpate.geometry.shapes import shape_to_dict
+    from palpate.recording.recording import Recording
     from palpate.recording.sensor import sensor_to_dict
     from palpate.tracking.inspection import inspect_recording
 
+    if formats.detect_format(file) == "bag" and not isinstance(read_own(file), Recording):
+        show_bag(file, json)
+        return 0
     with busy(f"inspecting {file.name}"):
         recording = formats.load_recording(file)
         inspection = inspect_recording(recording)

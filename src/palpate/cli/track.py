@@ -1,11 +1,14 @@
 """`palpate track`: tracks recordings and leaves a folder for each."""
 
+from dataclasses import replace
+from math import hypot
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from palpate.cli.bag_options import BAG_DEFAULTS, Bag, BagOptions, read_with
 from palpate.cli.options import (
     ForceOption,
     JsonOption,
@@ -20,6 +23,7 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from palpate.recording.recording import Recording
     from palpate.touch.calibration import Calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
@@ -84,6 +88,8 @@ def track(
             help_behavior_hint="(default: that of the tracker)",
         ),
     ] = None,
+    bag: Bag = BAG_DEFAULTS,
+    mcap: Annotated[bool, tyro.conf.arg(help="Write the estimates as ROS 2 messages too, estimates.mcap.")] = False,
     out: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -138,6 +144,8 @@ def track(
         html=html,
         window=view,
         rrd=save_rrd,
+        bag=bag,
+        mcap=mcap,
     )
     folders = _folders(files, out)
     if len(files) == 1:
@@ -172,20 +180,29 @@ def run_file(
     html: bool = False,
     window: bool = False,
     rrd: Path | None = None,
+    bag: BagOptions = BAG_DEFAULTS,
+    mcap: bool = False,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary.
 
-    With a page, if `html`; shown while it is tracked, if `window`, and in a file for Rerun, if one is given.
+    With a page, if `html`, and estimates as messages, if `mcap`; shown while it is tracked, if `window`, and in a file
+    for Rerun, if one is given.
     """
     from contextlib import nullcontext
 
-    from palpate import formats
-    from palpate.cli.console import progress_bar
+    from palpate.cli.console import busy, progress_bar
+    from palpate.formats.bags.plane import flat
+    from palpate.recording.recording import Recording
     from palpate.tracking.run import track
     from palpate.tracking.run_folder import PAGE, check_folder, write_run
 
     check_folder(folder, force)  # before the work, not after it
-    recording = formats.load_recording(file)
+    with busy(f"reading {file.name}"):
+        reading = read_with(file, bag)
+        if bag.time_offset == "fit" and not isinstance(reading, Recording):
+            seconds = _fitted_offset(reading.recording, settings, first_pose, first_pose_sigma, calibration)
+            reading = read_with(file, replace(bag, time_offset=seconds)) if seconds else reading
+    recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
     view = nullcontext()
     if window or rrd:
         from palpate.view.live import live_view
@@ -194,12 +211,36 @@ def run_file(
     with view as log, progress_bar(file.name, len(recording)) as progress:
         watch = log.show if log else None
         run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma, watch)
-    write_run(run, folder, force)
+    write_run(run, folder, force, plane if mcap else None)
     if html:
         from palpate.view.page import write_page
 
         write_page(run, file.name, folder / PAGE)
     return run.summary
+
+
+def _fitted_offset(
+    recording: "Recording",
+    settings: "TrackerSettings",
+    first_pose: tuple[float, float, float] | None,
+    first_pose_sigma: tuple[float, float, float] | None,
+    calibration: "Calibration | None",
+) -> float:
+    """The time offset [s] that contacts tell, which is said; 0 where they cannot tell it from 0."""
+    from palpate.cli.console import complain
+    from palpate.tracking.time_offset import time_offset
+
+    pose_sigma = settings.noise.sensor_pose.calibration[0]
+    if first_pose is not None:
+        pose_sigma = hypot(pose_sigma, *(first_pose_sigma or settings.noise.first_pose.deviation)[:2])
+    found = time_offset(recording, first_pose, pose_sigma, calibration)
+    tells = abs(found.seconds) > 2.0 * found.sigma
+    complain(
+        f"{recording.file}: time offset {found.seconds:.3f} s, sigma {found.sigma:.3f} s, from the beginning of "
+        f"{found.contacts} contact{'s' if found.contacts > 1 else ''}"
+        f"{'' if tells else ': it cannot be told from 0, which is used'}"
+    )
+    return found.seconds if tells else 0.0
 
 
 def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:

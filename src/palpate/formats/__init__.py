@@ -1,7 +1,7 @@
 """Files of palpate and of others, one module for each format, found by their content.
 
 A format module has NAME, DESCRIPTION, detect(path) and read(path), and write(data, path, overwrite) where
-that makes sense. What a file's frames and units are, each module says.
+that makes sense; lost(data) where it cannot hold all. What a file's frames and units are, each module says.
 """
 
 from importlib import import_module
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import FileError, SettingError
-from palpate.files import existing_file
+from palpate.formats.bags.containers import existing_bag
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 
@@ -20,6 +20,7 @@ MODULES = {
     "theseus-json": "theseus_json",
     "tum": "tum",
     "estimates-csv": "estimates_csv",
+    "bag": "bag",
 }
 """The module of each format, by its name; detection asks them in this order."""
 
@@ -29,19 +30,20 @@ EXTENSIONS = {
     ".json": "theseus-json",
     ".tum": "tum",
     ".csv": "estimates-csv",
+    ".mcap": "bag",
 }
 """The format that a file to be written gets, by its extension."""
 
 
 def detect_format(path: Path | str) -> str | None:
     """The name of the file's format, or None if it is not known. Raises FileError if there is no file."""
-    path = existing_file(path)
+    path = existing_bag(path)
     return next((name for name in MODULES if _module(name).detect(path)), None)
 
 
 def read(path: Path | str, format: str | None = None) -> Recording | Trajectory:
     """Read a file of any known format; `format` names it if it is not to be told from the content."""
-    path = existing_file(path)
+    path = existing_bag(path)
     name = format or detect_format(path)
     if name is None:
         import h5py
@@ -64,6 +66,17 @@ def load_recording(path: Path | str) -> Recording:
 
 def write(data: Recording | Trajectory, path: Path | str, format: str | None = None, overwrite: bool = False) -> None:
     """Write a file in the named format, or in the one its extension stands for."""
+    _writer(path, format).write(data, Path(path), overwrite)
+
+
+def lost(data: Recording | Trajectory, path: Path | str, format: str | None = None) -> list[str]:
+    """What of the data the format that `write` would take cannot hold, in words; nothing for most."""
+    module = _writer(path, format)
+    return module.lost(data) if hasattr(module, "lost") else []
+
+
+def _writer(path: Path | str, format: str | None) -> Any:
+    """The module of the named format, or of the one that the extension stands for."""
     path = Path(path)
     name = format or EXTENSIONS.get(path.suffix.lower())
     if name is None:
@@ -72,7 +85,7 @@ def write(data: Recording | Trajectory, path: Path | str, format: str | None = N
     module = _module(name)
     if not hasattr(module, "write"):
         raise SettingError(f"{path}: {name} files can be read but not written")
-    module.write(data, path, overwrite)
+    return module
 
 
 def _module(name: str) -> Any:

@@ -32,7 +32,12 @@ def detect(path: Path) -> bool:
 
 def read(path: Path) -> Trajectory:
     """Read the estimates. Raises FileError that names the line."""
-    lines = list(csv.reader(io.StringIO(read_text(path))))
+    return trajectory_from_text(read_text(path), path)
+
+
+def trajectory_from_text(text: str, path: Path) -> Trajectory:
+    """The trajectory that the text of such a file holds; errors name `path`. Raises FileError."""
+    lines = list(csv.reader(io.StringIO(text)))
     if not lines or tuple(lines[0]) != COLUMNS:
         raise FileError(f"{path}: line 1: expected the header {','.join(COLUMNS)}")
     rows = []
@@ -77,6 +82,12 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
     """Write a trajectory. Raises FileError if the file exists and `overwrite` is not set."""
     if not isinstance(data, Trajectory):
         raise SettingError(f"{path}: an {NAME} file holds a trajectory, not a recording")
+    with whole_file(path, overwrite) as temporary:
+        temporary.write_text(trajectory_to_text(data), encoding="utf-8")
+
+
+def trajectory_to_text(data: Trajectory) -> str:
+    """The text of the file that holds a trajectory."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -87,5 +98,4 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
             terms = [repr(float(value)) for value in data.covariance[index][UPPER]]
         contact = "" if data.contact is None else str(int(data.contact[index]))
         writer.writerow([*pose, *terms, contact, data.status[index] if data.status else ""])
-    with whole_file(path, overwrite) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8")
+    return text.getvalue()

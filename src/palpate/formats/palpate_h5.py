@@ -1,5 +1,6 @@
 """palpate's own recording file, HDF5 (`.h5`): everything that a Recording holds, in its units and frames."""
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -46,15 +47,24 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write the HDF5 file, whole or not at all; an existing one is replaced only if `overwrite`."""
-    import h5py
-
     with whole_file(path, overwrite) as temporary:
         # In memory first: HDF5 cannot close a file on a full disk.
-        with h5py.File(temporary, "w", driver="core", backing_store=False) as file:
-            _fill(file, recording)
-            file.flush()
-            content = file.id.get_file_image()
-        temporary.write_bytes(content)
+        temporary.write_bytes(recording_to_bytes(recording))
+
+
+def recording_to_bytes(recording: Recording) -> bytes:
+    """What the HDF5 file of a recording holds."""
+    import h5py
+
+    with h5py.File("recording.h5", "w", driver="core", backing_store=False) as file:
+        _fill(file, recording)
+        file.flush()
+        return file.id.get_file_image()
+
+
+def recording_from_bytes(data: bytes, path: Path) -> Recording:
+    """Return the recording of `recording_to_bytes`; errors name `path`. Raises FileError."""
+    return _opened(io.BytesIO(data), path)
 
 
 def _fill(file: Any, recording: Recording) -> None:
@@ -88,8 +98,14 @@ def read_recording(path: Path | str) -> Recording:
     path = existing_file(path)
     if not h5py.is_hdf5(path):
         raise FileError(f"{path}: is not an HDF5 file")
+    return _opened(path, path)
+
+
+def _opened(source: Path | io.BytesIO, path: Path) -> Recording:
+    import h5py
+
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(source, "r") as file:
             return _read(file, path)
     except PalpateError as error:
         raise FileError(f"{path}: {error}") from error

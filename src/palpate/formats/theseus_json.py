@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.files import NUMBERS, check_rows, checked_array, read_json, whole_file
+from palpate.formats.held import present
 from palpate.formats.sniff import text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
@@ -88,6 +89,11 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
     }
     with whole_file(path, overwrite) as temporary:
         temporary.write_text(json.dumps(content), encoding="utf-8")
+
+
+def lost(data: Recording | Trajectory) -> list[str]:
+    """What the file cannot hold."""
+    return ["frames out of contact", "times", "the sensor", *present(data, "image", "extra")]
 
 
 def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:

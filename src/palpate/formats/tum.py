@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.errors import FileError
 from palpate.files import read_text, whole_file
+from palpate.formats.held import present
 from palpate.formats.sniff import NUMBER, text_start
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
@@ -76,6 +77,13 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
     lines = (" ".join(f"{value:.9f}" for value in row) + "\n" for row in table)
     with whole_file(path, overwrite) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")
+
+
+def lost(data: Recording | Trajectory) -> list[str]:
+    """What a file of poses cannot hold."""
+    if isinstance(data, Recording):
+        return ["sensor poses", "outline and sensor", *present(data, "image", "contact", "episode", "extra")]
+    return present(data, "covariance", "contact", "status")
 
 
 def _is_unit(row: str) -> bool:

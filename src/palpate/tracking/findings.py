@@ -154,7 +154,7 @@ def _drop_outs(recording: Recording) -> Iterator[Finding]:
         frames = "1 frame" if count == 1 else f"{count} frames within {_seconds(recording, first, last)}"
         sentence = f"ground truth is unknown in {frames}"
         inner = time[last] > time[0] + EDGE and time[first] < time[-1] - EDGE
-        yield _finding(recording, "drop-out", first, last, sentence, breaks=inner)
+        yield _finding(recording, "drop-out", first, last, sentence, breaks=bool(inner))
 
 
 def _jumps(recording: Recording) -> Iterator[Finding]:

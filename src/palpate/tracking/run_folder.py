@@ -11,6 +11,8 @@ import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
 from palpate.formats import estimates_csv, palpate_h5, tum
+from palpate.formats.bags.estimates_mcap import write_estimates_mcap
+from palpate.formats.bags.plane import Plane
 from palpate.tracking import details
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
@@ -25,15 +27,15 @@ FILES = (
     "figure.png",
 )
 """What a run folder holds."""
-RECORDING, PAGE = "recording.h5", "page.html"
-"""What it may hold beside: the recording, where that is in no other file, and the page of `palpate track --html`."""
+RECORDING, PAGE, MCAP = "recording.h5", "page.html", "estimates.mcap"
+"""What it may hold beside: the recording, where that is in no other file, and the page and messages asked for."""
 
 
-def write_run(run: Run, folder: Path | str, force: bool = False) -> None:
-    """Write the folder of a run, whole or not at all: FILES.
+def write_run(run: Run, folder: Path | str, force: bool = False, mcap: Plane | None = None) -> None:
+    """Write the folder of a run, whole or not at all: FILES and, with the plane in space that `mcap` is, MCAP.
 
-    `estimates.csv` and `summary.json` are of the online estimates, `trajectory.tum` holds the smoothed ones. A
-    recording that is in no file is kept as RECORDING, so that the run can be looked at again.
+    `estimates.csv`, `estimates.mcap` and `summary.json` are of the online estimates, `trajectory.tum` holds the
+    smoothed ones. A recording that is in no file is kept as RECORDING, so that the run can be looked at again.
     Raises FileError if the folder exists; with `force` an earlier run in it is replaced once the new one is
     whole.
     """
@@ -47,6 +49,8 @@ def write_run(run: Run, folder: Path | str, force: bool = False) -> None:
         estimates_csv.write(run.online, part / "estimates.csv")
         details.write_answers(run.online.time, run.answers, part / "answers.csv")
         details.write_friction(run.online.time, run.friction, part / "friction.csv")
+        if mcap is not None:
+            write_estimates_mcap(run.online, part / MCAP, plane=mcap)
         _write_json(part / "summary.json", run.summary)
         run_figure(run).savefig(part / "figure.png", dpi=150)
         if run.recording.file is None:
@@ -68,7 +72,8 @@ def check_folder(folder: Path, force: bool = False) -> None:
         raise FileError(f"{folder}: is a file, expected the name of a folder to write")
     if not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    if foreign := sorted(path.name for path in folder.iterdir() if path.name not in (*FILES, RECORDING, PAGE)):
+    beside = (*FILES, RECORDING, PAGE, MCAP)
+    if foreign := sorted(path.name for path in folder.iterdir() if path.name not in beside):
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is no part of a run, so it is not replaced")
 
 

@@ -1,0 +1,109 @@
+"""The three containers of bags, told by their first bytes, and the messages in them."""
+
+import re
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from palpate.errors import FileError, SettingError
+from palpate.files import existing_file
+from palpate.formats.bags.mcap_file import MAGIC, mcap_messages
+from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.ros1_file import FIRST_LINE, ros1_messages
+
+Container = Literal["mcap", "ros2", "ros1"]
+"""MCAP; SQLite or a compressed folder of ROS 2; a bag of ROS 1."""
+
+FIRST_BYTES: dict[Container, bytes] = {"mcap": MAGIC, "ros2": b"SQLite format 3\x00", "ros1": FIRST_LINE}
+
+
+def container_of(path: Path) -> Container | None:
+    """Which container a file or the folder of a ROS 2 bag is, or None."""
+    if (path / "metadata.yaml").is_file():
+        return "ros2" if _compressed(path) or not _parts(path) else "mcap"
+    try:
+        with path.open("rb") as file:
+            start = file.read(16)
+    except OSError:
+        return None
+    return next((name for name, first in FIRST_BYTES.items() if start.startswith(first)), None)
+
+
+def existing_bag(path: Path | str) -> Path:
+    """`path`, if a file with content or the folder of a ROS 2 bag is there; FileError if not."""
+    path = Path(path)
+    if (path / "metadata.yaml").is_file():
+        return path
+    if path.is_dir() and (parts := [*_parts(path), *path.glob("*.db3")]):
+        raise FileError(
+            f"{path}: is a folder without metadata.yaml, as a recorder leaves it that was killed; give {parts[0]}"
+        )
+    return existing_file(path)
+
+
+def raw_messages(path: Path) -> Iterator[RawMessage]:
+    """The messages of a bag, as they stand in its container.
+
+    Raises CutShort after the last one that can be read if the bag ends too early, FileError if it is none.
+    """
+    path = existing_bag(path)
+    check_installed()
+    container = container_of(path)
+    if container is None:
+        raise FileError(f"{path}: is no bag; known are MCAP, ROS 2 .db3 or its folder, and ROS 1 .bag")
+    if container == "mcap":
+        yield from _parts_in_turn(path)
+    elif container == "ros1":
+        yield from ros1_messages(path)
+    else:
+        yield from _ros2_messages(path)
+
+
+def check_installed() -> None:
+    """SettingError unless what reads and writes bags is installed."""
+    for name in ("mcap", "rosbags"):
+        if find_spec(name) is None:
+            raise SettingError(
+                f"reading and writing bags needs {name}, which is not installed: pip install palpate[ros]"
+            )
+
+
+def _compressed(folder: Path) -> bool:
+    """Whether messages, or the files themselves, were compressed by the recorder."""
+    return bool(re.search(r"compression_mode:\W*(message|file)", (folder / "metadata.yaml").read_text(), re.IGNORECASE))
+
+
+def _parts(folder: Path) -> list[Path]:
+    """The MCAP files of a folder, which a recorder numbers where it splits a bag."""
+    return sorted(folder.glob("*.mcap"), key=lambda file: [int(digits) for digits in re.findall(r"\d+", file.stem)])
+
+
+def _parts_in_turn(path: Path) -> Iterator[RawMessage]:
+    cut: CutShort | None = None
+    for file in _parts(path) if path.is_dir() else [path]:
+        try:
+            yield from mcap_messages(file)
+        except CutShort as error:  # the parts after it may be whole
+            cut = error
+    if cut is not None:
+        raise cut
+
+
+def _ros2_messages(path: Path) -> Iterator[RawMessage]:
+    from rosbags.rosbag2 import Reader
+
+    reader = Reader(path)
+    try:
+        reader.open()
+    except Exception as error:  # the errors of SQLite, of YAML and of the reader
+        raise FileError(f"{path}: cannot be opened ({' '.join(str(error).split())})") from error
+    count = 0
+    try:
+        for connection, time, data in reader.messages():
+            yield RawMessage(Channel(connection.topic, connection.msgtype, "cdr"), time, bytes(data))
+            count += 1
+    except Exception as error:
+        raise CutShort(f"{path}: is cut off or damaged after {count} messages") from error
+    finally:
+        reader.close()

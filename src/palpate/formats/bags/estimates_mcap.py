@@ -1,0 +1,95 @@
+"""palpate's estimates as MCAP, and back without loss.
+
+Each estimate is a `PoseStamped`, which viewers draw; with a covariance also a `PoseWithCovarianceStamped`, whose
+covariance is about the axes of the header's frame as ROS has it, not the object's; with a status also a
+`DiagnosticArray`. palpate's own `estimates.csv`, which holds all of it to the last bit, comes along as an attachment.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.formats.bags.mcap_file import leading_attachments
+from palpate.formats.bags.mcap_writer import MessageWriter, nanoseconds, new_mcap
+from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
+from palpate.formats.bags.plane import Plane, flat, out_of_plane
+from palpate.formats.estimates_csv import trajectory_from_text, trajectory_to_text
+from palpate.geometry import se2
+from palpate.recording.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
+POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
+DIAGNOSTICS = "/palpate/diagnostics"
+
+OK, WARN, ERROR = 0, 1, 2
+LEVELS = {"resting": OK, "tracking": OK, "indeterminate": ERROR}
+"""How bad a status is to ROS; any other is a warning."""
+
+
+def write_estimates_mcap(
+    trajectory: Trajectory, path: Path, overwrite: bool = False, plane: Plane | None = None
+) -> None:
+    """Write estimates, by default in the plane z = 0 of the frame "world".
+
+    Raises FileError if the file exists and `overwrite` is not set, or times cannot be stamps.
+    """
+    plane = plane or flat()
+    stamps = nanoseconds(path, trajectory.time)
+    position, rotation = out_of_plane(plane, trajectory.pose)
+    spatial = (
+        None if trajectory.covariance is None else spatial_covariance(plane, trajectory.pose, trajectory.covariance)
+    )
+    with new_mcap(path, overwrite) as file:
+        file.attach(ATTACHMENT, MEDIA_TYPE, trajectory_to_text(trajectory).encode())
+        for index, stamp in enumerate(stamps):
+            header, pose = file.header(stamp, plane.frame), file.pose(position[index], rotation[index])
+            file.add(POSES, POSE, stamp, header=header, pose=pose)
+            if spatial is not None:
+                both = file.make(
+                    "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36)
+                )
+                file.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
+            if trajectory.status is not None:
+                _add_diagnostics(file, trajectory, index, stamp, plane.frame)
+
+
+def read_estimates_mcap(path: Path) -> Trajectory | None:
+    """The estimates in an MCAP that palpate wrote, or None."""
+    text = leading_attachments(path).get(ATTACHMENT)
+    return None if text is None else trajectory_from_text(text.decode("utf-8", errors="replace"), path)
+
+
+def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
+    """The covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
+
+    From poses in the plane (N, 3) and their covariances (N, 3, 3) in the tangent space at the pose (right, body frame),
+    order x, y, theta. What leaves the plane has none: zero.
+    """
+    axes_T_body = np.zeros((len(pose), 6, 3))
+    axes_T_body[:, :3, :2] = plane.axes[:, :2] @ se2.rotation(pose[:, 2])
+    axes_T_body[:, 3:, 2] = plane.axes[:, 2]
+    return axes_T_body @ covariance @ axes_T_body.transpose(0, 2, 1)
+
+
+def _add_diagnostics(file: MessageWriter, trajectory: Trajectory, index: int, stamp: int, frame: str) -> None:
+    assert trajectory.status is not None
+    status = trajectory.status[index]
+    values: dict[str, str] = {}
+    if trajectory.contact is not None:
+        values["contact"] = str(bool(trajectory.contact[index])).lower()
+    if trajectory.covariance is not None:
+        x, y, yaw = np.sqrt(np.diag(trajectory.covariance[index]))
+        values |= {"sigma x [mm]": f"{x * 1e3:.2f}", "sigma y [mm]": f"{y * 1e3:.2f}"}
+        values["sigma yaw [deg]"] = f"{np.degrees(yaw):.2f}"
+    said = file.make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=LEVELS.get(status, WARN),
+        name="palpate: object pose",
+        message=status,
+        hardware_id="palpate",
+        values=[file.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+    )
+    file.add(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=file.header(stamp, frame), status=[said])

@@ -1,0 +1,105 @@
+"""Poses in space over time, and where they were at other times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from palpate.errors import FileError
+from palpate.formats.bags.messages import Pose
+
+Array = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+LONGEST_GAP = 0.5
+"""[s] between two poses, after which nobody knows where a frame was that has moved meanwhile."""
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """N poses of one frame in another, `frame_T_child`; they may have times of their own or hold at all times."""
+
+    frame: str
+    time: Times
+    """(N,) strictly increasing [ns]"""
+    position: Array
+    """(N, 3) [m]"""
+    rotation: Array
+    """(N, 4) quaternions x, y, z, w"""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Where a frame was at M times."""
+
+    position: Array
+    """(M, 3) [m]"""
+    rotation: Array
+    """(M, 4) quaternions x, y, z, w"""
+    known: NDArray[np.bool_]
+    """(M,) false before the first pose, after the last and in long gaps, where the others hold what comes closest"""
+
+    def __getitem__(self, keep: NDArray[np.bool_]) -> "Placed":
+        """At some of the times only, flagged (M,)."""
+        return Placed(self.position[keep], self.rotation[keep], self.known[keep])
+
+    def __matmul__(self, other: "Placed") -> "Placed":
+        """a_T_c from a_T_b and b_T_c."""
+        turn = Rotation.from_quat(self.rotation)
+        position = self.position + turn.apply(other.position)
+        rotation = (turn * Rotation.from_quat(other.rotation)).as_quat()
+        return Placed(position, rotation, self.known & other.known)
+
+    def inverse(self) -> "Placed":
+        """b_T_a from a_T_b."""
+        back = Rotation.from_quat(self.rotation).inv()
+        return Placed(-back.apply(self.position), back.as_quat(), self.known)
+
+
+def poses_in_time(name: str, poses: Sequence[Pose], times: Sequence[int]) -> Poses:
+    """Poses with their times [ns], sorted; of several at one time the last counts.
+
+    Raises FileError that names the topic or frame where numbers are not finite, a quaternion has not length 1, or
+    poses are given in several frames.
+    """
+    if frames := sorted({pose.frame for pose in poses} - {poses[0].frame}):
+        raise FileError(f"{name}: poses are given in several frames, {poses[0].frame!r} and {frames[0]!r}")
+    numbers = np.array([pose.numbers for pose in poses])
+    length = np.linalg.norm(numbers[:, 3:], axis=1)
+    good = np.isfinite(numbers).all(axis=1) & (np.abs(length - 1.0) < 1e-2)
+    if not good.all():
+        wrong = int(np.argmin(good))
+        raise FileError(
+            f"{name}: pose {wrong} at {times[wrong] * 1e-9:.9f} s is {numbers[wrong].tolist()}, allowed are a finite "
+            "position and a quaternion of length 1"
+        )
+    time = np.array(times, np.int64)
+    order = np.argsort(time, kind="stable")
+    time, numbers = time[order], numbers[order]
+    last = np.append(np.diff(time) > 0, True)
+    return Poses(poses[0].frame, time[last], numbers[last, :3], numbers[last, 3:])
+
+
+def at_times(poses: Poses, time: Times) -> Placed:
+    """Where the frame was at times (M,) [ns]: positions in between are linear, rotations turn at an even rate."""
+    if len(poses.time) == 1:
+        return replace(always(poses, len(time)), known=time == poses.time)
+    seconds, wanted = (poses.time - poses.time[0]) * 1e-9, (time - poses.time[0]) * 1e-9
+    inside = np.clip(wanted, 0.0, seconds[-1])
+    position = np.column_stack([np.interp(inside, seconds, column) for column in poses.position.T])
+    after = np.clip(np.searchsorted(poses.time, time), 1, len(seconds) - 1)
+    moved = np.linalg.norm(np.diff(poses.position, axis=0), axis=1) > 1e-4
+    rotations = Rotation.from_quat(poses.rotation)
+    moved |= (rotations[:-1].inv() * rotations[1:]).magnitude() > 1e-3
+    lost = moved & (np.diff(seconds) > LONGEST_GAP)
+    # A pose just at the time is known whatever comes before or after it.
+    known = ((time >= poses.time[0]) & (time <= poses.time[-1]) & ~lost[after - 1]) | np.isin(time, poses.time)
+    return Placed(position, Slerp(seconds, rotations)(inside).as_quat(), known)
+
+
+def always(poses: Poses, count: int) -> Placed:
+    """The last of poses that hold once and for all, `count` times."""
+    position, rotation = (np.repeat(values[-1:], count, axis=0) for values in (poses.position, poses.rotation))
+    return Placed(position, rotation, np.ones(count, np.bool_))
