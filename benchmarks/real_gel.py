@@ -1,9 +1,11 @@
 """What a touch model says of real images of presses at known angles, and how well it knows how well.
 
-    python benchmarks/real_gel.py --images DIR --untouched FILE --truth CSV [--model FOLDER] [--guise G] [--json]
+    python benchmarks/real_gel.py --images DIR --untouched FILE --truth CSV [--model FOLDER] [--guise G]
+        [--calibrate-on N] [--json]
 
 The truth has columns file and angle_deg, as `digit_balls/truth.csv`. With --guise the images are given mirrored, turned
-by 180 degrees (upturned) or with exchanged channels (swapped).
+by 180 degrees (upturned) or with exchanged channels (swapped). With --calibrate-on, N of them, spread over the angles,
+are given to `palpate calibrate`, and the others are judged in the view and with the correction that it finds.
 
 `slope` and `offset_deg` are of the told angle over the true one; the RMS are of what is left after the offset and about
 the line. `pairs_rms_deg` is of the change of angle between any two images; with `constant_pairs_rms_deg` it would be
@@ -15,18 +17,21 @@ image: `in_68_share_after_offset` and the one of 95 are without it.
 import argparse
 import csv
 import json
+import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.recording.sensor import DIGIT
+from palpate.touch.background import Image, background_of
+from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.presses import Presses, learn_from_presses, read_image
 from palpate.training.scores import coverage
 
 Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 GUISES = ("as it is", "mirrored", "upturned", "swapped")
 
 
@@ -38,13 +43,26 @@ def main() -> None:
     parser.add_argument("--truth", type=Path, required=True)
     parser.add_argument("--model", type=Path, default=SHIPPED)
     parser.add_argument("--guise", choices=GUISES, default=GUISES[0])
+    parser.add_argument("--calibrate-on", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with arguments.truth.open(newline="") as file:
         rows = list(csv.DictReader(file))
     true = np.radians([float(row["angle_deg"]) for row in rows])
-    images = [in_guise(read(arguments.images / row["file"]), arguments.guise) for row in rows]
-    found = judged(TouchModel(arguments.model), in_guise(read(arguments.untouched), arguments.guise), images, true)
+    images = [in_guise(read_image(arguments.images / row["file"]), arguments.guise) for row in rows]
+    untouched = in_guise(read_image(arguments.untouched), arguments.guise)
+    model = TouchModel(arguments.model)
+    calibration, chosen = Calibration(background_of([untouched] * 2)), np.zeros(len(true), np.bool_)
+    if arguments.calibrate_on:
+        chosen[np.argsort(true)[np.linspace(0, len(true) - 1, arguments.calibrate_on).astype(int)]] = True
+        given = Presses(
+            tuple(np.array(images)[chosen]), true[chosen], tuple(np.array([row["file"] for row in rows])[chosen])
+        )
+        calibration = learn_from_presses(given, [untouched], DIGIT, model).calibration
+        print(f"images {calibration.view}", file=sys.stderr)
+    found = judged(
+        model, calibration, [image for image, used in zip(images, chosen, strict=True) if not used], true[~chosen]
+    )
     if arguments.json:
         print(json.dumps(found, indent=2))
         return
@@ -52,10 +70,11 @@ def main() -> None:
         print(f"{name:26} {value:8.3f}")
 
 
-def judged(model: TouchModel, untouched: Image, images: list[Image], true: Array) -> dict[str, float]:
+def judged(model: TouchModel, calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
     """Return the numbers of the module's docstring for images with true angles (N,) [rad]."""
-    mean = reduced(untouched)
-    told, variance = np.array([model.look(difference(image, mean)).direction for image in images]).T
+    mean, view = reduced(calibration.background.mean), calibration.view
+    told, variance = np.array([model.look(difference(view.of(image), mean)).direction for image in images]).T
+    told = np.array([calibration.direction.true(angle) for angle in told])
     variance = variance * model.settings.spread["direction"].scale
     error = told - true
     slope, offset = np.polyfit(true, told, 1)
@@ -86,14 +105,6 @@ def changes(values: Array) -> Array:
 def degrees_rms(values: Array) -> float:
     """Return the root of the mean square [rad] in degrees."""
     return float(np.degrees(np.sqrt(np.mean(values**2))))
-
-
-def read(file: Path) -> Image:
-    """Return an image (height, width, 3) RGB."""
-    image = cv2.imread(str(file))
-    if image is None:
-        raise SystemExit(f"{file}: is no image that can be read")
-    return np.asarray(image[..., ::-1], np.uint8)
 
 
 def in_guise(image: Image, guise: str) -> Image:

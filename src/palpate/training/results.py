@@ -68,12 +68,20 @@ def judge(
         "mean_square_of_sine": table,
         "sine": {kind: float(sine[chosen].std()) for kind, chosen in kinds.items()},
         "honesty": honesty,
+        "direction_offset_of_units_deg": _unit_offsets(samples, seen),
         "kinds_told": {
             kind: float(np.mean(told_kind[samples.kind == i] == i))
             for i, kind in enumerate(KINDS)
             if np.count_nonzero(samples.kind == i) >= _FEWEST
         },
     }
+
+
+def _unit_offsets(samples: Samples, seen: Features) -> float:
+    """Return by how much directions are off all through a recording, standard deviation over recordings [degrees]."""
+    error = se2.wrap(seen.direction[:, 0] - samples.direction)
+    offsets = [np.median(error[samples.recording == number]) for number in np.unique(samples.recording)]
+    return float(np.degrees(np.std(offsets)))
 
 
 def prediction_errors(samples: Samples, seen: Features, touch: Touch) -> dict[str, tuple[Array, Array]]:

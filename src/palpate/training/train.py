@@ -60,8 +60,8 @@ def train(
 
     Besides the model, `out` gets the folder `training`: logs, checkpoints, `results.json` and figures. The results are
     of the recordings `test`, or, where there are none, of a share of `files` that is left out. With `start`, a model
-    folder, its touch network is trained on; its key points stay, and how far it is to be believed. With `resume`, a
-    run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a total. Raises
+    folder, its touch network is trained on, and how far that is to be believed is measured anew; its key points stay. With
+    `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a total. Raises
     FileError on files and folders, SettingError where there is too little to learn from.
     """
     base = None if start is None else TouchModel(start)
@@ -100,7 +100,9 @@ def train(
         models = fit_pair_models(learned, features_of(learned, keypoints, touch), touch, settings.seed)
         progress(1)
         seen = features_of(held_out, keypoints, touch)
-        spread = dict(base.settings.spread) if base else measure_spread(held_out, seen, models, touch)
+        spread = measure_spread(held_out, seen, models, touch)
+        if base is not None:
+            spread["linear"] = base.settings.spread["linear"]  # of its key points, which stay
         progress(2)
         seen = features_of(judged, keypoints, touch)
         results = judge(judged, seen, models, touch, spread)
