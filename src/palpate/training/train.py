@@ -60,9 +60,9 @@ def train(
 
     Besides the model, `out` gets the folder `training`: logs, checkpoints, `results.json` and figures. The results are
     of the recordings `test`, or, where there are none, of a share of `files` that is left out. With `start`, a model
-    folder, its touch network is trained on, and how far that is to be believed is measured anew; its key points stay. With
-    `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a total. Raises
-    FileError on files and folders, SettingError where there is too little to learn from.
+    folder, its touch network is trained on, and how far that is to be believed is measured anew; its key points stay.
+    With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a
+    total. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
     base = None if start is None else TouchModel(start)
     work = _free(out, resume)
