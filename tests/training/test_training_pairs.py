@@ -72,7 +72,14 @@ def test_a_batch_is_what_was_seen():
     np.testing.assert_array_equal(plain[:, 0, 0, 0], chosen)  # a difference is its number
 
 
-def test_a_varied_batch_looks_like_units_of_other_brightness_and_colours():
+def clear(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No clouds over images."""
+    monkeypatch.setattr(pairs, "_LASTING", 0.0)
+    monkeypatch.setattr(pairs, "_PASSING", 0.0)
+
+
+def test_a_varied_batch_looks_like_units_of_other_brightness_and_colours(monkeypatch: pytest.MonkeyPatch):
+    clear(monkeypatch)
     many, sign = varied_batch(samples([50]), np.full((625, 8), 4), np.random.default_rng(0))
     many = many.numpy()
     assert many.shape == (5000, 3, 2, 2) and sign.shape == (625,)
@@ -90,6 +97,7 @@ def test_a_group_is_in_one_guise_and_its_angles_with_it(monkeypatch: pytest.Monk
     monkeypatch.setattr(pairs, "_GAIN", (1.0, 1.0))
     monkeypatch.setattr(pairs, "_COLOUR_GAIN", (1.0, 1.0))
     monkeypatch.setattr(pairs, "_TINT", 0.0)
+    clear(monkeypatch)
     image = np.arange(12, dtype=np.float16).reshape(2, 2, 3)
     given = samples([50])
     given = dataclasses.replace(given, difference=np.broadcast_to(image, (50, 2, 2, 3)).copy())
@@ -106,6 +114,20 @@ def test_a_group_is_in_one_guise_and_its_angles_with_it(monkeypatch: pytest.Monk
     assert found == wanted  # all 24, and angles change their sign where left and right do
     as_it_is = (looks[:, 0] == image.astype(np.float32)).all(axis=(1, 2, 3)).mean()
     assert as_it_is == pytest.approx(0.5 + 0.5 / 24, abs=0.03)
+
+
+def test_clouds_are_smooth_and_some_last_all_through_a_group(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pairs, "_TINT", 0.0)
+    given = samples([50])
+    given = dataclasses.replace(given, difference=np.zeros((50, 32, 128, 3), np.float16))
+    seen, _ = varied_batch(given, np.zeros((400, 2), int), np.random.default_rng(0))
+    clouds = seen.numpy().reshape(400, 2, 3, 32, 128)
+    assert abs(clouds.mean()) < 2e-3
+    # Of two images of a group what is alike has at most 0.12, what is not 0.06; a strength from 0 to m has a mean
+    # square of m^2 / 3. Between its 4 x 8 points a cloud is an average, so that less is left of it.
+    alike, other = (clouds[:, 0] * clouds[:, 1]).mean(), 0.5 * ((clouds[:, 0] - clouds[:, 1]) ** 2).mean()
+    assert 0.4 * 0.12**2 / 3 < alike < 0.12**2 / 3 and 0.4 * 0.06**2 / 3 < other < 0.06**2 / 3
+    assert np.abs(np.diff(clouds, axis=-1)).mean() < 0.1 * np.abs(clouds).mean()
 
 
 # --- holding out ---

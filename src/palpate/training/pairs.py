@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from palpate.errors import SettingError
 from palpate.geometry import se2
@@ -17,6 +17,7 @@ CLOSEST, FARTHEST = 10, 50
 """Frames between the two of a pair (paper Sec. IV-A)."""
 # By how much brightness, each colour and its shift (in units of the difference) may differ from those seen.
 _GAIN, _COLOUR_GAIN, _TINT = (0.7, 1.4), (0.75, 1.3), 0.05
+_LASTING, _PASSING, _CELLS = 0.12, 0.06, (4, 8)  # most that clouds differ by (as above), and how fine they are
 _AS_IT_IS = 0.5  # share of groups of images that keep their orientation and colours
 
 
@@ -87,6 +88,8 @@ def varied_batch(samples: Samples, chosen: Indices, rng: np.random.Generator) ->
     """Return differences (G F, 3, 32, 128) of groups of samples (G, F) as of other units, and the sign (G,) of angles.
 
     Each group is of one unit in one guise; brightness, colours and their slopes over the image differ from those seen.
+    Besides, clouds lie over the image, for all of a group and for each by itself: the untouched gel is never known
+    exactly, and a gel gives way a little everywhere. Without them, a network reads much into what is nothing.
     """
     groups, size = chosen.shape
     difference = samples.difference[chosen].astype(np.float32)
@@ -100,7 +103,15 @@ def varied_batch(samples: Samples, chosen: Indices, rng: np.random.Generator) ->
     tint, across, along = rng.normal(0.0, _TINT, (3, *each)).astype(np.float32)
     shift = tint + across * columns[:, None] + along * rows[:, None, None]
     difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
-    return _tensor(difference), torch.tensor([guise.sign for guise in guises])
+    clouds = _clouds(groups, _LASTING, rng).repeat_interleave(size, dim=0) + _clouds(groups * size, _PASSING, rng)
+    clouds = nn.functional.interpolate(clouds, difference.shape[1:3], mode="bicubic", align_corners=False)
+    return _tensor(difference) + clouds, torch.tensor([guise.sign for guise in guises])
+
+
+def _clouds(count: int, most: float, rng: np.random.Generator) -> Tensor:
+    """Draw smooth values (count, 3, 4, 8) of any strength up to this one, to be spread over an image."""
+    strength = rng.uniform(0.0, most, (count, 1, 1, 1))
+    return torch.from_numpy((strength * rng.normal(size=(count, 3, *_CELLS))).astype(np.float32))
 
 
 def _tensor(difference: NDArray[np.float32]) -> Tensor:
