@@ -164,11 +164,12 @@ def test_images_show_the_contact():
     detector = ContactDetector()
     assert [bool(detector.update(image)) for image in images] == touching(made).tolist()
     blank = np.mean(images[:15], axis=0)
-    change = np.abs(images[REST + 20] - blank).sum(axis=(0, 2))
+    change = np.maximum(np.abs(images[REST + 20] - blank) - 8.0, 0.0).sum(axis=(0, 2))  # more than noise
     column = (change * np.arange(240)).sum() / change.sum()
     unit = unit_of(made)
     wanted = 119.5 + (unit.radius * np.sin(made.extra["pad_angle"][REST + 20]) - unit.offset[0]) / unit.pitch
-    assert column == pytest.approx(wanted, abs=15.0)
+    assert column == pytest.approx(wanted, abs=25.0)  # shadows draw it aside
+    assert column < 119.5 - 15.0  # the contact is left of the middle
 
 
 def test_short_unknown_truth_is_bridged_and_stays_unknown():
