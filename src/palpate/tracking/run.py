@@ -81,7 +81,7 @@ def track(
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
-    first = _first_pose(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
+    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
     _check(recording, settings)
     if model is None and settings.tactile.startswith("learnt"):
         model = TouchModel(SHIPPED)
@@ -156,7 +156,8 @@ def _check(recording: Recording, settings: TrackerSettings) -> None:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
 
 
-def _first_pose(recording: Recording) -> Array:
+def first_pose_of(recording: Recording) -> Array:
+    """Return the first ground truth (3,) [m, m, rad]. Raises SettingError where there is none."""
     name = recording.file or "the recording"
     known = trusted_truth(recording)
     if recording.object_pose is None or not known.any():
