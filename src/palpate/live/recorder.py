@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.formats.bags.estimates_mcap import add_estimates
 from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
-from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds
+from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
 from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE
 from palpate.formats.bags.plane import flat, out_of_plane
 from palpate.formats.bags.recording_mcap import IMAGES, SENSOR_POSES
@@ -86,6 +86,7 @@ class Recorder:
 @contextmanager
 def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = False) -> Iterator[Recorder]:
     """Record into a new MCAP; `sensor` is as its images come. FileError if it exists, unless `force`."""
+    _try_out(Recorder(path, scratch_mcap()))
     with growing_mcap(path, force) as file:
         file.attach(ATTACHMENT, MEDIA_TYPE, live_attachment(shape, sensor))
         file.flush()
@@ -94,3 +95,11 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
             yield taking
         finally:
             taking.close()
+
+
+def _try_out(scratch: Recorder) -> None:
+    """Write one of everything, so that no first one keeps a robot waiting."""
+    pose = TimedPose(0.0, np.zeros(3))
+    scratch.image(TouchImage(0.0, b"none"))
+    scratch.pose(pose)
+    scratch.estimate(Estimate(0.0, pose.pose, np.eye(3), False, "resting"), SensorPlace(pose.pose, "known", 0.0), 0.0)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,14 @@ def new_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWrite
         writer.start(profile="ros2", library="palpate")
         yield MessageWriter(writer)
         writer.finish()
+
+
+def scratch_mcap() -> MessageWriter:
+    """A writer whose messages go nowhere: the first of each type takes long, and can be written here."""
+    check_installed()
+    from mcap.writer import Writer
+
+    return MessageWriter(Writer(BytesIO()))
 
 
 @contextmanager
