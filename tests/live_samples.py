@@ -1,7 +1,7 @@
 """Sources and trackers of live sessions that tests steer."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ def state() -> tuple[LiveState, list[str]]:
     return LiveState(said.append), said
 
 
-def images_at(clock: Clock, times: Sequence[float]) -> Any:
+def images_at(clock: Clock, times: Any) -> Any:
     """A source of images at times [s] of a clock."""
 
     def images(stop: threading.Event) -> Iterator[TouchImage]:
@@ -55,7 +55,7 @@ def images_at(clock: Clock, times: Sequence[float]) -> Any:
     return images
 
 
-def poses_at(clock: Clock, times: Sequence[float]) -> Any:
+def poses_at(clock: Clock, times: Any) -> Any:
     """A source of poses whose x is the time, at times [s] of a clock; a pose is refused where the time is NaN."""
 
     def poses(stop: threading.Event) -> Iterator[TimedPose | Refused]:

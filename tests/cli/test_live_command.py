@@ -93,13 +93,13 @@ def test_ctrl_c_ends_it_and_the_file_is_whole(capsys):
     push = imaged_push()
     formats.write(replace(push, time=np.arange(FRAMES) / 2.0), "push.h5", overwrite=True)
     before = signal.getsignal(signal.SIGINT)
-    timer = threading.Timer(2.0, os.kill, [os.getpid(), signal.SIGINT])
+    timer = threading.Timer(1.5, os.kill, [os.getpid(), signal.SIGINT])
     timer.start()
     assert palpate("--replay", "push.h5", "--record", "live.mcap", "--json") == 0
     timer.join()
     assert signal.getsignal(signal.SIGINT) is before
     found = json.loads(capsys.readouterr().out)
-    assert 1 <= found["images"] <= 5
+    assert 1 <= found["images"] <= 4
     same_frames("live.mcap", found["images"])
     with Path("live.mcap").open("rb") as file:
         assert make_reader(file).get_summary() is not None
@@ -140,8 +140,8 @@ def test_the_view_sees_each_frame(monkeypatch):
 
     monkeypatch.setenv("DISPLAY", ":7")
     monkeypatch.setattr(live, "live_view", live_view)
-    assert palpate("--replay", "push.h5", "--view") == 0
-    assert len(log.times) > FRAMES // 2
+    assert palpate("--replay", "push.h5", "--view", "--seconds", "0.4") == 0
+    assert len(log.times) > 5
 
 
 def test_what_cannot_be_tracked_live(capsys):

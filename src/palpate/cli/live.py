@@ -23,18 +23,37 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from palpate.live.rig import Rig
     from palpate.live.state import LiveState
-    from palpate.recording.recording import Recording
+    from palpate.touch.calibration import Calibration
 
 LATENCIES = (("p50", "latency, median"), ("p99", "latency, 99 %"), ("max", "latency, largest"))
 
 
 def live(
     *,
+    camera: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="SERIAL|PATH|N", help="The camera of a DIGIT.", help_behavior_hint="(required, or --replay)"
+        ),
+    ] = None,
+    poses: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="udp:PORT|NAME",
+            help="Sensor poses, by UDP as JSON on this machine, or by an entry point of palpate.poses.",
+            help_behavior_hint="(required with --camera)",
+        ),
+    ] = None,
     replay: Annotated[
-        Path,
-        tyro.conf.arg(metavar="FILE", help="A recording or a bag, which is played in real time."),
-    ],
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="A recording or a bag, which is played in real time.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = None,
     tactile: TactileOption = "learnt",
     model: ModelOption = None,
     calibration: CalibrationOption = None,
@@ -65,14 +84,12 @@ def live(
     from palpate.cli.console import busy, complain, print_json
     from palpate.errors import SettingError
     from palpate.live.recorder import recorder
-    from palpate.live.replay import Replay
-    from palpate.live.session import Sources, track_live
+    from palpate.live.session import track_live
     from palpate.live.state import LiveState
-    from palpate.live.table import live_table
+    from palpate.live.table import LiveTable
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import SHIPPED, TouchModel
     from palpate.tracker import Tracker, TrackerSettings
-    from palpate.tracking.run import first_pose_of
 
     check_model(model, [tactile])
     if tactile == "oracle":
@@ -81,32 +98,25 @@ def live(
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if view:
         check_window()
-    with busy(f"reading {replay.name}"):
-        recording = _recording(replay, bag)
+    unit = None if calibration is None else load_calibration(calibration)
+    with busy("looking for images and poses"):
+        rig = _rig(camera, poses, replay, bag, first_pose, unit)
     with ExitStack() as stack:
+        settings = TrackerSettings(tactile)
         learnt = TouchModel(model or SHIPPED) if tactile.startswith("learnt") else None
-        tracker = Tracker(
-            recording.shape,
-            recording.sensor,
-            first_pose_of(recording) if first_pose is None else first_pose,
-            TrackerSettings(tactile),
-            learnt,
-            None if calibration is None else load_calibration(calibration),
-            first_pose_sigma=first_pose_sigma,
-        )
-        taking = record and stack.enter_context(recorder(record, recording.shape, recording.sensor, force))
+        shape = rig.scene.shape
+        tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=first_pose_sigma)
+        taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))
         log = None
         if view:
             from palpate.view.live import live_view
 
-            log = stack.enter_context(live_view(recording, replay.name, None, force, window=True))
-        state = LiveState(complain)
+            log = stack.enter_context(live_view(rig.scene, rig.name, None, force, window=True))
         stop = stack.enter_context(_ended_by_signals())
-        played = Replay(recording)
-        size = (recording.sensor.image_height, recording.sensor.image_width)
-        sources = Sources(played.images, played.poses, played.clock, size)
-        stack.enter_context(live_table(f"palpate live: {replay.name}", state))
-        track_live(tracker, sources, state, stop, taking, log.show if log else None, seconds)
+        table = LiveTable(f"palpate live: {rig.name}")
+        state = LiveState(complain if not table.shown else lambda _: None)
+        stack.enter_context(table.of(state))
+        track_live(tracker, rig.begin(), state, stop, taking or None, log.show if log else None, seconds)
     if json:
         print_json(state.summary())
     else:
@@ -114,12 +124,31 @@ def live(
     return 0
 
 
-def _recording(file: Path, bag: BagOptions) -> "Recording":
-    """The recording in a file or a bag."""
+def _rig(
+    camera: str | None,
+    poses: str | None,
+    replay: Path | None,
+    bag: BagOptions,
+    first_pose: tuple[float, float, float] | None,
+    calibration: "Calibration | None",
+) -> "Rig":
+    """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
+    from palpate.errors import SettingError
+    from palpate.live.rig import camera_rig, replay_rig
     from palpate.recording.recording import Recording
+    from palpate.simulation.objects import find_shape
 
-    reading = read_with(file, bag)
-    return reading if isinstance(reading, Recording) else reading.recording
+    if (camera is None) == (replay is None) or (camera is None) != (poses is None):
+        raise SettingError("live takes either --camera with --poses, or --replay FILE")
+    if replay is not None:
+        reading = read_with(replay, bag)
+        return replay_rig(reading if isinstance(reading, Recording) else reading.recording, replay.name, first_pose)
+    assert camera is not None and poses is not None
+    if bag.shape is None or first_pose is None:
+        raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
+    if bag != BagOptions(shape=bag.shape):
+        raise SettingError("--camera: of the options for bags, only --shape is of use")
+    return camera_rig(camera, poses, find_shape(bag.shape)[1], first_pose, calibration)
 
 
 @contextmanager

@@ -16,12 +16,16 @@ class Replay:
     """Plays a recording in real time; the clock shows the recording's own times."""
 
     def __init__(self, recording: Recording) -> None:
-        """Begin now. Raises SettingError if there are no images to play, FileError if the first is damaged."""
+        """Take what is to be played. Raises SettingError if it has no images, FileError if the first is damaged."""
         if recording.image is None:
             raise SettingError(f"{recording.file or 'the recording'}: has no images, and live tracking goes by them")
         recording[0]  # if images are damaged, or OpenCV takes long to load, then not in the first step
         self._recording = recording
-        self.clock = Clock(float(recording.time[0]) - _LEAD)
+        self.begin()
+
+    def begin(self) -> None:
+        """Let the first frame come shortly from now."""
+        self.clock = Clock(float(self._recording.time[0]) - _LEAD)
         """What its times are measured by."""
 
     def images(self, stop: threading.Event) -> Iterator[TouchImage]:

@@ -15,17 +15,33 @@ _REFRESH = 5  # times a second
 _RECENT = 600  # estimates whose latency is shown
 
 
-@contextmanager
-def live_table(title: str, state: LiveState) -> Iterator[None]:
-    """Show how a session goes while the block runs, on standard error where that is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
-    with Live(
-        get_renderable=lambda: table_of(title, state), console=console, refresh_per_second=_REFRESH, transient=True
-    ):
-        yield
+class LiveTable:
+    """The table of a session, on standard error; where that is no terminal, there is none."""
+
+    def __init__(self, title: str) -> None:
+        """Take what to write above it."""
+        self._title = title
+        self._console = Console(stderr=True)
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is a terminal."""
+        return self._console.is_terminal
+
+    @contextmanager
+    def of(self, state: LiveState) -> Iterator[None]:
+        """Show how a session goes while the block runs."""
+        if not self.shown:
+            yield
+            return
+        table = Live(
+            get_renderable=lambda: table_of(self._title, state),
+            console=self._console,
+            refresh_per_second=_REFRESH,
+            transient=True,
+        )
+        with table:
+            yield
 
 
 def table_of(title: str, state: LiveState) -> Table:
