@@ -1,6 +1,8 @@
+import itertools
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +19,7 @@ from view_samples import FRAMES, imaged_push
 
 from palpate import formats
 from palpate.cli import main
+from palpate.live import rig
 from palpate.live.state import LiveState
 from palpate.live.table import table_of
 
@@ -173,3 +176,68 @@ def test_the_table_keeps_its_rows():
     assert "the camera is lost" in text(state)
     for row in ("images", "latency", "contact", "status", "object", "sensor pose"):
         assert row in empty
+
+
+def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
+    """A fake camera and a program that sends poses; what is recorded is a recording."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    class Fake:
+        def __init__(self, path, size):
+            assert size == (320, 240)
+            self.index = 0
+
+        def grab(self):
+            time.sleep(1.0 / 60)
+            self.index += 1
+            return True
+
+        def image(self):
+            gel = np.full((320, 240, 3), 90, np.uint8)
+            if self.index > 60:
+                gel[100:200, 80:160] += 60
+            return gel
+
+        def close(self):
+            pass
+
+    done = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for index in itertools.count():
+                if done.wait(0.01):
+                    return
+                said: dict[str, Any] = {"time": time.time(), "pose": [0.1, 0.05, 0.0]}
+                sender.sendto(b"rubbish" if index % 20 == 0 else json.dumps(said).encode(), ("127.0.0.1", port))
+
+    monkeypatch.setattr(rig.camera_rig, "__defaults__", (*rig.camera_rig.__defaults__[:-1], Fake))
+    monkeypatch.setattr(rig, "camera_path", lambda name: Path("/dev") / name)
+    robot = threading.Thread(target=send)
+    robot.start()
+    words = ("--camera", "fake", "--poses", f"udp:{port}", "--shape", "rectangle", "--record", "live.mcap")
+    try:
+        assert palpate(*words, "--first-pose", "0.3", "0.05", "0", "--seconds", "2", "--json") == 0
+    finally:
+        done.set()
+        robot.join()
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert "a sensor pose is refused, 1 so far: 'rubbish' is no JSON" in err
+    assert found["tracked"] > 20 and found["contact_frames"] > 5 and found["refused_poses"] > 2
+    assert found["rate_hz"] == pytest.approx(60.0, rel=0.5)
+    recorded: Any = formats.load_recording("live.mcap")
+    assert len(recorded) >= found["tracked"] and recorded.sensor.image_height == 320
+    assert np.allclose(recorded.sensor_pose, [0.1, 0.05, 0.0])
+    assert abs(recorded.time[-1] - time.time()) < 30.0
+
+
+def test_what_a_camera_needs(capsys):
+    assert "either --camera with --poses, or --replay" in failure(capsys)
+    assert "either --camera with --poses, or --replay" in failure(capsys, "--camera", "0")
+    assert "--first-pose X Y THETA say it" in failure(capsys, "--camera", "0", "--poses", "udp:9")
+    object_ = ("--shape", "disc", "--first-pose", "0", "0", "0")
+    assert "only --shape is of use" in failure(capsys, "--camera", "0", "--poses", "udp:9", *object_, "--plane", "fit")
+    assert "there is no such device" in failure(capsys, "--camera", "/dev/video98", "--poses", "udp:9", *object_)
