@@ -45,15 +45,22 @@ def gathered(source: Any, count: int) -> list[Any]:
     return found
 
 
+def send(port: int, *packets: bytes) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in packets:
+            sender.sendto(data, ("127.0.0.1", port))
+
+
 def test_udp_takes_poses_and_refuses_rubbish():
     clock = Clock(time.time())
     source = UdpPoses(0, clock)
     now = clock.now()
     good = [json.dumps({"time": now - 0.25, "pose": [0.1, 0.2, 0.3]}).encode(), b'{"pose": [1, 2, 3]}']
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for data in (good[0], *RUBBISH, good[1]):
-            sender.sendto(data, ("127.0.0.1", source.port))
+    send(source.port, b"from before anybody listened")
+    robot = threading.Timer(0.3, send, [source.port, good[0], *RUBBISH, good[1]])
+    robot.start()
     found = gathered(source.poses, len(RUBBISH) + 2)
+    robot.join()
     assert isinstance(found[0], TimedPose) and isinstance(found[-1], TimedPose)
     assert (found[0].time, found[0].pose.tolist()) == (pytest.approx(now - 0.25), [0.1, 0.2, 0.3])
     assert abs(found[-1].time - now) < 5.0 and found[-1].pose.tolist() == [1.0, 2.0, 3.0]

@@ -8,6 +8,7 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 
 from palpate.errors import SettingError
 from palpate.live.clock import Clock
@@ -40,12 +41,21 @@ class UdpPoses:
     def poses(self, stop: threading.Event) -> Iterator[TimedPose | Refused]:
         """Yield each pose that comes, and what is wrong with anything else; ends at the event."""
         with self._socket:
+            self._forget_old()
             while not stop.is_set():
                 try:
                     data = self._socket.recv(_LARGEST)
                 except TimeoutError:
                     continue
                 yield pose_in(data, self._clock.now())
+
+    def _forget_old(self) -> None:
+        """Pass over what came while nobody listened."""
+        self._socket.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                self._socket.recv(_LARGEST)
+        self._socket.settimeout(_LOOK)
 
 
 def pose_in(data: bytes, now: float) -> TimedPose | Refused:

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
@@ -85,9 +86,8 @@ def track(
     _check(recording, settings)
     if model is None and settings.tactile.startswith("learnt"):
         model = TouchModel(SHIPPED)
-    tracker = Tracker(
-        recording.shape, recording.sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma
-    )
+    sensor = _turned(recording.sensor, calibration)
+    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
     estimates: list[Estimate] = []
     step_ms = np.empty(len(recording))
     for index, frame in enumerate(recording):
@@ -143,6 +143,13 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]
     )
     answers = tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
     return online, answers, np.array([estimate.friction for estimate in estimates])
+
+
+def _turned(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
+    """The sensor with its images as they lie once they were turned as the calibration says."""
+    if calibration is None or calibration.view.quarter_turns % 2 == 0:
+        return sensor
+    return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:
