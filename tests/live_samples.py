@@ -15,6 +15,7 @@ from palpate.live.state import LiveState
 from palpate.tracker import Estimate
 
 SIZE = (CAMERA.image_height, CAMERA.image_width)
+TURNED = (CAMERA.image_width, CAMERA.image_height)
 GEL = np.full((*SIZE, 3), 90, np.uint8)
 
 

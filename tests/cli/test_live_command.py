@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from bag_samples import push_messages, write_bag
 from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
 from view_samples import FRAMES, imaged_push
 
 from palpate import formats
@@ -77,6 +78,8 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(capsys):
     with Path("live.mcap").open("rb") as file:
         messages = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert messages.count("/palpate/object_pose") == found["tracked"]
+    with AnyReader([Path("live.mcap")]) as bag:  # none of our code
+        assert [connection.topic for connection, _, _ in bag.messages()].count("/sensor/pose") == FRAMES
     assert main.main(["track", "live.mcap", "--first-pose", "0.3", "0.05", "0"]) == 0
     assert main.main(["info", "live.mcap"]) == 0
     assert "rectangle" in capsys.readouterr().out
@@ -213,7 +216,8 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
                 said: dict[str, Any] = {"time": time.time(), "pose": [0.1, 0.05, 0.0]}
                 sender.sendto(b"rubbish" if index % 20 == 0 else json.dumps(said).encode(), ("127.0.0.1", port))
 
-    monkeypatch.setattr(rig.camera_rig, "__defaults__", (*rig.camera_rig.__defaults__[:-1], Fake))
+    defaults: Any = rig.camera_rig.__defaults__
+    monkeypatch.setattr(rig.camera_rig, "__defaults__", (*defaults[:-1], Fake))
     monkeypatch.setattr(rig, "camera_path", lambda name: Path("/dev") / name)
     robot = threading.Thread(target=send)
     robot.start()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_samples import SIZE, FakeTracker, poses_at, state
+from live_samples import SIZE, TURNED, FakeTracker, poses_at, state
 from view_samples import CAMERA
 
 from palpate.errors import SettingError
@@ -81,7 +81,7 @@ def test_a_lost_camera_is_opened_again_and_settles_again():
     fake, clock = FakeCamera(), Clock(0.0)
     camera = Camera(fake, clock)
     counts, said = state()
-    tracker = FakeTracker()
+    tracker: Any = FakeTracker()
 
     def plug() -> None:
         for after, plugged in ((0.3, False), (0.3, True), (0.6, False), (0.1, True)):
@@ -130,25 +130,29 @@ def rig(monkeypatch: Any, fake: FakeCamera, calibration: Calibration | None = No
 def test_images_lie_as_the_calibration_says(monkeypatch):
     background = Background(np.full((*SIZE, 3), 60, np.float32), np.ones((*SIZE, 3), np.float32))
     unit = Calibration(background, CameraView(1, True, (2, 1, 0)))
-    fake = FakeCamera(size=SIZE[::-1])
+    fake = FakeCamera(size=TURNED)
     found = rig(monkeypatch, fake, unit)
-    assert (found.size, found.sensor.image_height, found.recorded_sensor.image_height) == (SIZE[::-1], 40, 30)
+    assert (found.size, found.sensor.image_height, found.recorded_sensor.image_height) == (TURNED, 40, 30)
     assert 0.4 * RATE < found.sensor.rate <= RATE
     given = found.begin()
     counts, _ = state()
     stop = threading.Event()
     stop.set()
-    track_live(FakeTracker(), given, counts, stop)  # type: ignore[arg-type]
+    tracker: Any = FakeTracker()
+    track_live(tracker, given, counts, stop)
+    assert not tracker.frames and fake.closed == 1
 
 
 def test_images_of_another_size_are_refused(monkeypatch):
+    fake = FakeCamera(size=TURNED)
     with pytest.raises(SettingError, match="30 rows and 40 columns, expected 40 and 30; palpate calibrate --presses"):
-        rig(monkeypatch, fake := FakeCamera(size=SIZE[::-1]))
+        rig(monkeypatch, fake)
     assert fake.closed == 1
     with pytest.raises(SettingError, match=r"have 99 rows and 40 columns, expected 40 and 30$"):
         rig(monkeypatch, FakeCamera(size=(99, 40)))
+    fake = FakeCamera()
     with pytest.raises(SettingError, match="'udp:x'; allowed are ports"):
-        rig(monkeypatch, fake := FakeCamera(), poses="udp:x")
+        rig(monkeypatch, fake, poses="udp:x")
     assert fake.closed == 1
 
 
