@@ -34,12 +34,8 @@ def existing_file(path: Path | str) -> Path:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-@contextmanager
-def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary path beside `path` to write to; renamed to `path` on success, removed on any failure.
-
-    An existing file is replaced only if `overwrite`; a missing folder is an error.
-    """
+def new_file(path: Path | str, overwrite: bool = False) -> Path:
+    """`path`, if a file may be written there; FileError if not, as where one exists and `overwrite` is not set."""
     path = Path(path)
     if path.is_dir():
         raise FileError(f"{path}: is a folder, expected the name of a file to write")
@@ -47,6 +43,16 @@ def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
         raise FileError(f"{path}: the folder {path.parent} does not exist")
     if path.exists() and not overwrite:
         raise FileError(f"{path}: already exists, and overwriting it was not asked for")
+    return path
+
+
+@contextmanager
+def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
+    """A temporary path beside `path` to write to; renamed to `path` on success, removed on any failure.
+
+    An existing file is replaced only if `overwrite`; a missing folder is an error.
+    """
+    path = new_file(path, overwrite)
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
     try:
         yield temporary

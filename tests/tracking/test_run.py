@@ -6,10 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 from recording_samples import pushed
+from view_samples import imaged_push
 
 from palpate import formats
 from palpate.errors import FileError, SettingError
 from palpate.estimation.settings import PRESETS
+from palpate.recording.images import encode_image
+from palpate.touch.background import background_of
+from palpate.touch.calibration import Calibration
+from palpate.touch.view import CameraView
 from palpate.tracker import TrackerSettings
 from palpate.tracking import run_folder
 from palpate.tracking.run import track
@@ -147,3 +152,15 @@ def test_a_run_that_fails_to_be_written_leaves_the_old_one(tracked, tmp_path, mo
         write_run(tracked, folder, force=True)
     assert (folder / "summary.json").read_text() == old
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_images_that_come_turned_are_tracked_as_the_calibration_says():
+    push = imaged_push()
+    upright = [frame.image for frame in push if frame.image is not None]
+    unit = Calibration(background_of(upright[:15]), CameraView(1))
+    turned = tuple(encode_image(np.ascontiguousarray(np.rot90(image, -1)), "png") for image in upright)
+    as_come = dataclasses.replace(push.sensor, image_height=30, image_width=40)
+    found = track(dataclasses.replace(push, image=turned, sensor=as_come), calibration=unit)
+    expected = track(push, calibration=dataclasses.replace(unit, view=CameraView()))
+    assert found.summary["contact_frames"] > 10
+    assert np.array_equal(found.online.pose, expected.online.pose)

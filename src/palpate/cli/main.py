@@ -12,6 +12,7 @@ from palpate.cli.convert import convert
 from palpate.cli.demo import demo
 from palpate.cli.evaluate import evaluate
 from palpate.cli.info import info
+from palpate.cli.live import live
 from palpate.cli.simulate import simulate
 from palpate.cli.track import track
 from palpate.cli.train import train
@@ -23,6 +24,7 @@ COMMANDS = {
     "demo": demo,
     "info": info,
     "track": track,
+    "live": live,
     "convert": convert,
     "simulate": simulate,
     "calibrate": calibrate,

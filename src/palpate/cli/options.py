@@ -33,6 +33,30 @@ ModelOption = Annotated[
         metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
     ),
 ]
+CalibrationOption = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="UNIT.npz",
+        help="How this sensor unit looks untouched, from palpate calibrate.",
+        help_behavior_hint="(default: as in the first half second)",
+    ),
+]
+FirstPoseOption = Annotated[
+    tuple[float, float, float] | None,
+    tyro.conf.arg(
+        metavar="X Y THETA",
+        help="Object pose at the start [m, m, rad].",
+        help_behavior_hint="(default: from ground truth)",
+    ),
+]
+FirstPoseSigmaOption = Annotated[
+    tuple[float, float, float] | None,
+    tyro.conf.arg(
+        metavar="SX SY STHETA",
+        help="Standard deviations of that pose [m, m, rad]; touch finds an object that is known roughly.",
+        help_behavior_hint="(default: that of the noise settings)",
+    ),
+]
 SmootherOption = Annotated[
     SmootherName,
     tyro.conf.arg(
@@ -69,6 +93,16 @@ def check_new(path: Path, force: bool) -> None:
 
     if path.exists() and not force:
         raise FileError(f"{path}: already exists; --force replaces it")
+
+
+def check_window(instead: str = "") -> None:
+    """Raise SettingError where a view is asked for that cannot be opened; `instead` says what else can be done."""
+    from palpate.errors import SettingError
+    from palpate.view.viewer import check_rerun, has_display
+
+    check_rerun()
+    if not has_display():
+        raise SettingError(f"--view: there is no display to open a window on{instead}")
 
 
 def check_model(model: Path | None, tactile: Collection[str]) -> None:

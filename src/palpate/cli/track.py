@@ -10,6 +10,9 @@ import tyro
 
 from palpate.cli.bag_options import BAG_DEFAULTS, Bag, BagOptions, read_with
 from palpate.cli.options import (
+    CalibrationOption,
+    FirstPoseOption,
+    FirstPoseSigmaOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -19,6 +22,7 @@ from palpate.cli.options import (
     TactileOption,
     check_model,
     check_new,
+    check_window,
     pressure_of,
 )
 
@@ -53,33 +57,12 @@ def track(
     *,
     tactile: TactileOption = "none",
     model: ModelOption = None,
-    calibration: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="UNIT.npz",
-            help="How this sensor unit looks untouched, from palpate calibrate.",
-            help_behavior_hint="(default: as in the first half second)",
-        ),
-    ] = None,
+    calibration: CalibrationOption = None,
     smoother: SmootherOption = "fixed-lag",
     noise: NoiseOption = "palpate",
     pressure: PressureOption = "uniform",
-    first_pose: Annotated[
-        tuple[float, float, float] | None,
-        tyro.conf.arg(
-            metavar="X Y THETA",
-            help="Object pose at the start [m, m, rad].",
-            help_behavior_hint="(default: from ground truth)",
-        ),
-    ] = None,
-    first_pose_sigma: Annotated[
-        tuple[float, float, float] | None,
-        tyro.conf.arg(
-            metavar="SX SY STHETA",
-            help="Standard deviations of that pose [m, m, rad]; touch finds an object that is known roughly.",
-            help_behavior_hint="(default: that of the noise settings)",
-        ),
-    ] = None,
+    first_pose: FirstPoseOption = None,
+    first_pose_sigma: FirstPoseSigmaOption = None,
     hypotheses: Annotated[
         int | None,
         tyro.conf.arg(
@@ -306,15 +289,15 @@ def _show_runs(runs: list[dict[str, Any]]) -> None:
 def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool) -> None:
     """Raise SettingError where a view is asked for that cannot be had, before the work and not after it."""
     from palpate.errors import SettingError
-    from palpate.view.viewer import check_rerun, has_display
+    from palpate.view.viewer import check_rerun
 
     if not view and save_rrd is None:
         return
     check_rerun()
     if len(files) > 1:
         raise SettingError(f"--view and --save-rrd show one recording, and {len(files)} are given")
-    if view and not has_display():
-        raise SettingError("--view: there is no display to open a window on; --save-rrd FILE.rrd writes a file")
+    if view:
+        check_window("; --save-rrd FILE.rrd writes a file")
     if save_rrd:
         check_new(save_rrd, force)
 

@@ -35,12 +35,13 @@ def read(path: Path) -> Recording | Trajectory:
 def read_own(path: Path) -> Recording | Trajectory | None:
     """What palpate wrote into a bag; None if the bag is another's. Raises FileError where it is damaged."""
     from palpate.formats.bags.estimates_mcap import read_estimates_mcap
+    from palpate.formats.bags.live_mcap import read_live_mcap
     from palpate.formats.bags.recording_mcap import read_recording_mcap
 
     check_installed()
     if container_of(path) != "mcap" or path.is_dir():
         return None
-    return read_recording_mcap(path) or read_estimates_mcap(path)
+    return read_recording_mcap(path) or read_live_mcap(path) or read_estimates_mcap(path)
 
 
 def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:

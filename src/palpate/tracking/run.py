@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
@@ -81,13 +82,12 @@ def track(
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
-    first = _first_pose(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
+    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
     _check(recording, settings)
     if model is None and settings.tactile.startswith("learnt"):
         model = TouchModel(SHIPPED)
-    tracker = Tracker(
-        recording.shape, recording.sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma
-    )
+    sensor = _turned(recording.sensor, calibration)
+    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
     estimates: list[Estimate] = []
     step_ms = np.empty(len(recording))
     for index, frame in enumerate(recording):
@@ -145,6 +145,13 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]
     return online, answers, np.array([estimate.friction for estimate in estimates])
 
 
+def _turned(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
+    """The sensor with its images as they lie once they were turned as the calibration says."""
+    if calibration is None or calibration.view.quarter_turns % 2 == 0:
+        return sensor
+    return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
+
+
 def _check(recording: Recording, settings: TrackerSettings) -> None:
     name = recording.file or "the recording"
     if recording.contact is None and recording.image is None:
@@ -156,7 +163,8 @@ def _check(recording: Recording, settings: TrackerSettings) -> None:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
 
 
-def _first_pose(recording: Recording) -> Array:
+def first_pose_of(recording: Recording) -> Array:
+    """Return the first ground truth (3,) [m, m, rad]. Raises SettingError where there is none."""
     name = recording.file or "the recording"
     known = trusted_truth(recording)
     if recording.object_pose is None or not known.any():

@@ -5,7 +5,9 @@ covariance is about the axes of the header's frame as ROS has it, not the object
 `DiagnosticArray`. palpate's own `estimates.csv`, which holds all of it to the last bit, comes along as an attachment.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,8 @@ ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
 DIAGNOSTICS = "/palpate/diagnostics"
 
+NOTHING: Mapping[str, str] = MappingProxyType({})
+
 OK, WARN, ERROR = 0, 1, 2
 LEVELS = {"resting": OK, "tracking": OK, "indeterminate": ERROR}
 """How bad a status is to ROS; any other is a warning."""
@@ -36,24 +40,28 @@ def write_estimates_mcap(
 
     Raises FileError if the file exists and `overwrite` is not set, or times cannot be stamps.
     """
-    plane = plane or flat()
     stamps = nanoseconds(path, trajectory.time)
+    with new_mcap(path, overwrite) as file:
+        file.attach(ATTACHMENT, MEDIA_TYPE, trajectory_to_text(trajectory).encode())
+        add_estimates(file, trajectory, stamps, plane or flat())
+
+
+def add_estimates(
+    file: MessageWriter, trajectory: Trajectory, stamps: Sequence[int], plane: Plane, said: Mapping[str, str] = NOTHING
+) -> None:
+    """Add the messages of estimates with their stamps [ns]; `said` is more that each diagnosis is to tell."""
     position, rotation = out_of_plane(plane, trajectory.pose)
     spatial = (
         None if trajectory.covariance is None else spatial_covariance(plane, trajectory.pose, trajectory.covariance)
     )
-    with new_mcap(path, overwrite) as file:
-        file.attach(ATTACHMENT, MEDIA_TYPE, trajectory_to_text(trajectory).encode())
-        for index, stamp in enumerate(stamps):
-            header, pose = file.header(stamp, plane.frame), file.pose(position[index], rotation[index])
-            file.add(POSES, POSE, stamp, header=header, pose=pose)
-            if spatial is not None:
-                both = file.make(
-                    "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36)
-                )
-                file.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
-            if trajectory.status is not None:
-                _add_diagnostics(file, trajectory, index, stamp, plane.frame)
+    for index, stamp in enumerate(stamps):
+        header, pose = file.header(stamp, plane.frame), file.pose(position[index], rotation[index])
+        file.add(POSES, POSE, stamp, header=header, pose=pose)
+        if spatial is not None:
+            both = file.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36))
+            file.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
+        if trajectory.status is not None:
+            _add_diagnostics(file, trajectory, index, stamp, plane.frame, said)
 
 
 def read_estimates_mcap(path: Path) -> Trajectory | None:
@@ -74,7 +82,9 @@ def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
     return axes_T_body @ covariance @ axes_T_body.transpose(0, 2, 1)
 
 
-def _add_diagnostics(file: MessageWriter, trajectory: Trajectory, index: int, stamp: int, frame: str) -> None:
+def _add_diagnostics(
+    file: MessageWriter, trajectory: Trajectory, index: int, stamp: int, frame: str, said: Mapping[str, str]
+) -> None:
     assert trajectory.status is not None
     status = trajectory.status[index]
     values: dict[str, str] = {}
@@ -84,7 +94,8 @@ def _add_diagnostics(file: MessageWriter, trajectory: Trajectory, index: int, st
         x, y, yaw = np.sqrt(np.diag(trajectory.covariance[index]))
         values |= {"sigma x [mm]": f"{x * 1e3:.2f}", "sigma y [mm]": f"{y * 1e3:.2f}"}
         values["sigma yaw [deg]"] = f"{np.degrees(yaw):.2f}"
-    said = file.make(
+    values |= said
+    diagnosis = file.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=LEVELS.get(status, WARN),
         name="palpate: object pose",
@@ -92,4 +103,6 @@ def _add_diagnostics(file: MessageWriter, trajectory: Trajectory, index: int, st
         hardware_id="palpate",
         values=[file.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
-    file.add(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=file.header(stamp, frame), status=[said])
+    file.add(
+        DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=file.header(stamp, frame), status=[diagnosis]
+    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import whole_file
+from palpate.files import new_file, whole_file
 from palpate.formats.bags.containers import check_installed
 from palpate.formats.bags.messages import ros_types
 
@@ -40,6 +41,10 @@ class MessageWriter:
             self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
         data = self._store.serialize_cdr(self.make(type_, **fields), type_)
         self._writer.add_message(self._channels[topic], time, bytes(data), time)
+
+    def flush(self) -> None:
+        """Hand all that was added to the operating system, which keeps it if this process is killed."""
+        self._writer.flush()
 
     def make(self, type_: str, **fields: Any) -> Any:
         """A message, or a part of one."""
@@ -72,6 +77,37 @@ def new_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWrite
         writer.start(profile="ros2", library="palpate")
         yield MessageWriter(writer)
         writer.finish()
+
+
+def scratch_mcap() -> MessageWriter:
+    """A writer whose messages go nowhere: the first of each type takes long, and can be written here."""
+    check_installed()
+    from mcap.writer import Writer
+
+    return MessageWriter(Writer(BytesIO()))
+
+
+@contextmanager
+def growing_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
+    """A new MCAP that is at its place from the beginning; what was flushed is there if the process is killed.
+
+    Each flush ends a chunk; Rerun reads nothing that is in none. Raises FileError where the file cannot be written, and
+    where it exists unless `overwrite`.
+    """
+    check_installed()
+    from mcap.writer import CompressionType, Writer
+
+    path = new_file(path, overwrite)
+    try:
+        with path.open("wb") as file:
+            writer = Writer(file, compression=CompressionType.NONE)
+            writer.start(profile="ros2", library="palpate")
+            try:
+                yield MessageWriter(writer)
+            finally:
+                writer.finish()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error})") from error
 
 
 def nanoseconds(path: Path | str, time: Array) -> list[int]:

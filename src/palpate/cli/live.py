@@ -1,0 +1,185 @@
+"""`palpate live`: tracks as it happens, shows it and records it."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from palpate.cli.bag_options import BAG_DEFAULTS, Bag, BagOptions, read_with
+from palpate.cli.options import (
+    CalibrationOption,
+    FirstPoseOption,
+    FirstPoseSigmaOption,
+    ForceOption,
+    JsonOption,
+    ModelOption,
+    TactileOption,
+    check_model,
+    check_window,
+)
+
+if TYPE_CHECKING:
+    from palpate.live.rig import Rig
+    from palpate.live.state import LiveState
+    from palpate.touch.calibration import Calibration
+
+LATENCIES = (("p50", "latency, median"), ("p99", "latency, 99 %"), ("max", "latency, largest"))
+
+
+def live(
+    *,
+    camera: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="SERIAL|PATH|N", help="The camera of a DIGIT.", help_behavior_hint="(required, or --replay)"
+        ),
+    ] = None,
+    poses: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="udp:PORT|NAME",
+            help="Sensor poses, by UDP as JSON on this machine, or by an entry point of palpate.poses.",
+            help_behavior_hint="(required with --camera)",
+        ),
+    ] = None,
+    replay: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="A recording or a bag, which is played in real time.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = None,
+    tactile: TactileOption = "learnt",
+    model: ModelOption = None,
+    calibration: CalibrationOption = None,
+    first_pose: FirstPoseOption = None,
+    first_pose_sigma: FirstPoseSigmaOption = None,
+    bag: Bag = BAG_DEFAULTS,
+    record: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="OUT.mcap",
+            help="Record images, sensor poses and estimates; a kill loses at most the last message.",
+            help_behavior_hint="(default: nothing is recorded)",
+        ),
+    ] = None,
+    view: Annotated[bool, tyro.conf.arg(help="Show it in Rerun too.")] = False,
+    seconds: Annotated[
+        float | None,
+        tyro.conf.arg(metavar="S", help="End after so long [s].", help_behavior_hint="(default: at Ctrl-C)"),
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> int:
+    """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
+
+    A table shows rate, latency, contact, status and pose; images that come faster than they are tracked are dropped and
+    counted.
+    """
+    from palpate.cli.console import busy, complain, print_json
+    from palpate.errors import SettingError
+    from palpate.live.recorder import recorder
+    from palpate.live.session import track_live
+    from palpate.live.state import LiveState
+    from palpate.live.table import LiveTable
+    from palpate.touch.calibration import load_calibration
+    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.tracker import Tracker, TrackerSettings
+
+    check_model(model, [tactile])
+    if tactile == "oracle":
+        raise SettingError("--tactile oracle takes the truth, which nobody knows live; learnt, none and constant go")
+    if seconds is not None and not seconds > 0.0:
+        raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
+    if view:
+        check_window()
+    unit = None if calibration is None else load_calibration(calibration)
+    with busy("looking for images and poses"):
+        rig = _rig(camera, poses, replay, bag, first_pose, unit)
+    with ExitStack() as stack:
+        settings = TrackerSettings(tactile)
+        learnt = TouchModel(model or SHIPPED) if tactile.startswith("learnt") else None
+        shape = rig.scene.shape
+        tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=first_pose_sigma)
+        taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))
+        log = None
+        if view:
+            from palpate.view.live import live_view
+
+            log = stack.enter_context(live_view(rig.scene, rig.name, None, force, window=True))
+        stop = stack.enter_context(_ended_by_signals())
+        table = LiveTable(f"palpate live: {rig.name}")
+        state = LiveState(complain if not table.shown else lambda _: None)
+        stack.enter_context(table.of(state))
+        track_live(tracker, rig.begin(), state, stop, taking or None, log.show if log else None, seconds)
+    if json:
+        print_json(state.summary())
+    else:
+        _report(state, record)
+    return 0
+
+
+def _rig(
+    camera: str | None,
+    poses: str | None,
+    replay: Path | None,
+    bag: BagOptions,
+    first_pose: tuple[float, float, float] | None,
+    calibration: "Calibration | None",
+) -> "Rig":
+    """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
+    from palpate.errors import SettingError
+    from palpate.live.rig import camera_rig, replay_rig
+    from palpate.recording.recording import Recording
+    from palpate.simulation.objects import find_shape
+
+    if (camera is None) == (replay is None) or (camera is None) != (poses is None):
+        raise SettingError("live takes either --camera with --poses, or --replay FILE")
+    if replay is not None:
+        reading = read_with(replay, bag)
+        return replay_rig(reading if isinstance(reading, Recording) else reading.recording, replay.name, first_pose)
+    assert camera is not None and poses is not None
+    if bag.shape is None or first_pose is None:
+        raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
+    if bag != BagOptions(shape=bag.shape):
+        raise SettingError("--camera: of the options for bags, only --shape is of use")
+    return camera_rig(camera, poses, find_shape(bag.shape)[1], first_pose, calibration)
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[threading.Event]:
+    """Yield an event that Ctrl-C and SIGTERM set, so that whatever is being written is written to its end."""
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _report(state: "LiveState", record: Path | None) -> None:
+    """Print how it went."""
+    from palpate.cli.console import number, print_line, print_table
+
+    said: dict[str, Any] = state.summary()
+    rows = [
+        ("images", str(said["images"]), ""),
+        ("tracked", str(said["tracked"]), ""),
+        ("dropped", str(said["dropped"]), ""),
+        ("without a sensor pose", str(said["without_pose"]), ""),
+        ("sensor poses", str(said["sensor_poses"]), ""),
+        ("refused poses", str(said["refused_poses"]), ""),
+        ("rate", number(said["rate_hz"]), "Hz"),
+        *((name, number(said["latency_ms"][key]), "ms") for key, name in LATENCIES),
+        ("in contact", str(said["contact_frames"]), "frames"),
+        ("status", ", ".join(f"{count} {status}" for status, count in said["statuses"].items()), "frames"),
+    ]
+    print_table("live", ("what", "value", "unit"), rows, numbers=(1,))
+    if record:
+        print_line(f"recorded: {record}")

@@ -1,0 +1,105 @@
+"""Recording a live session as it goes on; a kill loses no more than the message that is being written."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from palpate.formats.bags.estimates_mcap import add_estimates
+from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
+from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
+from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE
+from palpate.formats.bags.plane import flat, out_of_plane
+from palpate.formats.bags.recording_mcap import IMAGES, SENSOR_POSES
+from palpate.geometry.shapes import Shape
+from palpate.live.images import TouchImage, encoded_of
+from palpate.live.poses import SensorPlace, TimedPose
+from palpate.recording.sensor import SensorProfile
+from palpate.recording.trajectory import Trajectory
+from palpate.tracker import Estimate
+
+_PLANE = flat()
+
+
+class Recorder:
+    """Takes images, poses and estimates from any thread and writes each at once."""
+
+    def __init__(self, path: Path, file: MessageWriter) -> None:
+        """Take the file, whose path errors name."""
+        self._path, self._file = path, file
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def image(self, image: TouchImage) -> None:
+        """Record an image as it came."""
+        data = np.frombuffer(encoded_of(image), np.uint8)
+        stamp = self._stamp(image.time)
+        with self._lock:
+            if not self._closed:
+                header = self._file.header(stamp, "sensor")
+                self._file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=image.codec, data=data)
+                self._file.flush()
+
+    def pose(self, pose: TimedPose) -> None:
+        """Record a pose of the sensor as it came."""
+        position, rotation = out_of_plane(_PLANE, pose.pose[None])
+        stamp = self._stamp(pose.time)
+        with self._lock:
+            if not self._closed:
+                header = self._file.header(stamp, _PLANE.frame)
+                placed = self._file.pose(position[0], rotation[0])
+                self._file.add(SENSOR_POSES, POSE, stamp, header=header, pose=placed)
+                self._file.flush()
+
+    def estimate(self, estimate: Estimate, place: SensorPlace, latency: float) -> None:
+        """Record an estimate, with how the sensor's pose was known and how long it took [s]."""
+        one = Trajectory(
+            np.array([estimate.time]),
+            estimate.pose[None],
+            estimate.covariance[None],
+            np.array([estimate.contact]),
+            (estimate.status,),
+        )
+        said = {
+            "reason": estimate.reason,
+            "sensor pose": place.how,
+            "sensor pose age [ms]": f"{1e3 * place.age:.1f}",
+            "latency [ms]": f"{1e3 * latency:.1f}",
+        }
+        stamp = self._stamp(estimate.time)
+        with self._lock:
+            if not self._closed:
+                add_estimates(self._file, one, [stamp], _PLANE, said)
+                self._file.flush()
+
+    def close(self) -> None:
+        """Take nothing more, whoever still has something."""
+        with self._lock:
+            self._closed = True
+
+    def _stamp(self, time: float) -> int:
+        return nanoseconds(self._path, np.array([time]))[0]
+
+
+@contextmanager
+def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = False) -> Iterator[Recorder]:
+    """Record into a new MCAP; `sensor` is as its images come. FileError if it exists, unless `force`."""
+    _try_out(Recorder(path, scratch_mcap()))
+    with growing_mcap(path, force) as file:
+        file.attach(ATTACHMENT, MEDIA_TYPE, live_attachment(shape, sensor))
+        file.flush()
+        taking = Recorder(path, file)
+        try:
+            yield taking
+        finally:
+            taking.close()
+
+
+def _try_out(scratch: Recorder) -> None:
+    """Write one of everything, so that no first one keeps a robot waiting."""
+    pose = TimedPose(0.0, np.zeros(3))
+    scratch.image(TouchImage(0.0, b"none"))
+    scratch.pose(pose)
+    scratch.estimate(Estimate(0.0, pose.pose, np.eye(3), False, "resting"), SensorPlace(pose.pose, "known", 0.0), 0.0)

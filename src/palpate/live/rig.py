@@ -1,0 +1,114 @@
+"""What a live session is made of: an object, a sensor, and where images and poses come from."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import SettingError
+from palpate.geometry.shapes import Shape
+from palpate.live.camera import Camera
+from palpate.live.clock import Clock
+from palpate.live.devices import Device, V4l2Device, camera_path
+from palpate.live.own_poses import own_poses
+from palpate.live.poses import PoseSource
+from palpate.live.replay import Replay
+from palpate.live.session import Sources
+from palpate.live.udp import UdpPoses
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT, SensorProfile
+from palpate.touch.calibration import Calibration
+from palpate.touch.view import AS_IT_IS
+from palpate.tracking.run import first_pose_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """What is tracked by what."""
+
+    name: str
+    """What to call it."""
+    scene: Recording
+    """What is known beforehand, for a view: of a camera, one frame."""
+    sensor: SensorProfile
+    """The sensor, its rate as measured."""
+    size: tuple[int, int]
+    """Rows and columns of images as they come."""
+    first_pose: Array
+    """world_T_object at the start, (3,) [m, m, rad]."""
+    begin: Callable[[], Sources]
+    """Returns the sources, which come from then on."""
+
+    @property
+    def recorded_sensor(self) -> SensorProfile:
+        """The sensor, its images as they come."""
+        return replace(self.sensor, image_height=self.size[0], image_width=self.size[1])
+
+
+def replay_rig(recording: Recording, name: str, first_pose: ArrayLike | None) -> Rig:
+    """A recording that is played in real time; its first ground truth is the first pose, if none is given."""
+    size = (recording.sensor.image_height, recording.sensor.image_width)
+    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, np.float64)
+    replay = Replay(recording)
+
+    def begin() -> Sources:
+        replay.begin()
+        return Sources(replay.images, replay.poses, replay.clock, size)
+
+    return Rig(name, recording, recording.sensor, size, first, begin)
+
+
+def camera_rig(
+    name: str,
+    poses: str,
+    shape: Shape,
+    first_pose: ArrayLike,
+    calibration: Calibration | None = None,
+    sensor: SensorProfile = DIGIT,
+    open_device: Callable[..., Device] = V4l2Device,
+) -> Rig:
+    """A camera by number, path or serial, and a source of poses: udp:PORT, or an entry point of `palpate.poses`.
+
+    Opens both. Raises SettingError where one of them is not there, or images do not lie as the calibration says.
+    """
+    view = calibration.view if calibration else AS_IT_IS
+    height, width = sensor.image_height, sensor.image_width
+    size = (width, height) if view.quarter_turns % 2 else (height, width)
+    clock = Clock(time.time())
+    path = camera_path(name)
+    camera = Camera(partial(open_device, path, size), clock)
+    try:
+        _check_size(path, camera.size, size)
+        source = _pose_source(poses, clock)
+    except SettingError:
+        camera.close()
+        raise
+    first = np.asarray(first_pose, np.float64)
+    measured = replace(sensor, rate=camera.rate)
+    beforehand = Recording(np.zeros(1), first[None], shape, sensor, image=(b"",))
+    return Rig(name, beforehand, measured, size, first, lambda: Sources(camera.images, source, clock, size))
+
+
+def _check_size(path: Path, found: tuple[int, int], expected: tuple[int, int]) -> None:
+    if found != expected:
+        turned = "; palpate calibrate --presses finds how they are turned" if found == expected[::-1] else ""
+        raise SettingError(
+            f"camera {path}: its images have {found[0]} rows and {found[1]} columns, expected {expected[0]} and "
+            f"{expected[1]}{turned}"
+        )
+
+
+def _pose_source(name: str, clock: Clock) -> PoseSource:
+    if not name.startswith("udp:"):
+        return own_poses(name, clock)
+    port: Any = name.removeprefix("udp:")
+    if not (port.isdecimal() and 0 < int(port) < 65536):
+        raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
+    return UdpPoses(int(port), clock).poses

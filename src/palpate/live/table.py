@@ -1,0 +1,77 @@
+"""A calm table in the terminal: the same rows all the time, some times a second."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from palpate.live.state import LiveState
+
+_REFRESH = 5  # times a second
+_RECENT = 600  # estimates whose latency is shown
+
+
+class LiveTable:
+    """The table of a session, on standard error; where that is no terminal, there is none."""
+
+    def __init__(self, title: str) -> None:
+        """Take what to write above it."""
+        self._title = title
+        self._console = Console(stderr=True)
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is a terminal."""
+        return self._console.is_terminal
+
+    @contextmanager
+    def of(self, state: LiveState) -> Iterator[None]:
+        """Show how a session goes while the block runs."""
+        if not self.shown:
+            yield
+            return
+        table = Live(
+            get_renderable=lambda: table_of(self._title, state),
+            console=self._console,
+            refresh_per_second=_REFRESH,
+            transient=True,
+        )
+        with table:
+            yield
+
+
+def table_of(title: str, state: LiveState) -> Table:
+    """How a session goes now."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, show_header=False)
+    table.add_column(style="dim")
+    table.add_column(min_width=60, overflow="fold")
+    for name, text in _rows(state):
+        table.add_row(name, text)
+    return table
+
+
+def _rows(state: LiveState) -> list[tuple[str, str]]:
+    rate, latency, last = state.rate, state.latency_ms(_RECENT), state.last
+    counts = f"{state.tracked} tracked, {state.dropped} dropped, {state.unplaced} without a pose"
+    rows = [("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {counts}")]
+    waiting = [("latency", "-"), ("contact", "-"), ("status", "-"), ("object", "-")]
+    if last is None:
+        rows += waiting
+    else:
+        estimate = last.estimate
+        x, y, yaw = estimate.pose * (1e3, 1e3, 180.0 / np.pi)
+        sx, sy, syaw = np.sqrt(np.diag(estimate.covariance)) * (1e3, 1e3, 180.0 / np.pi)
+        rows += [
+            ("latency", f"{latency['p50']:.1f} ms, 99 %: {latency['p99']:.1f} ms"),
+            ("contact", "yes" if estimate.contact else "no"),
+            ("status", f"{estimate.status}{f': {estimate.reason}' if estimate.reason else ''}"),
+            ("object", f"x {x:.1f} ± {sx:.1f} mm, y {y:.1f} ± {sy:.1f} mm, yaw {yaw:.1f} ± {syaw:.1f} degrees"),
+        ]
+    how = last.place.how if last else "-"
+    age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"
+    rows.append(("sensor pose", f"{age}, {how}; {state.refused} refused"))
+    return [*rows, ("", "\n".join(state.notes))]

@@ -1,0 +1,200 @@
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from live_samples import SIZE, TURNED, FakeTracker, poses_at, state
+from view_samples import CAMERA
+
+from palpate.errors import SettingError
+from palpate.geometry.shapes import Disc
+from palpate.live import camera as camera_room
+from palpate.live import devices
+from palpate.live.camera import Camera
+from palpate.live.clock import Clock
+from palpate.live.images import TouchImage
+from palpate.live.rig import camera_rig
+from palpate.live.session import Sources, track_live
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration
+from palpate.touch.view import CameraView
+
+RATE = 200.0
+
+
+class FakeCamera:
+    """Stands for a camera and what it is plugged into: brightens up when opened, and can be lost."""
+
+    def __init__(self, size: tuple[int, int] = SIZE, brightening: int = 20) -> None:
+        self.size, self.brightening = size, brightening
+        self.plugged, self.opened, self.closed = True, 0, 0
+        self.count = 0
+
+    def __call__(self, *_: Any) -> Any:
+        if not self.plugged:
+            raise SettingError("not there")
+        self.opened += 1
+        self.count = 0
+        return self
+
+    def grab(self) -> bool:
+        time.sleep(1.0 / RATE)
+        return self.plugged
+
+    def image(self) -> Any:
+        self.count += 1
+        level = min(3 * self.count, 3 * self.brightening)
+        return np.full((*self.size, 3), (level, level // 2, 10), np.uint8)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    monkeypatch.setattr(camera_room, "_AGAIN", 0.02)
+
+
+def test_exposure_settles_before_the_first_image_and_the_rate_is_measured():
+    fake = FakeCamera()
+    camera = Camera(fake, Clock(0.0))
+    assert fake.count == 20 + 14
+    assert camera.size == SIZE
+    assert 0.4 * RATE < camera.rate <= RATE
+    stop = threading.Event()
+    image = next(image for image in camera.images(stop) if isinstance(image, TouchImage))
+    assert np.all(image.data == (60, 30, 10))
+    assert fake.closed == 1
+
+
+def test_exposure_that_never_settles_does_not_hold_it_up(monkeypatch):
+    monkeypatch.setattr(camera_room, "LONGEST_SETTLING", 0.1)
+    fake = FakeCamera(brightening=80)
+    Camera(fake, Clock(0.0)).close()
+    assert 3 <= fake.count < 34
+
+
+def test_a_lost_camera_is_opened_again_and_settles_again():
+    fake, clock = FakeCamera(), Clock(0.0)
+    camera = Camera(fake, clock)
+    counts, said = state()
+    tracker: Any = FakeTracker()
+
+    def plug() -> None:
+        for after, plugged in ((0.3, False), (0.3, True), (0.6, False), (0.1, True)):
+            time.sleep(after)
+            fake.plugged = plugged
+
+    hand = threading.Thread(target=plug)
+    hand.start()
+    poses = poses_at(clock, clock.now() + np.arange(-10, 250) / 100)
+    track_live(tracker, Sources(camera.images, poses, clock, SIZE), counts, threading.Event(), seconds=2.0)
+    hand.join()
+    assert [text.split(" after")[0] for text in said if "camera" in text] == [
+        "the camera is lost, and is opened again as soon as it is there",
+        "the camera is back",
+    ] * 2
+    assert fake.opened == 3 == fake.closed
+    assert len(tracker.frames) > 20
+    assert all(np.all(frame.image == (60, 30, 10)) for frame in tracker.frames)  # settled each time
+    assert np.diff([frame.time for frame in tracker.frames]).max() > 0.3
+    assert counts.images == counts.tracked + counts.dropped + counts.unplaced
+
+
+def test_damaged_images_are_passed_over(monkeypatch):
+    fake = FakeCamera()
+    camera = Camera(fake, Clock(0.0))
+    whole = fake.image
+    monkeypatch.setattr(fake, "image", lambda: whole() if fake.count % 3 else setattr(fake, "count", fake.count + 1))
+    images = camera.images(threading.Event())
+    assert all(isinstance(next(images), TouchImage) for _ in range(5))
+    images.close()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_camera_without_images_is_refused():
+    fake = FakeCamera()
+    fake.grab = lambda: False  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(SettingError, match="gives no images"):
+        Camera(fake, Clock(0.0))
+    assert fake.closed == 1
+
+
+def rig(monkeypatch: Any, fake: FakeCamera, calibration: Calibration | None = None, poses: str = "udp:47811") -> Any:
+    monkeypatch.setattr("palpate.live.rig.camera_path", lambda name: Path("/dev/fake"))
+    return camera_rig("0", poses, Disc(0.05), [0.3, 0.0, 0.0], calibration, CAMERA, fake)
+
+
+def test_images_lie_as_the_calibration_says(monkeypatch):
+    background = Background(np.full((*SIZE, 3), 60, np.float32), np.ones((*SIZE, 3), np.float32))
+    unit = Calibration(background, CameraView(1, True, (2, 1, 0)))
+    fake = FakeCamera(size=TURNED)
+    found = rig(monkeypatch, fake, unit)
+    assert (found.size, found.sensor.image_height, found.recorded_sensor.image_height) == (TURNED, 40, 30)
+    assert 0.4 * RATE < found.sensor.rate <= RATE
+    given = found.begin()
+    counts, _ = state()
+    stop = threading.Event()
+    stop.set()
+    tracker: Any = FakeTracker()
+    track_live(tracker, given, counts, stop)
+    assert not tracker.frames and fake.closed == 1
+
+
+def test_images_of_another_size_are_refused(monkeypatch):
+    fake = FakeCamera(size=TURNED)
+    with pytest.raises(SettingError, match="30 rows and 40 columns, expected 40 and 30; palpate calibrate --presses"):
+        rig(monkeypatch, fake)
+    assert fake.closed == 1
+    with pytest.raises(SettingError, match=r"have 99 rows and 40 columns, expected 40 and 30$"):
+        rig(monkeypatch, FakeCamera(size=(99, 40)))
+    fake = FakeCamera()
+    with pytest.raises(SettingError, match="'udp:x'; allowed are ports"):
+        rig(monkeypatch, fake, poses="udp:x")
+    assert fake.closed == 1
+
+
+def test_cameras_are_found_by_number_path_and_serial(tmp_path, monkeypatch):
+    for name in ("usb-DIGIT_D20001-video-index0", "usb-DIGIT_D20001-video-index1", "usb-DIGIT_D20002-video-index0"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(devices, "BY_ID", tmp_path)
+    assert devices.camera_path("D20002") == tmp_path / "usb-DIGIT_D20002-video-index0"
+    assert devices.camera_path(str(tmp_path)) == tmp_path
+    with pytest.raises(SettingError, match=r"'D2' stands for 2 cameras; cameras are usb-DIGIT_D20001 \(.*D20002"):
+        devices.camera_path("D2")
+    with pytest.raises(SettingError, match="'D3' is no number, path or serial of a camera; cameras are"):
+        devices.camera_path("D3")
+    monkeypatch.setattr(devices, "BY_ID", tmp_path / "none")
+    with pytest.raises(SettingError, match=r"/dev/video97: there is no such device; no camera is connected"):
+        devices.camera_path("97")
+
+
+def test_opencv_is_asked_for_a_size_and_its_colours_are_turned(tmp_path, monkeypatch):
+    import cv2
+
+    asked: dict[int, Any] = {}
+    blue_first = np.full((4, 2, 3), (1, 2, 3), np.uint8)
+    capture = SimpleNamespace(
+        isOpened=lambda: True,
+        set=asked.__setitem__,
+        grab=lambda: True,
+        retrieve=lambda: (True, blue_first),
+        release=lambda: asked.setdefault(-1, "closed"),
+    )
+    monkeypatch.setattr(cv2, "VideoCapture", lambda path, api: capture if api == cv2.CAP_V4L2 else None)
+    path = tmp_path / "video0"
+    path.touch()
+    device = devices.V4l2Device(path, (4, 2))
+    assert (asked[cv2.CAP_PROP_FRAME_HEIGHT], asked[cv2.CAP_PROP_FRAME_WIDTH]) == (4, 2)
+    assert device.grab()
+    image = device.image()
+    assert image is not None and image[0, 0].tolist() == [3, 2, 1]
+    path.unlink()
+    assert not device.grab()  # unplugged, though OpenCV reads on
+    device.close()
+    assert asked[-1] == "closed"
+    capture.isOpened = lambda: False
+    with pytest.raises(SettingError, match="cannot be opened: another program"):
+        devices.V4l2Device(path, (4, 2))

@@ -1,0 +1,102 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from live_samples import GEL
+from view_samples import CAMERA
+
+from palpate import formats
+from palpate.formats.bags.containers import raw_messages
+from palpate.formats.bags.raw import CutShort
+from palpate.geometry.shapes import Disc
+from palpate.live.images import TouchImage
+from palpate.live.poses import SensorPlace, TimedPose
+from palpate.live.recorder import recorder
+from palpate.recording.images import decode_image
+from palpate.tracker import Estimate
+
+KILLED = """
+import os, random, signal, sys, time
+sys.path.insert(0, {tests!r})
+import numpy as np
+from pathlib import Path
+from live_samples import GEL
+from view_samples import CAMERA
+from palpate.geometry.shapes import Disc
+from palpate.live.images import TouchImage
+from palpate.live.poses import SensorPlace, TimedPose
+from palpate.live.recorder import recorder
+from palpate.tracker import Estimate
+
+random.seed(7)
+with recorder(Path("warm.mcap"), Disc(0.05), CAMERA):
+    pass
+for number in range(20):
+    ours, its = os.pipe()
+    child = os.fork()
+    if not child:
+        image = np.random.default_rng(number).integers(0, 256, GEL.shape, np.uint8)
+        with recorder(Path(f"{{number}}.mcap"), Disc(0.05), CAMERA) as taking:
+            for index in range(10**6):
+                when, pose = 5.0 + index / 30, np.array([0.1, 0.2, 0.3])
+                taking.image(TouchImage(when, image, "png"))
+                os.write(its, b"1")
+                taking.pose(TimedPose(when, pose))
+                os.write(its, b"1")
+                estimate = Estimate(when, pose, np.eye(3), False, "resting")
+                taking.estimate(estimate, SensorPlace(pose, "known", 0.0), 0.0)
+                os.write(its, b"3")
+    os.close(its)
+    os.read(ours, 1)
+    time.sleep(random.uniform(0.0, 0.05))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    with os.fdopen(ours, "rb") as pipe:
+        print(number, 1 + sum(int(chr(each)) for each in pipe.read()), flush=True)
+"""
+
+
+def test_a_kill_loses_at_most_what_is_being_written(tmp_path):
+    """Twenty processes are killed; each told after each write that it was done."""
+    script = KILLED.format(tests=str(Path(__file__).resolve().parents[1]))
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=100
+    )
+    assert done.returncode == 0, done.stderr
+    told = {int(number): int(count) for number, count in re.findall(r"^(\d+) (\d+)$", done.stdout, re.MULTILINE)}
+    assert len(told) == 20 and max(told.values()) > 10
+    for number, count in told.items():
+        found = 0
+        try:
+            for _ in raw_messages(tmp_path / f"{number}.mcap"):
+                found += 1
+        except CutShort:
+            pass
+        assert count <= found <= count + 3
+    recording = formats.load_recording(tmp_path / "0.mcap")
+    assert recording.shape == Disc(0.05) and np.all(recording.sensor_pose == recording.sensor_pose[0])
+
+
+def test_what_is_recorded_is_a_recording(tmp_path):
+    path = tmp_path / "live.mcap"
+    with recorder(path, Disc(0.05), CAMERA) as taking:
+        for index in range(4):
+            when = index / 30
+            pose = np.array([0.1 * index, -0.2, 3.0])
+            taking.pose(TimedPose(when, pose))
+            taking.image(TouchImage(when, GEL + np.uint8(index), "png"))
+            estimate = Estimate(when, pose, np.eye(3), True, "displaced", "it is gone")
+            taking.estimate(estimate, SensorPlace(pose, "held", 0.05), 0.004)
+    taking.image(TouchImage(9.0, GEL))  # too late, and left out
+    recording = formats.load_recording(path)
+    assert (recording.shape, recording.sensor, recording.codec) == (Disc(0.05), CAMERA, "png")
+    assert np.allclose(recording.time, np.arange(4) / 30, atol=1e-9)
+    assert np.allclose(recording.sensor_pose, [[0.1 * index, -0.2, 3.0] for index in range(4)], atol=1e-12)
+    assert recording.image is not None
+    for index, data in enumerate(recording.image):
+        assert np.array_equal(decode_image(data, "png", GEL.shape[:2]), GEL + np.uint8(index))
+    diagnosis = next(raw for raw in raw_messages(path) if raw.channel.topic == "/palpate/diagnostics").data
+    for words in (b"displaced", b"it is gone", b"held", b"sensor pose age [ms]", b"50.0", b"4.0"):
+        assert words in diagnosis
