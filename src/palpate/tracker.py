@@ -23,12 +23,11 @@ from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
-from palpate.touch.calibration import AS_TOLD, Calibration
-from palpate.touch.detector import ContactDetector
+from palpate.touch.calibration import AS_TOLD, Calibration, view_of
+from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, make_touch
 from palpate.touch.relative import Touch
-from palpate.touch.view import AS_IT_IS
 
 Array = NDArray[np.float64]
 
@@ -121,9 +120,7 @@ class Tracker:
             )
         warm_up(settings.smoother)
         self._sensor = sensor
-        size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
-        self._detector = ContactDetector(calibration and calibration.background, size, sensor.rate)
-        self._view = calibration.view if calibration else AS_IT_IS
+        self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
         correction = calibration.direction if calibration else AS_TOLD
         without_images = settings.noise.relative_pose
         self._touch = touch or make_touch(

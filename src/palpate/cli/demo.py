@@ -23,7 +23,7 @@ def demo(
 ) -> int:
     """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
     from palpate.cli.console import print_line, progress_bar
-    from palpate.cli.track import report_run
+    from palpate.cli.run_report import report_run
     from palpate.recording.sensor import DIGIT
     from palpate.simulation.folder import plan
     from palpate.simulation.objects import SHAPES

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
@@ -25,27 +24,13 @@ from palpate.cli.options import (
     check_window,
     pressure_of,
 )
+from palpate.cli.run_report import report_run, report_runs
 
 if TYPE_CHECKING:
     from palpate.recording.recording import Recording
     from palpate.touch.calibration import Calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker import TrackerSettings
-
-METRICS = (
-    ("translation_rmse_mm", "translation RMSE", "mm", 2),
-    ("rotation_rmse_deg", "rotation RMSE", "deg", 2),
-    ("final_translation_error_mm", "final translation error", "mm", 2),
-    ("final_rotation_error_deg", "final rotation error", "deg", 2),
-    ("nees_mean", "NEES, mean (3 is right)", "", 1),
-)
-COVERAGES = (
-    ("in_95_share", "in the 95 % region", "% of frames since contact"),
-    ("in_95_contact_share", "in the 95 % region, in contact", "% of frames"),
-    ("in_95_rest_share", "in the 95 % region, at rest", "% of frames"),
-    ("silently_wrong_share", "silently wrong", "% of frames since contact"),
-)
-STEPS = (("p50", "step time, median", 2), ("p95", "step time, 95 %", 2), ("max", "step time, largest", 2))
 
 
 def track(
@@ -147,7 +132,7 @@ def track(
     if json:
         print_json({"runs": runs, "failed": failed})
     elif runs:
-        _show_runs(runs)
+        report_runs(runs)
     return 3 if failed else 0
 
 
@@ -224,66 +209,6 @@ def _fitted_offset(
         f"{'' if tells else ': it cannot be told from 0, which is used'}"
     )
     return found.seconds if tells else 0.0
-
-
-def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
-    """Print the summary of one run."""
-    from palpate.cli.console import number, percent, print_json, print_line, print_table
-
-    if json:
-        print_json(summary)
-        return
-    statuses = ", ".join(f"{count} {status}" for status, count in summary["statuses"].items())
-    rows = [
-        ("frames", str(summary["frames"]), ""),
-        ("in contact", str(summary["contact_frames"]), ""),
-        ("contacts", str(summary["episodes"]), ""),
-        ("scored", str(summary["scored_frames"]), "frames"),
-        *((name, number(summary[key], digits), unit) for key, name, unit, digits in METRICS),
-        *((name, percent(summary[key]), unit) for key, name, unit in COVERAGES),
-        *_knock_rows(summary),
-        *((name, number(summary["step_ms"][key], digits), "ms") for key, name, digits in STEPS),
-        ("status", statuses, "frames"),
-    ]
-    print_table(
-        f"tactile {summary['tactile']}, {summary['smoother']}",
-        ("metric", "value", "unit"),
-        rows,
-        numbers=(1,),
-    )
-    print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
-
-
-def _knock_rows(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
-    """Rows about knocks, where there are some: how long it took to recover from each."""
-    from palpate.cli.console import number
-
-    if not summary["knocks"]:
-        return []
-    times = (("knock_recovery_s", "s"), ("knock_recovery_contact_s", "s in contact"))
-    return [
-        ("knocks", str(summary["knocks"]), ""),
-        *(("recovered after", ", ".join(number(each, 2) for each in summary[key]), unit) for key, unit in times),
-    ]
-
-
-def _show_runs(runs: list[dict[str, Any]]) -> None:
-    from palpate.cli.console import number, percent, print_line, print_table
-
-    errors, shares = [key for key, *_ in METRICS], [key for key, *_ in COVERAGES]
-    table = [{**{key: run[key] for key in (*errors, *shares)}, "step_ms": run["step_ms"]["p50"]} for run in runs]
-    known = {key: [row[key] for row in table if row[key] is not None] for key in table[0]}
-    table.append({key: median(values) if values else None for key, values in known.items()})
-    names = [*(Path(run["folder"]).name for run in runs), "median"]
-    rows = (
-        [name, *(percent(value) if key in shares else number(value, 2) for key, value in row.items())]
-        for name, row in zip(names, table, strict=True)
-    )
-    columns = ("run", "RMSE mm", "RMSE deg", "final mm", "final deg", "NEES")
-    columns = (*columns, "in 95 %", "contact", "rest", "silently wrong", "step ms")
-    title = f"tactile {runs[0]['tactile']}, {runs[0]['smoother']}"
-    print_table(title, columns, rows, numbers=range(1, len(columns)))
-    print_line(f"runs: {Path(runs[0]['folder']).parent}")
 
 
 def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool) -> None:

@@ -22,8 +22,7 @@ from palpate.live.session import Sources
 from palpate.live.udp import UdpPoses
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT, SensorProfile
-from palpate.touch.calibration import Calibration
-from palpate.touch.view import AS_IT_IS
+from palpate.touch.calibration import Calibration, view_of
 from palpate.tracking.run import first_pose_of
 
 Array = NDArray[np.float64]
@@ -78,7 +77,7 @@ def camera_rig(
 
     Opens both. Raises SettingError where one of them is not there, or images do not lie as the calibration says.
     """
-    view = calibration.view if calibration else AS_IT_IS
+    view = view_of(calibration)
     height, width = sensor.image_height, sensor.image_width
     size = (width, height) if view.quarter_turns % 2 else (height, width)
     clock = Clock(time.time())

@@ -50,6 +50,11 @@ class Calibration:
     """What it was read from, if from a file."""
 
 
+def view_of(calibration: Calibration | None) -> CameraView:
+    """Return what a calibration does to a camera's images; nothing without one."""
+    return calibration.view if calibration else AS_IT_IS
+
+
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
     """Write the `.npz`, whole or not at all; an existing one is replaced only if `overwrite`."""
     view, direction = calibration.view, calibration.direction

@@ -3,8 +3,10 @@
 import numpy as np
 
 from palpate.compiled import Records, compiled
+from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import Background, Image, Levels, background_of, check_channel_order, check_image
+from palpate.touch.calibration import Calibration
 
 FIRST_SECONDS, FEWEST = 0.5, 8
 """Time of frames that are taken as untouched where no background is given [s], and the fewest frames that will do."""
@@ -132,6 +134,12 @@ class ContactDetector:
     def _significant(self, image: Image) -> float:
         cells = area_means(image, *self._size)
         return float((np.abs(cells - _light(cells, self._mean) * self._mean) > self._tolerance).mean())
+
+
+def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:
+    """Return what detects contact in a sensor's images, once they lie as the calibration says."""
+    size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
+    return ContactDetector(calibration and calibration.background, size, sensor.rate)
 
 
 @compiled

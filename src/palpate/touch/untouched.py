@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.recording.recording import Recording
 from palpate.touch.background import Background, Image, background_of
-from palpate.touch.detector import START, ContactDetector
+from palpate.touch.detector import START, detector_for
 
 NEEDED = 30
 """Frames without contact, one second at 30 Hz: from them a deviation is known to 13 %."""
@@ -52,7 +52,7 @@ def untouched_frames(recording: Recording) -> NDArray[np.int64]:
 def _checked_images(
     recording: Recording, frames: NDArray[np.int64], progress: Callable[[int], None] | None
 ) -> Iterator[Image]:
-    detector = ContactDetector()
+    detector = detector_for(recording.sensor)
     for done, index in enumerate(frames.tolist(), 1):
         image = recording[index].image
         assert image is not None

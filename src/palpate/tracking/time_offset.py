@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.recording import derived
 from palpate.recording.recording import Recording
-from palpate.touch.calibration import Calibration
-from palpate.touch.detector import ContactDetector
-from palpate.touch.view import AS_IT_IS
+from palpate.touch.calibration import Calibration, view_of
+from palpate.touch.detector import detector_for
 
 Array = NDArray[np.float64]
 
@@ -66,8 +65,7 @@ def time_offset(
 
 def _onsets(recording: Recording, calibration: Calibration | None) -> list[int]:
     """The first frames of contacts, by the images."""
-    detector = ContactDetector(calibration and calibration.background, rate=recording.sensor.rate)
-    view = calibration.view if calibration else AS_IT_IS
+    detector, view = detector_for(recording.sensor, calibration), view_of(calibration)
     images = (frame.image for frame in recording)
     touched = np.array([image is not None and detector.update(view.of(image)) for image in images])
     return (np.flatnonzero(touched[1:] & ~touched[:-1]) + 1).tolist()

@@ -19,7 +19,7 @@ from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
-from palpate.touch.detector import ContactDetector
+from palpate.touch.detector import detector_for
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.modes import Tactile, make_touch
 from palpate.tracker import Tracker, TrackerSettings
@@ -152,7 +152,7 @@ class _Remembered:
 
 def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | None) -> Iterator[tuple[bool, Said]]:
     """Whether each frame is in contact, and what it says if the mode reads images."""
-    detector = ContactDetector()
+    detector = detector_for(recording.sensor)
 
     def background() -> Background:
         assert detector.background is not None  # known before any contact is

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.recording import Recording
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
-from palpate.touch.detector import ContactDetector
+from palpate.touch.calibration import Calibration, view_of
+from palpate.touch.detector import detector_for
 from palpate.touch.difference import difference, reduced
-from palpate.touch.view import AS_IT_IS
 
 Image = NDArray[np.uint8]
 
@@ -46,8 +45,7 @@ def views(recording: Recording, calibration: Calibration | None) -> Iterator[tup
     The gel is compared with as tracking does it: with the background as it was when the contact began.
     """
     compared = calibration and calibration.background
-    detector = ContactDetector(compared, rate=recording.sensor.rate)
-    view = calibration.view if calibration else AS_IT_IS
+    detector, view = detector_for(recording.sensor, calibration), view_of(calibration)
     for index in range(len(recording)):
         image = recording[index].image
         if image is None:

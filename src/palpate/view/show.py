@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from palpate.errors import SettingError
 from palpate.files import whole_file
+from palpate.touch.calibration import view_of
 from palpate.touch.view import AS_IT_IS
 from palpate.view.blueprint import blueprint
 from palpate.view.images import Image, jpeg, views
@@ -61,8 +62,8 @@ def close_stream(stream: "rr.RecordingStream") -> None:
 def _as_seen(scene: Scene, index: int, image: Image) -> bytes:
     """The image as it is in the recording, or, where a calibration turns it, as it lies then."""
     assert scene.recording.image is not None
-    turned = scene.calibration is not None and scene.calibration.view != AS_IT_IS
-    return jpeg(image) if turned else scene.recording.image[index]
+    is_turned = view_of(scene.calibration) != AS_IT_IS
+    return jpeg(image) if is_turned else scene.recording.image[index]
 
 
 def _send(stream: "rr.RecordingStream", scene: Scene) -> None:
