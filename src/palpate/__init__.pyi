@@ -1,5 +1,6 @@
 from .errors import EstimationError as EstimationError
 from .errors import FileError as FileError
+from .errors import FrameError as FrameError
 from .errors import PalpateError as PalpateError
 from .errors import SettingError as SettingError
 from .errors import ShapeError as ShapeError

@@ -19,3 +19,7 @@ class SettingError(PalpateError):
 
 class EstimationError(PalpateError):
     """The estimator cannot go on; the message names the frame and the likely reason."""
+
+
+class FrameError(EstimationError):
+    """A frame cannot be used, and is left out: nothing that was known before it has changed."""

@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.errors import EstimationError, SettingError
+from palpate.errors import EstimationError, FrameError, SettingError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.diagnosis import Status
@@ -207,14 +207,14 @@ class Tracker:
         """The frame with contact as its image tells, and a pose of its own, so that a sensor may reuse its buffers."""
         last = -np.inf if self._last is None else self._last.time
         if not last < frame.time < np.inf:
-            raise EstimationError(f"frame at {frame.time:.3f} s follows one at {last:.3f} s; times must increase")
+            raise FrameError(f"frame at {frame.time:.3f} s follows one at {last:.3f} s; times must increase")
         if frame.contact is None and frame.image is None:
-            raise EstimationError(
+            raise FrameError(
                 f"frame at {frame.time:.3f} s has neither an image nor a contact flag; the tracker needs one of them"
             )
         pose = _pose(frame.sensor_pose)
         if pose is None:
-            raise EstimationError(
+            raise FrameError(
                 f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be three finite numbers"
             )
         image = None if frame.image is None else self._view.of(frame.image)
