@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.tracking.findings import contact_runs, flag_runs, time_gaps
+from palpate.tracking.findings import contact_runs, time_gaps
 from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.tracking.run import Run
+from palpate.tracking.truth import flag_runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
