@@ -15,6 +15,7 @@ from palpate.cli import demo, main, options
 from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
 from palpate.tracker import TrackerSettings
+from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
 
 
@@ -58,6 +59,8 @@ def test_track_leaves_a_run_and_shows_a_table(capsys):
     lines = [line.split() for line in out.splitlines()]
     for key, name in (("in_95_contact_share", "region, in contact"), ("in_95_rest_share", "region, at rest")):
         assert ["in", "the", "95", "%", *name.split(), f"{100 * found[key]:.0f}", "%", "of", "frames"] in lines
+    pose = pose_words(found["final_pose"], found["final_sigma"])
+    assert ["final", "pose", *pose.split(), "1", "sigma"] in lines
     assert "silently wrong" in out and "knocks" not in out
     assert str(Path("runs/push/figure.png")) in out
     assert sorted(path.name for path in Path("runs/push").iterdir()) == sorted(FILES)
@@ -90,7 +93,10 @@ def test_options_reach_the_tracker(capsys):
     assert settings["noise_preset"] == "published"
     assert settings["pressure"] == 0.03
     assert settings["first_pose"] == [0.001, 0.0, 3.0]
-    assert "-" in capsys.readouterr().out  # scores that are not there
+    out = capsys.readouterr().out
+    assert "-" in out  # scores that are not there
+    summary = json.loads(Path("runs/blind/summary.json").read_text())
+    assert pose_words(summary["final_pose"], summary["final_sigma"]) in out  # which needs no truth
 
 
 def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys):
