@@ -1,5 +1,6 @@
 """A calm table in the terminal: the same rows all the time, some times a second."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -21,7 +22,7 @@ class LiveTable:
     def __init__(self, title: str) -> None:
         """Take what to write above it."""
         self._title = title
-        self._console = Console(stderr=True)
+        self._console = Console(stderr=True, force_terminal=sys.stderr.isatty())  # whatever FORCE_COLOR says
 
     @property
     def shown(self) -> bool:
