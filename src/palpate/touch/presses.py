@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import existing_file, read_csv
+from palpate.recording.images import image_size
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image, background_of, check_image
 from palpate.touch.calibration import Calibration, DirectionCorrection
@@ -84,9 +85,13 @@ def read_image(path: Path) -> Image:
     """Return an image file as (height, width, 3) RGB; FileError where it is none or a grey one."""
     import cv2
 
-    image = cv2.imread(str(existing_file(path)), cv2.IMREAD_UNCHANGED)
+    try:
+        known = image_size(existing_file(path).read_bytes())
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None or image.dtype != np.uint8:
-        raise FileError(f"{path}: is no image of 8 bits that can be read")
+        raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
     if image.ndim != 3:
         raise FileError(f"{path}: is a grey image; touch images are in colours")
     return np.ascontiguousarray(image[..., 2::-1], np.uint8)
