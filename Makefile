@@ -11,7 +11,7 @@ BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 
-.PHONY: demo test lint bench docs check-numbers study-report clean
+.PHONY: demo test lint bench faults docs check-numbers study-report clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -27,6 +27,12 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
+# Nine recordings of nine sensor units that nothing was chosen on, each broken in every way; about a quarter of an hour.
+faults: $(READY_DEV)
+	rm -rf faults-run
+	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1664 --seconds 12 --workers 2
+	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
+
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
 	@echo 'the pages: docs/_build/html/index.html'
@@ -40,7 +46,7 @@ study-report: $(READY_DEV)
 	$(BIN)/python scripts/study_report.py
 
 clean:
-	rm -rf .venv demo-run docs/_build
+	rm -rf .venv demo-run faults-run docs/_build
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'
