@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 project, author, copyright = "palpate", "The palpate authors", "The palpate authors"
 version = release = palpate.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
 exclude_patterns = ["_build", "study"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
@@ -38,4 +38,4 @@ def _without_fields(app: Any, what: str, name: str, found: Any, options: Any, li
 
 def setup(app: Any) -> None:
     """Called by Sphinx."""
-    app.connect("autodoc-process-docstring", _without_fields)
+    app.connect("autodoc-process-docstring", _without_fields, priority=400)

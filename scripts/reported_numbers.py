@@ -214,8 +214,12 @@ def balls() -> str:
 
 
 def ball_facts() -> set[str]:
-    """Return what a constant model is off between two presses."""
-    return {f"{row['constant_pairs_rms_deg']:.0f}" for row in loaded("docs/study/real_gel.json").values()}
+    """Return what is said of presses on a real gel, and how far a constant model is off between two of them."""
+    facts = {"95"}
+    for row in loaded("docs/study/real_gel.json").values():
+        facts |= {f"{row['constant_pairs_rms_deg']:.0f}", f"{row['rms_after_offset_deg']:.1f}"}
+        facts |= {f"{100.0 * row['in_95_share']:.0f}"}
+    return facts
 
 
 def _real(rows: Sequence[Row], key: str) -> dict[str, list[Row]]:
