@@ -1,4 +1,6 @@
+import io
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -248,6 +250,17 @@ def test_info_shows_what_a_recording_holds(capsys):
     out = capsys.readouterr().out
     assert "rectangle, size x 200 mm, size y 100 mm" in out
     assert "40" in out and "30.0" in out and "unbroken" in out
+
+
+def test_a_file_name_that_is_no_text(monkeypatch):
+    odd = Path(os.fsdecode(b"push \xff.h5"))
+    write_recording(pushed(10), odd)
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # as a terminal is, where characters are strict
+    monkeypatch.setattr(sys, "stdout", out)
+    assert palpate("track", str(odd)) == 0
+    out.flush()
+    assert "run: runs/push \\udcff" in out.buffer.getvalue().decode()  # pyright: ignore[reportAttributeAccessIssue]
+    assert sorted(path.name for path in Path(os.fsdecode(b"runs/push \xff")).iterdir()) == sorted(FILES)
 
 
 def test_info_tells_times_from_the_first_frame_and_counts_what_is_found_often(capsys):
