@@ -319,6 +319,8 @@ def test_demo_runs_twice_and_says_how_to_make_its_recording(capsys, monkeypatch)
     found, settings = json.loads(capsys.readouterr().out), json.loads(Path("demo-run/settings.json").read_text())
     assert (found["frames"], found["tactile"]) == (90, demo.TACTILE)
     (command,) = (line.split() for line in out.splitlines() if "palpate simulate" in line)
+    assert f"seed {demo.SEED}, recording 0" in settings["source"]  # the seed that the command and the README name
+    assert command[-2:] == ["--seed", str(demo.SEED)]
     assert palpate("simulate", "same", *command[3:], "--seconds", "3") == 0
     (recording,) = Path("same").iterdir()
     assert formats.load_recording(recording).source == settings["source"]
