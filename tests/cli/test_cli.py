@@ -16,6 +16,8 @@ from palpate import formats
 from palpate.cli import demo, main, options
 from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
+from palpate.recording.images import encode_image
+from palpate.recording.sensor import SensorProfile
 from palpate.tracker import TrackerSettings
 from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
@@ -283,6 +285,37 @@ def test_info_json(capsys):
     assert [contact["start"] for contact in found["contacts"]] == pytest.approx([5 / 30, 32 / 30])
 
 
+def test_info_counts_findings_that_repeat(capsys):
+    camera = SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+    damaged = replace(pushed(), sensor=camera, image=(b"no image",) * 40)
+    formats.write(damaged, "damaged.h5")
+    assert palpate("info", "damaged.h5") == 0
+    out = capsys.readouterr().out
+    assert out.count("do not decode") == 1
+    assert "40 times; first:" in out and "image of frame 0" in out
+
+
+def test_info_json_of_a_recording_whose_truth_drops_out(capsys):
+    recording = pushed()
+    recording.object_pose[15:25] = np.nan
+    formats.write(recording, "lost.h5")
+    assert palpate("info", "lost.h5", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [finding["breaks"] for finding in found["findings"] if finding["kind"] == "drop-out"] == [True]
+
+
+def test_convert_loses_nothing_in_silence(capsys):
+    camera = SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+    image = (encode_image(np.zeros((12, 8, 3), np.uint8)),) * 40
+    formats.write(replace(pushed(), sensor=camera, image=image), "seen.h5")
+    said = failure(capsys, "convert", "seen.h5", "seen.json")
+    assert all(word in said for word in ("17 of 40 frames", "times", "the sensor", "images", "--lossy"))
+    assert not Path("seen.json").exists()
+    assert palpate("convert", "seen.h5", "seen.json", "--lossy") == 0
+    assert "without 17 of 40 frames (out of contact or without ground truth), times" in capsys.readouterr().out
+    assert len(formats.load_recording("seen.json")) == 23
+
+
 def test_convert(capsys):
     assert palpate("convert", "push.h5", "truth.tum", "--lossy") == 0
     assert "truth.tum" in capsys.readouterr().out
@@ -294,6 +327,7 @@ def test_convert(capsys):
         "out": "copy.h5",
         "holds": "recording",
         "frames": 40,
+        "left_out": [],
     }
 
 

@@ -16,6 +16,8 @@ from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.recording import derived
 from palpate.recording.recording import Recording
+from palpate.tracking.knocks import FASTER, knocked_frames
+from palpate.tracking.truth import flag_runs, trusted_truth
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -42,14 +44,9 @@ together."""
 MERGE = 0.2
 """[s] between two findings of a kind below which they are one: as long as a hand acts or a marker
 flickers."""
-FASTER = 2.0
-"""Times the sensor's motion from which on a push does not explain the object's. A quasi-static push by a
-force at distance d from the centre moves no point faster than (R d + c^2) / (d^2 + c^2) times the contact,
-where R is the farthest point of the outline and c the friction radius. Its largest value over d, (1 + sqrt(1
-+ (R/c)^2)) / 2, is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
 NOISE = 1e-3
-"""[m] more than that in one interval count as motion; a camera makes less than 0.9 mm of an object at
-rest."""
+"""[m] more than that in one interval of a knock count as part of it; a camera makes less than 0.9 mm of an object
+at rest."""
 MOVED = 3e-3
 """[m] Motion without cause that something else must have made: twice the 1.4 mm by which robot and motion
 capture disagree in undisturbed runs."""
@@ -77,20 +74,6 @@ class Finding:
     """What it is, for people."""
     breaks: bool = False
     """Whether motion capture or contact is broken by it."""
-
-
-def trusted_truth(recording: Recording) -> Flags:
-    """The frames (N,) whose ground truth is known and does not jump away and back."""
-    if recording.object_pose is None:
-        return np.zeros(len(recording), np.bool_)
-    return np.isfinite(recording.object_pose[:, 0]) & ~derived.spikes(recording.object_pose)
-
-
-def known_truth(recording: Recording) -> Array | None:
-    """Ground truth (N, 3) where it can be trusted, NaN elsewhere; None if there is none."""
-    if recording.object_pose is None:
-        return None
-    return np.where(trusted_truth(recording)[:, None], recording.object_pose, np.nan)
 
 
 def contact_runs(recording: Recording) -> list[tuple[int, int]]:
@@ -184,7 +167,7 @@ def _jumps(recording: Recording) -> Iterator[Finding]:
 
 
 def _knocks(recording: Recording) -> Iterator[Finding]:
-    """Motion in contact that pushing does not explain.
+    """Motion in contact that pushing does not explain, by `knocked_frames`.
 
     A hand takes several frames to move an object: that is a knock. All of it between two neighbouring frames
     is a jump of the motion capture.
@@ -199,11 +182,12 @@ def _knocks(recording: Recording) -> Iterator[Finding]:
     tips = np.array(recording.sensor.tips)
     path = np.append(0.0, np.cumsum(_step_lengths(recording.sensor_pose, tips)))
     excess = motion - FASTER * np.diff(path[known])
-    fast = touched & (excess > NOISE)
-    starts = recording.time[known[:-1]]
-    for first, last in _merged(starts, flag_runs(fast)):
-        if excess[first : last + 1][fast[first : last + 1]].sum() < MOVED:
+    for start, end in flag_runs(knocked_frames(recording)):
+        steps = np.flatnonzero(touched & (known[1:] >= start) & (known[:-1] <= end))
+        fast = steps[excess[steps] > NOISE]
+        if not len(steps):
             continue
+        first, last = (fast if len(fast) else steps)[[0, -1]]
         before, after = int(known[first]), int(known[last + 1])
         moved = _motion(recording.object_pose[before], recording.object_pose[after])
         pushed = f"while the sensor moves {(path[after] - path[before]) * 1e3:.1f} mm"
@@ -273,12 +257,6 @@ def time_gaps(time: Array) -> NDArray[np.intp]:
     """The frames after which others are missing, from times (N,) [s]."""
     step = np.diff(time)
     return np.flatnonzero(step > GAP * np.median(step)) if len(step) else np.empty(0, np.intp)
-
-
-def flag_runs(flags: Flags) -> list[tuple[int, int]]:
-    """First and last index of each run of true flags (N,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
-    return [(int(start), int(end) - 1) for start, end in edges.reshape(-1, 2)]
 
 
 def _merged(time: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
