@@ -18,6 +18,9 @@ from palpate.geometry import polygon
 
 Array = NDArray[np.float64]
 
+PRESSURES = ("uniform", "rim", "corner")
+"""How an object may press on the table; see `friction_radius` of a shape."""
+
 
 class _Outline(ABC):
     """What all shapes share; all but polygons are made of sizes and lie about the origin."""
