@@ -65,7 +65,7 @@ class Estimate(ByValue):
 
         What leaves the plane, z and the turns about x and y, has variances of 0. ROS need not be installed.
         """
-        from palpate.formats.bags.plane import flat, out_of_plane, spatial_covariance
+        from palpate.recording.plane import flat, out_of_plane, spatial_covariance
 
         plane, pose = flat(), self.pose[None]
         (position,), (orientation,) = out_of_plane(plane, pose)

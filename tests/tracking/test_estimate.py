@@ -43,7 +43,7 @@ def test_ros_has_the_covariance_about_the_axes_of_the_header():
 def test_ros_needs_no_ros(monkeypatch):
     for name in ("rclpy", "rosbags", "mcap", "geometry_msgs"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "palpate.formats.bags.plane", raising=False)
+    monkeypatch.delitem(sys.modules, "palpate.recording.plane", raising=False)
     assert estimate().to_ros().position.tolist() == [1.0, 2.0, 0.0]
 
 

@@ -20,9 +20,9 @@ from palpate.touch.calibration import Calibration
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.tracker import Tracker, TrackerSettings
 from palpate.tracking.details import Answers
-from palpate.tracking.findings import known_truth, trusted_truth
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
+from palpate.tracking.truth import known_truth, trusted_truth
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

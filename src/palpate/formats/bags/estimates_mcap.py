@@ -14,8 +14,8 @@ import numpy as np
 from palpate.formats.bags.mcap_file import leading_attachments
 from palpate.formats.bags.mcap_writer import MessageWriter, nanoseconds, new_mcap
 from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
-from palpate.formats.bags.plane import Plane, flat, out_of_plane, spatial_covariance
 from palpate.formats.estimates_csv import trajectory_from_text, trajectory_to_text
+from palpate.recording.plane import Plane, flat, out_of_plane, spatial_covariance
 from palpate.recording.trajectory import Trajectory
 
 ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
