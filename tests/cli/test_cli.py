@@ -17,6 +17,7 @@ from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import SensorProfile
 from palpate.tracker import TrackerSettings
+from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
 
 
@@ -60,6 +61,8 @@ def test_track_leaves_a_run_and_shows_a_table(capsys):
     lines = [line.split() for line in out.splitlines()]
     for key, name in (("in_95_contact_share", "region, in contact"), ("in_95_rest_share", "region, at rest")):
         assert ["in", "the", "95", "%", *name.split(), f"{100 * found[key]:.0f}", "%", "of", "frames"] in lines
+    pose = pose_words(found["final_pose"], found["final_sigma"])
+    assert ["final", "pose", *pose.split(), "1", "sigma"] in lines
     assert "silently wrong" in out and "knocks" not in out
     assert str(Path("runs/push/figure.png")) in out
     assert sorted(path.name for path in Path("runs/push").iterdir()) == sorted(FILES)
@@ -92,7 +95,10 @@ def test_options_reach_the_tracker(capsys):
     assert settings["noise_preset"] == "published"
     assert settings["pressure"] == 0.03
     assert settings["first_pose"] == [0.001, 0.0, 3.0]
-    assert "-" in capsys.readouterr().out  # scores that are not there
+    out = capsys.readouterr().out
+    assert "-" in out  # scores that are not there
+    summary = json.loads(Path("runs/blind/summary.json").read_text())
+    assert pose_words(summary["final_pose"], summary["final_sigma"]) in out  # which needs no truth
 
 
 def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys):
@@ -246,6 +252,18 @@ def test_info_shows_what_a_recording_holds(capsys):
     assert "40" in out and "30.0" in out and "unbroken" in out
 
 
+def test_info_tells_times_from_the_first_frame_and_counts_what_is_found_often(capsys):
+    push = pushed(240)
+    truth = push.object_pose.copy()
+    truth[12:240:12] = np.nan  # drop-outs farther apart than those that are one
+    write_recording(replace(push, time=push.time + 1.7e9, object_pose=truth), "later.h5")
+    assert palpate("info", "later.h5") == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "0 0.17 0.63 0.47" in lines  # the first contact, in frames 5 to 19
+    assert "0.40 - 7.60 drop-out 19 times; first: ground truth is unknown in 1 frame" in lines
+    assert sum("drop-out" in line for line in lines) == 2  # once more in the verdict
+
+
 def test_info_json(capsys):
     assert palpate("info", "push.h5", "--json") == 0
     found = json.loads(capsys.readouterr().out)
@@ -261,7 +279,7 @@ def test_info_counts_findings_that_repeat(capsys):
     assert palpate("info", "damaged.h5") == 0
     out = capsys.readouterr().out
     assert out.count("do not decode") == 1
-    assert "40 times; the first:" in out and "image of frame 0" in out
+    assert "40 times; first:" in out and "image of frame 0" in out
 
 
 def test_info_json_of_a_recording_whose_truth_drops_out(capsys):

@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from palpate.geometry.shapes import Rectangle
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import POINT, SensorProfile
+from palpate.tracking.findings import LISTED, Finding, counted
 from palpate.tracking.inspection import inspect_recording
 from palpate.tracking.truth import trusted_truth
 
@@ -269,6 +271,20 @@ def test_damaged_images_are_named():
     assert (found.images, found.image_size) == (4, (8, 6))
     assert [f.kind for f in found.findings] == ["image", "image"]
     assert "frame 2" in found.findings[0].sentence and "frame 3" in found.findings[1].sentence
+
+
+def test_what_is_found_again_and_again_is_counted():
+    one = Finding("image", 1.0, 1.0, "image of frame 30: is damaged")
+    images = [replace(one, start=k / 30, end=k / 30, sentence=f"image of frame {k}: is damaged") for k in range(2, 90)]
+    gaps = [Finding("time gap", float(k), k + 0.5, "no frames for 0.50 s", breaks=k == 2) for k in range(LISTED)]
+    found = sorted([*images, *gaps], key=lambda finding: finding.start)
+    told = counted(found)
+    # Of LISTED gaps each is told, of 88 images one sentence, in order of time.
+    assert [finding.kind for finding in told] == ["time gap", "image", *["time gap"] * (LISTED - 1)]
+    assert told[1] == Finding("image", 2 / 30, 89 / 30, "88 times; first: image of frame 2: is damaged")
+    assert [finding for finding in told if finding.kind == "time gap"] == gaps
+    (more,) = counted([*gaps, Finding("time gap", 9.0, 9.5, "no frames for 0.50 s")])
+    assert more == Finding("time gap", 0.0, 9.5, "6 times; first: no frames for 0.50 s", breaks=True)
 
 
 def test_inspection_is_plain_json():

@@ -1,6 +1,5 @@
 """`palpate info`: what a recording holds."""
 
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,11 +9,7 @@ from palpate.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from palpate.recording.recording import Recording
-    from palpate.tracking.findings import Finding
     from palpate.tracking.inspection import Inspection
-
-LISTED = 5
-"""Findings of a kind that are shown one by one; more are counted."""
 
 
 def info(
@@ -62,7 +57,9 @@ def info(
 def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     from palpate.cli.console import number, print_line, print_table
     from palpate.geometry.shapes import shape_to_dict
+    from palpate.tracking.findings import counted
 
+    begin = recording.time[0]
     shape = shape_to_dict(recording.shape)
     sizes = ", ".join(
         f"{name.replace('_', ' ')} {value * 1e3:g} mm" for name, value in shape.items() if isinstance(value, float)
@@ -87,28 +84,15 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     ]
     print_table(str(file), ("what", "value", "unit"), rows)
     contacts = (
-        (str(index), number(contact.start, 2), number(contact.end, 2), number(contact.seconds, 2))
+        (str(index), number(contact.start - begin, 2), number(contact.end - begin, 2), number(contact.seconds, 2))
         for index, contact in enumerate(inspection.contacts)
     )
     if inspection.contacts:
         print_table("Contacts", ("no.", "start [s]", "end [s]", "seconds"), contacts, numbers=(0, 1, 2, 3))
     if inspection.findings:
-        print_table("Findings", ("time [s]", "kind", "what"), _finding_rows(inspection.findings))
+        findings = (
+            (f"{number(finding.start - begin, 2)} - {number(finding.end - begin, 2)}", finding.kind, finding.sentence)
+            for finding in counted(inspection.findings)
+        )
+        print_table("Findings", ("time [s]", "kind", "what"), findings)
     print_line(inspection.verdict)
-
-
-def _finding_rows(findings: "tuple[Finding, ...]") -> list[tuple[str, str, str]]:
-    """A row for each finding, or one for all of a kind where they are many."""
-    from palpate.cli.console import number
-
-    rows = []
-    kinds = Counter(finding.kind for finding in findings)
-    for finding in findings:
-        count, end, what = kinds[finding.kind], finding.end, finding.sentence
-        if count > LISTED:
-            alike = [each for each in findings if each.kind == finding.kind]
-            if finding is not alike[0]:
-                continue
-            end, what = max(each.end for each in alike), f"{count} times; the first: {what}"
-        rows.append((f"{number(finding.start, 2)} - {number(end, 2)}", finding.kind, what))
-    return rows

@@ -3,8 +3,9 @@
 Limits follow from physics and from how well robot and motion capture agree in undisturbed real runs.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -56,6 +57,8 @@ RETREAT = 1e-3
 MISFIT = 2e-3
 """[m] Gap or overlap in contact that is worth a word: undisturbed runs keep within 1.4 mm."""
 MISFIT_FRAMES = 3
+LISTED = 5
+"""Findings of a kind that are told one by one; more are counted."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,21 @@ def find_all(recording: Recording) -> list[Finding]:
         _misfits,
     )
     found = [finding for search in searches for finding in search(recording)]
-    return sorted(found, key=lambda finding: (finding.start, finding.end))
+    return sorted(found, key=_when)
+
+
+def counted(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings as people read them: where there are more of a kind than LISTED, one that counts them."""
+    told: list[Finding] = []
+    for kind, number in Counter(finding.kind for finding in findings).items():
+        several = [finding for finding in findings if finding.kind == kind]
+        if number > LISTED:
+            end = max(finding.end for finding in several)
+            sentence = f"{number} times; first: {several[0].sentence}"
+            breaks = any(finding.breaks for finding in several)
+            several = [replace(several[0], end=end, sentence=sentence, breaks=breaks)]
+        told += several
+    return sorted(told, key=_when)
 
 
 def _rate(recording: Recording) -> Iterator[Finding]:
@@ -226,6 +243,10 @@ def _misfits(recording: Recording) -> Iterator[Finding]:
             if inside.sum() >= MISFIT_FRAMES:
                 worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
                 yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
+
+
+def _when(finding: Finding) -> tuple[float, float]:
+    return finding.start, finding.end
 
 
 def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
