@@ -24,9 +24,9 @@ def demo(
     """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
+    from palpate.geometry.objects import SHAPES
     from palpate.recording.sensor import DIGIT
     from palpate.simulation.folder import plan
-    from palpate.simulation.objects import SHAPES
     from palpate.simulation.recordings import simulate_recording
     from palpate.tracker import TrackerSettings
     from palpate.tracking.run import track
