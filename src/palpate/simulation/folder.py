@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from palpate.errors import FileError, PalpateError, SettingError
-from palpate.formats.palpate_h5 import write_recording
+from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.geometry.shapes import Shape
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
@@ -161,12 +161,9 @@ def _opened(folder: Path, resume: bool) -> set[str]:
 
 def _is_whole(path: Path, wanted: str) -> bool:
     """Say whether a file is the recording of this source; raises SettingError if it is another one."""
-    import h5py
-
     try:
-        with h5py.File(path, "r") as file:
-            found = str(file.attrs.get("source", ""))
-    except OSError:  # cut off by a broken copy or a failed disk
+        found = source_of(path)
+    except FileError:  # cut off by a broken copy or a failed disk
         return False
     if found != wanted:
         raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
