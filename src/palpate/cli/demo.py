@@ -30,15 +30,15 @@ def demo(
     from palpate.simulation.recordings import simulate_recording
     from palpate.tracker import TrackerSettings
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import check_folder, write_run
+    from palpate.tracking.run_folder import new_run, write_files
 
-    check_folder(out, force=True)  # before the work, not after it
-    (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)
-    with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
-        recording = simulate_recording(job.shape, job.kind, job.seed, SECONDS, progress=progress)
-    with progress_bar("tracking", len(recording)) as progress:
-        run = track(recording, TrackerSettings(tactile=TACTILE), progress=progress)
-    write_run(run, out, force=True)
+    with new_run(out, force=True) as part:
+        (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)
+        with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
+            recording = simulate_recording(job.shape, job.kind, job.seed, SECONDS, progress=progress)
+        with progress_bar("tracking", len(recording)) as progress:
+            run = track(recording, TrackerSettings(tactile=TACTILE), progress=progress)
+        write_files(run, part)
     if not json:
         print_line(f"A DIGIT pushes a {SHAPE}, simulated with seed {SEED}. The same as a file:")
         print_line(f"    palpate simulate DIR --shape {SHAPE} --count 1 --seed {SEED}")

@@ -1,5 +1,6 @@
 """palpate's own recording file, HDF5 (`.h5`): everything that a Recording holds, in its units and frames."""
 
+import hashlib
 import io
 import json
 from pathlib import Path
@@ -89,6 +90,25 @@ def _fill(file: Any, recording: Recording) -> None:
         images.attrs["codec"] = recording.codec
         images.attrs["height"] = recording.sensor.image_height
         images.attrs["width"] = recording.sensor.image_width
+    file.attrs["checksum"] = checksum(file)
+
+
+def checksum(file: Any) -> str:
+    """Return the SHA-256 of what the datasets of an open HDF5 file hold; a recording has it as attribute checksum."""
+    import h5py
+
+    digest = hashlib.sha256()
+
+    def add(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Dataset):
+            value = node[()]
+            rows = value if value.dtype == object else [value]
+            digest.update(f"{name} {len(rows)}\n".encode())
+            for row in rows:
+                digest.update(np.ascontiguousarray(row).data)
+
+    file.visititems(add)
+    return digest.hexdigest()
 
 
 def read_recording(path: Path | str) -> Recording:
