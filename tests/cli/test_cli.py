@@ -14,7 +14,10 @@ from palpate import formats
 from palpate.cli import demo, main, options
 from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
+from palpate.recording.images import encode_image
+from palpate.recording.sensor import SensorProfile
 from palpate.tracker import TrackerSettings
+from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
 
 
@@ -58,6 +61,8 @@ def test_track_leaves_a_run_and_shows_a_table(capsys):
     lines = [line.split() for line in out.splitlines()]
     for key, name in (("in_95_contact_share", "region, in contact"), ("in_95_rest_share", "region, at rest")):
         assert ["in", "the", "95", "%", *name.split(), f"{100 * found[key]:.0f}", "%", "of", "frames"] in lines
+    pose = pose_words(found["final_pose"], found["final_sigma"])
+    assert ["final", "pose", *pose.split(), "1", "sigma"] in lines
     assert "silently wrong" in out and "knocks" not in out
     assert str(Path("runs/push/figure.png")) in out
     assert sorted(path.name for path in Path("runs/push").iterdir()) == sorted(FILES)
@@ -90,7 +95,10 @@ def test_options_reach_the_tracker(capsys):
     assert settings["noise_preset"] == "published"
     assert settings["pressure"] == 0.03
     assert settings["first_pose"] == [0.001, 0.0, 3.0]
-    assert "-" in capsys.readouterr().out  # scores that are not there
+    out = capsys.readouterr().out
+    assert "-" in out  # scores that are not there
+    summary = json.loads(Path("runs/blind/summary.json").read_text())
+    assert pose_words(summary["final_pose"], summary["final_sigma"]) in out  # which needs no truth
 
 
 def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys):
@@ -244,12 +252,55 @@ def test_info_shows_what_a_recording_holds(capsys):
     assert "40" in out and "30.0" in out and "unbroken" in out
 
 
+def test_info_tells_times_from_the_first_frame_and_counts_what_is_found_often(capsys):
+    push = pushed(240)
+    truth = push.object_pose.copy()
+    truth[12:240:12] = np.nan  # drop-outs farther apart than those that are one
+    write_recording(replace(push, time=push.time + 1.7e9, object_pose=truth), "later.h5")
+    assert palpate("info", "later.h5") == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "0 0.17 0.63 0.47" in lines  # the first contact, in frames 5 to 19
+    assert "0.40 - 7.60 drop-out 19 times; first: ground truth is unknown in 1 frame" in lines
+    assert sum("drop-out" in line for line in lines) == 2  # once more in the verdict
+
+
 def test_info_json(capsys):
     assert palpate("info", "push.h5", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["format"], found["frames"], found["contact"]) == ("palpate", 40, "measured")
     assert found["shape"] == {"type": "rectangle", "size_x": 0.2, "size_y": 0.1}
     assert [contact["start"] for contact in found["contacts"]] == pytest.approx([5 / 30, 32 / 30])
+
+
+def test_info_counts_findings_that_repeat(capsys):
+    camera = SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+    damaged = replace(pushed(), sensor=camera, image=(b"no image",) * 40)
+    formats.write(damaged, "damaged.h5")
+    assert palpate("info", "damaged.h5") == 0
+    out = capsys.readouterr().out
+    assert out.count("do not decode") == 1
+    assert "40 times; first:" in out and "image of frame 0" in out
+
+
+def test_info_json_of_a_recording_whose_truth_drops_out(capsys):
+    recording = pushed()
+    recording.object_pose[15:25] = np.nan
+    formats.write(recording, "lost.h5")
+    assert palpate("info", "lost.h5", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [finding["breaks"] for finding in found["findings"] if finding["kind"] == "drop-out"] == [True]
+
+
+def test_convert_loses_nothing_in_silence(capsys):
+    camera = SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+    image = (encode_image(np.zeros((12, 8, 3), np.uint8)),) * 40
+    formats.write(replace(pushed(), sensor=camera, image=image), "seen.h5")
+    said = failure(capsys, "convert", "seen.h5", "seen.json")
+    assert all(word in said for word in ("17 of 40 frames", "times", "the sensor", "images", "--lossy"))
+    assert not Path("seen.json").exists()
+    assert palpate("convert", "seen.h5", "seen.json", "--lossy") == 0
+    assert "without 17 of 40 frames (out of contact or without ground truth), times" in capsys.readouterr().out
+    assert len(formats.load_recording("seen.json")) == 23
 
 
 def test_convert(capsys):
@@ -263,6 +314,7 @@ def test_convert(capsys):
         "out": "copy.h5",
         "holds": "recording",
         "frames": 40,
+        "left_out": [],
     }
 
 

@@ -23,6 +23,7 @@ STEPS = (("p50", "step time, median", 2), ("p95", "step time, 95 %", 2), ("max",
 def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
     """Print the summary of one run."""
     from palpate.cli.console import number, percent, print_json, print_line, print_table
+    from palpate.tracking.poses import pose_words
 
     if json:
         print_json(summary)
@@ -32,6 +33,7 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         ("frames", str(summary["frames"]), ""),
         ("in contact", str(summary["contact_frames"]), ""),
         ("contacts", str(summary["episodes"]), ""),
+        ("final pose", pose_words(summary["final_pose"], summary["final_sigma"]), "1 sigma"),
         ("scored", str(summary["scored_frames"]), "frames"),
         *((name, number(summary[key], digits), unit) for key, name, unit, digits in METRICS),
         *((name, percent(summary[key]), unit) for key, name, unit in COVERAGES),

@@ -159,7 +159,7 @@ def run_file(
     from contextlib import nullcontext
 
     from palpate.cli.console import busy, progress_bar
-    from palpate.formats.bags.plane import flat
+    from palpate.recording.plane import flat
     from palpate.recording.recording import Recording
     from palpate.tracking.run import track
     from palpate.tracking.run_folder import PAGE, new_run, write_files

@@ -19,9 +19,9 @@ from palpate.touch.calibration import Calibration
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.tracker import Estimate, Tracker, TrackerSettings
 from palpate.tracking.details import Answers
-from palpate.tracking.findings import known_truth, trusted_truth
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
+from palpate.tracking.truth import known_truth, trusted_truth
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from palpate.estimation.settings import PRESETS
 from palpate.files import whole_folder
 from palpate.formats import estimates_csv, palpate_h5, tum
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
-from palpate.formats.bags.plane import Plane
+from palpate.recording.plane import Plane
 from palpate.tracking import details
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run

@@ -19,8 +19,8 @@ from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
 from palpate.tracker import Estimate
-from palpate.tracking.findings import known_truth
 from palpate.tracking.run import gathered
+from palpate.tracking.truth import known_truth
 from palpate.view.blueprint import blueprint
 from palpate.view.images import jpeg, seen
 from palpate.view.rerun_log import SceneLog

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from palpate.formats.bags.mcap_file import leading_attachments
 from palpate.formats.bags.mcap_writer import MessageWriter, nanoseconds, new_mcap
 from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
-from palpate.formats.bags.plane import Plane, flat, out_of_plane
 from palpate.formats.estimates_csv import trajectory_from_text, trajectory_to_text
 from palpate.geometry import se2
+from palpate.recording.plane import Plane, flat, out_of_plane
 from palpate.recording.trajectory import Trajectory
 
 Array = NDArray[np.float64]

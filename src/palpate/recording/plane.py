@@ -4,16 +4,27 @@ Its x axis is the x axis of the frame that poses are given in, laid into the pla
 normal, poses in the plane have the x and y of the frame.
 """
 
+import logging
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
+from palpate.recording.motion import Placed, Times
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
+Normal = tuple[float, float, float] | Literal["fit"]
+"""What a user says of a plane: its normal, or "fit" for the plane through the sensor's way."""
 
+STEEPEST = np.radians(20.0)
+"""The most that an x axis may point out of the plane [rad]; beyond, its yaw says little."""
+TOLD = np.radians(2.0)
+"""Angle out of the plane [rad] from which on it is warned of."""
 NARROW = 2e-3
 """[m] standard deviation across the way of the sensor, below which that way is a line and tells no plane."""
 
@@ -33,6 +44,66 @@ class Plane:
     def tilt(self) -> float:
         """Angle between the normal and the frame's z axis [rad]."""
         return float(np.arccos(np.clip(self.axes[2, 2], -1.0, 1.0)))
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"plane {np.degrees(self.tilt):.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
+
+
+def check_plane(plane: Normal, off_plane: float) -> None:
+    """SettingError unless a plane is a normal or "fit", and poses may be off it by a length [m]."""
+    if plane != "fit" and (isinstance(plane, str) or len(plane) != 3):
+        raise SettingError(f"plane is {plane!r}; allowed are fit, or three numbers: its normal")
+    if not off_plane > 0.0:
+        raise SettingError(f"off_plane is {off_plane!r}; allowed is a length above 0 [m]")
+
+
+def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
+    """The plane that a user says, or the one that fits the sensor's way, which is told.
+
+    `what` names the recording in warnings. Raises FileError where there is no such plane.
+    """
+    if normal != "fit":
+        plane = plane_across(frame, np.array(normal, np.float64), sensor.position)
+    else:
+        plane = plane_through(frame, sensor.position)
+        words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
+        logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
+    if (Rotation.from_quat(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
+        logger.warning(
+            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
+            "frame is turned about x",
+            what,
+        )
+    return plane
+
+
+def planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
+    """Poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
+
+    Raises FileError where one is more than `off_plane` [m] off it or too steep; warns where some are tilted.
+    """
+    pose, height, angle = into_plane(plane, placed.position, placed.rotation)
+    if not len(pose):
+        return pose
+    off = np.abs(height - np.median(height))
+    if off.max() > off_plane:
+        worst = int(np.argmax(off > off_plane))
+        raise FileError(
+            f"{what} is {off[worst] * 1e3:.1f} mm off the plane at {time[worst] * 1e-9:.3f} s, allowed are "
+            f"{off_plane * 1e3:g} mm; off_plane (--off-plane METRES) allows more, plane (--plane) names another or "
+            "fits one"
+        )
+    steepest = int(np.argmax(np.abs(angle)))
+    degrees = float(np.degrees(angle[steepest]))
+    if abs(angle[steepest]) > STEEPEST:
+        raise FileError(
+            f"{what} has its x axis {degrees:.1f} degrees out of the plane at {time[steepest] * 1e-9:.3f} s, allowed "
+            f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane"
+        )
+    if abs(angle[steepest]) > TOLD:
+        logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(degrees))
+    return pose
 
 
 def plane_across(frame: str, normal: Array, position: Array) -> Plane:
@@ -59,7 +130,7 @@ def plane_through(frame: str, position: Array) -> Plane:
     if width < NARROW:
         raise FileError(
             f"the sensor moves along a line, {width * 1e3:.1f} mm across, which tells no plane: give its normal, "
-            "--plane X Y Z"
+            "plane=(X, Y, Z) or --plane X Y Z"
         )
     return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
 
