@@ -181,8 +181,14 @@ def digest(path: Path) -> str:
         data = repr([value.tolist() for value in torch.load(path, weights_only=True)["best_state"].values()]).encode()
     elif path.name == "sequences.csv":
         rows = csv.DictReader(path.read_text().splitlines())
-        data = json.dumps([{key: row[key] for key in row if "ms" not in key and key != "wall_s"} for row in rows]).encode()
-    elif path.suffix in (".html", ".png", ".tum") or path.name in ("summary.json", "results.json") and "out/training" not in str(path):
+        data = json.dumps(
+            [{key: row[key] for key in row if "ms" not in key and key != "wall_s"} for row in rows]
+        ).encode()
+    elif (
+        path.suffix in (".html", ".png", ".tum")
+        or path.name in ("summary.json", "results.json")
+        and "out/training" not in str(path)
+    ):
         data = b""  # times are in it, or figures of them
     else:
         data = path.read_bytes()
@@ -210,7 +216,9 @@ def torture(name: Name, folder: Path, kills: int, random_: random.Random) -> Cou
         remove(out)
         neighbour = seen["killed"] % NEIGHBOUR == NEIGHBOUR - 1
         process = begin(command.words, folder)
-        fate, _, told = kill_after(process, random_.uniform(0.0, seconds), folder, command.words, neighbour).partition(" ")
+        fate, _, told = kill_after(process, random_.uniform(0.0, seconds), folder, command.words, neighbour).partition(
+            " "
+        )
         if fate == "ended" or told == "before it began":
             seen["ended before the kill" if fate == "ended" else "neighbour came first"] += 1
             continue
