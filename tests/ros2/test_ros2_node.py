@@ -17,7 +17,10 @@ import pytest
 
 import palpate.ros2
 from palpate import formats
+from palpate.errors import SettingError
 from palpate.geometry import se2
+from palpate.live.clock import Clock
+from palpate.live.ros2_sources import ros2_poses
 from palpate.recording.frame import Frame
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
@@ -168,3 +171,17 @@ def test_without_rclpy_it_says_what_to_do(capsys):
 
     assert main([]) == 2
     assert "source its setup.bash" in " ".join(capsys.readouterr().err.split())
+
+
+@needs_rclpy
+def test_poses_of_a_topic_are_those_of_the_plane_through_the_first():
+    script = [str(PYTHON), str(Path(__file__).with_name("pose_topic.py"))]
+    done = subprocess.run(script, capture_output=True, text=True, env=environment(), timeout=PATIENCE)
+    first, off, broken, last = done.stdout.splitlines()
+    assert (first, last) == ("[0.5, 0.0, 0.0]", "[0.5, 0.0, 0.0]")
+    assert "30.0 mm off the plane of the first" in off and "a quaternion of length 1" in broken
+
+
+def test_a_topic_of_poses_needs_rclpy():
+    with pytest.raises(SettingError, match="ROS 2 topics need rclpy"):
+        ros2_poses("/robot/sensor_pose", Clock(0.0))

@@ -38,8 +38,8 @@ def live(
     poses: Annotated[
         str | None,
         tyro.conf.arg(
-            metavar="udp:PORT|NAME",
-            help="Sensor poses, by UDP as JSON on this machine, or by an entry point of palpate.poses.",
+            metavar="udp:PORT|ros2:TOPIC|NAME",
+            help="Sensor poses: JSON by UDP on this machine, a ROS 2 topic, or an entry point of palpate.poses.",
             help_behavior_hint="(required with --camera)",
         ),
     ] = None,

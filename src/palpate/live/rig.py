@@ -17,6 +17,7 @@ from palpate.live.devices import Device, V4l2Device, camera_path
 from palpate.live.own_poses import own_poses
 from palpate.live.poses import PoseSource
 from palpate.live.replay import Replay
+from palpate.live.ros2_sources import ros2_poses
 from palpate.live.session import Sources
 from palpate.live.udp import UdpPoses
 from palpate.recording.recording import Recording
@@ -72,7 +73,7 @@ def camera_rig(
     sensor: SensorProfile = DIGIT,
     open_device: Callable[..., Device] = V4l2Device,
 ) -> Rig:
-    """A camera by number, path or serial, and a source of poses: udp:PORT, or an entry point of `palpate.poses`.
+    """A camera by number, path or serial, and poses by udp:PORT, ros2:TOPIC or an entry point of `palpate.poses`.
 
     Opens both. Raises SettingError where one of them is not there, or images do not lie as the calibration says.
     """
@@ -109,6 +110,8 @@ def check_size(what: str, found: tuple[int, int], expected: tuple[int, int]) -> 
 
 
 def _pose_source(name: str, clock: Clock) -> PoseSource:
+    if name.startswith("ros2:"):
+        return ros2_poses(name.removeprefix("ros2:"), clock)
     if not name.startswith("udp:"):
         return own_poses(name, clock)
     port: Any = name.removeprefix("udp:")

@@ -52,7 +52,10 @@ class Ros2Node:
         The first publisher says of which of the `types` they are, and whether they are sent again when they get lost.
         Raises SettingError where they are of another type.
         """
-        topic = self.node.resolve_topic_name(topic)
+        try:
+            topic = self.node.resolve_topic_name(topic)
+        except import_module("rclpy.exceptions").InvalidTopicNameException as error:
+            raise SettingError(f"{topic!r} is no name of a topic: {str(error).splitlines()[0]}") from error
         offered = yield from self._offered(topic, types, stop)
         if offered is None:
             return

@@ -14,7 +14,7 @@ from palpate.formats.bags.messages import IMAGE_TYPES, POSE_TYPES, Pose, compres
 from palpate.formats.bags.plane import Plane, into_plane, plane_across
 from palpate.live.clock import Clock
 from palpate.live.images import TouchImage
-from palpate.live.poses import Refused, TimedPose
+from palpate.live.poses import PoseSource, Refused, TimedPose
 from palpate.live.ros2 import Ros2Node
 from palpate.live.udp import timely
 
@@ -88,6 +88,19 @@ class Ros2Poses:
             found = f"its x axis is {np.degrees(angle[0]):.1f} degrees out of the plane"
             return Refused(f"{found}, allowed are {np.degrees(STEEPEST):.0f}")
         return TimedPose(time, placed[0])
+
+
+def ros2_poses(topic: str, clock: Clock) -> PoseSource:
+    """Poses of the sensor on a topic, by a node of their own. Raises SettingError without rclpy."""
+    ros = Ros2Node("palpate_live")
+
+    def poses(stop: threading.Event) -> Iterator[TimedPose | Refused | str]:
+        try:
+            yield from Ros2Poses(ros, topic, clock).poses(stop)
+        finally:
+            ros.close()
+
+    return poses
 
 
 def _time(message: Any, clock: Clock, epoch: int) -> float:
