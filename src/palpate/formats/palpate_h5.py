@@ -2,6 +2,8 @@
 
 import io
 import json
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +11,20 @@ import numpy as np
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import existing_file, whole_file
+from palpate.formats.h5_images import H5Images
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
+from palpate.recording.stored_images import IN_MEMORY
 from palpate.recording.trajectory import Trajectory
 
 NAME = "palpate"
 DESCRIPTION = "palpate recording, HDF5 (.h5)"
 FORMAT = "palpate-recording"
 VERSION = 1
+
+_OVERHEAD = 1.1
+"""Size of a file over that of its images, at most."""
 
 
 def detect(path: Path) -> bool:
@@ -47,9 +54,18 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write the HDF5 file, whole or not at all; an existing one is replaced only if `overwrite`."""
+    import h5py
+
+    size = sum(map(len, recording.image or ()))
     with whole_file(path, overwrite) as temporary:
-        # In memory first: HDF5 cannot close a file on a full disk.
-        temporary.write_bytes(recording_to_bytes(recording))
+        # In memory first, as HDF5 cannot close a file on a full disk; what is large goes there as it comes, if it fits.
+        if size <= IN_MEMORY:
+            temporary.write_bytes(recording_to_bytes(recording))
+        elif (free := shutil.disk_usage(temporary.parent).free) < _OVERHEAD * size:
+            raise OSError(f"it takes {_OVERHEAD * size / 1e9:.1f} GB, {free / 1e9:.1f} are free")
+        else:
+            with h5py.File(temporary, "w") as file:
+                _fill(file, recording)
 
 
 def recording_to_bytes(recording: Recording) -> bytes:
@@ -106,14 +122,14 @@ def _opened(source: Path | io.BytesIO, path: Path) -> Recording:
 
     try:
         with h5py.File(source, "r") as file:
-            return _read(file, path)
+            return _read(file, path, lazily=source is path)
     except PalpateError as error:
         raise FileError(f"{path}: {error}") from error
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError) as error:
         raise FileError(f"{path}: is truncated or damaged ({' '.join(str(error).split())})") from error
 
 
-def _read(file: Any, path: Path) -> Recording:
+def _read(file: Any, path: Path, lazily: bool) -> Recording:
     found = file.attrs.get("format", "none")
     if found != FORMAT:
         raise FileError(f"is an HDF5 file of another kind: attribute format is {found!r}, expected {FORMAT!r}")
@@ -123,7 +139,7 @@ def _read(file: Any, path: Path) -> Recording:
     if version > VERSION:
         raise FileError(f"has version {version}, this palpate reads up to version {VERSION}: update palpate")
     sensor = sensor_from_dict(_json(file, "sensor"))
-    image, codec = _read_images(file, sensor)
+    image, codec = _read_images(file, sensor, path if lazily else None)
     return Recording(
         time=_dataset(file, "time"),
         sensor_pose=_dataset(file, "sensor_pose"),
@@ -153,7 +169,8 @@ def _read_extra(file: Any) -> dict[str, Any]:
     return {str(name): _dataset(group, str(name)) for name in group}
 
 
-def _read_images(file: Any, sensor: SensorProfile) -> tuple[tuple[bytes, ...] | None, Any]:
+def _read_images(file: Any, sensor: SensorProfile, path: Path | None) -> tuple[Sequence[bytes] | None, Any]:
+    """The images and how they are encoded; those of a file with a path are read when they are asked for."""
     import h5py
 
     if "image" not in file:
@@ -167,7 +184,8 @@ def _read_images(file: Any, sensor: SensorProfile) -> tuple[tuple[bytes, ...] | 
             f"image: height and width are {size[0]} and {size[1]}, the sensor has "
             f"{sensor.image_height} and {sensor.image_width}"
         )
-    return tuple(row.tobytes() for row in data[:]), _attribute(data, "codec")
+    images = tuple(row.tobytes() for row in data[:]) if path is None else H5Images(path, "image", len(data))
+    return images, _attribute(data, "codec")
 
 
 def _dataset(file: Any, name: str) -> Any:

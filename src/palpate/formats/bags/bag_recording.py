@@ -19,6 +19,7 @@ from palpate.geometry.shapes import Shape
 from palpate.recording.images import decode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT, SensorProfile
+from palpate.recording.stored_images import SpooledImages
 
 logger = logging.getLogger(__name__)
 
@@ -68,7 +69,7 @@ def _recording(
     time = stamps + round(choices.time_offset * 1e9)
     frame, placed = placed_at(streams, chosen.sensor, found, time)
     stamps, time, placed = _known(found.path, stamps, time, placed)
-    images = tuple(streams.images[stamp] for stamp in stamps.tolist())
+    images = SpooledImages(streams.spool, [streams.images[stamp] for stamp in stamps.tolist()])
     assert streams.codec is not None
     try:
         decode_image(images[0], streams.codec, (sensor.image_height, sensor.image_width))
