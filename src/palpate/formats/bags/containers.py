@@ -9,8 +9,9 @@ from typing import Literal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file
 from palpate.formats.bags.mcap_file import MAGIC, mcap_messages
-from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.raw import CutShort, RawMessage
 from palpate.formats.bags.ros1_file import FIRST_LINE, ros1_messages
+from palpate.formats.bags.ros2_file import ros2_messages
 
 Container = Literal["mcap", "ros2", "ros1"]
 """MCAP; SQLite or a compressed folder of ROS 2; a bag of ROS 1."""
@@ -57,7 +58,7 @@ def raw_messages(path: Path) -> Iterator[RawMessage]:
     elif container == "ros1":
         yield from ros1_messages(path)
     else:
-        yield from _ros2_messages(path)
+        yield from ros2_messages(path)
 
 
 def check_installed() -> None:
@@ -88,22 +89,3 @@ def _parts_in_turn(path: Path) -> Iterator[RawMessage]:
             cut = error
     if cut is not None:
         raise cut
-
-
-def _ros2_messages(path: Path) -> Iterator[RawMessage]:
-    from rosbags.rosbag2 import Reader
-
-    reader = Reader(path)
-    try:
-        reader.open()
-    except Exception as error:  # the errors of SQLite, of YAML and of the reader
-        raise FileError(f"{path}: cannot be opened ({' '.join(str(error).split())})") from error
-    count = 0
-    try:
-        for connection, time, data in reader.messages():
-            yield RawMessage(Channel(connection.topic, connection.msgtype, "cdr"), time, bytes(data))
-            count += 1
-    except Exception as error:
-        raise CutShort(f"{path}: is cut off or damaged after {count} messages") from error
-    finally:
-        reader.close()

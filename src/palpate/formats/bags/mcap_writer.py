@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.files import new_file, whole_file
 from palpate.formats.bags.containers import check_installed
+from palpate.formats.bags.growing_index import keep_index_on_disk
 from palpate.formats.bags.message_sink import MessageSink
 from palpate.formats.bags.messages import ros_types
 
@@ -87,6 +88,7 @@ def growing_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageW
     try:
         with path.open("wb") as file:
             writer = Writer(file, compression=CompressionType.NONE)
+            keep_index_on_disk(writer)
             writer.start(profile="ros2", library="palpate")
             try:
                 yield MessageWriter(writer)
