@@ -18,11 +18,12 @@ from palpate.estimation.smoother import SmootherName
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import Shape
+from palpate.guard import DRAWN_BACK, StreamGuard
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
-from palpate.touch.background import Background
+from palpate.touch.background import Background, Image
 from palpate.touch.calibration import AS_TOLD, Calibration, view_of
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
@@ -135,6 +136,9 @@ class Tracker:
         contact = contact_model(shape, sensor, settings.pressure)
         noise = _with_offset(settings.noise, correction.offset_sigma)
         self._estimator = Hypotheses(contact, noise, settings.smoother, pose, sigma, settings.hypotheses)
+        self._guard = StreamGuard(sensor.rate)
+        self._blind = 0.0  # [m] that the sensor may have gone unseen in this contact
+        self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
         self._last: Frame | None = None
         self._interval = 1.0 / sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._times: list[float] = []
@@ -151,7 +155,7 @@ class Tracker:
         frame, estimator = self._checked(frame), self._estimator
         others = (*frame.measurements, *measurements)
         if estimator.in_contact and (not frame.contact or self._paused(frame)):
-            estimator.end_contact()
+            estimator.end_contact(self._moved_unseen(frame))
             self._touch.end_contact()
         if frame.contact:
             said = (*self._touch.measure(frame), *others)
@@ -168,13 +172,16 @@ class Tracker:
         self._last = frame
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
+        self._blind = blind = self._guard.blind
         return Estimate(
             frame.time,
             estimator.known.pose.copy(),
-            estimator.covariance,
+            estimator.covariance + estimator.covariance_of_motion(blind),
             estimator.in_contact,
-            estimator.status,
-            estimator.reason,
+            "faulty" if blind else estimator.status,
+            f"the sensor's pose stands still to the last bit since it moved; it may be {1e3 * blind:.0f} mm farther on"
+            if blind
+            else estimator.reason,
             estimator.answers,
             _friction(estimator.known),
         )
@@ -201,7 +208,15 @@ class Tracker:
         return self.background
 
     def _paused(self, frame: Frame) -> bool:
-        return self._last is not None and frame.time - self._last.time > _PAUSE * self._interval
+        """Whether so much is missing before a frame that its contact is another one."""
+        return self._last is not None and (self._gone or frame.time - self._last.time > _PAUSE * self._interval)
+
+    def _moved_unseen(self, frame: Frame) -> float:
+        """How far the object may have been moved as nobody looked [m], where a contact is over."""
+        assert self._last is not None
+        if self._paused(frame):
+            return float(np.hypot(*(frame.sensor_pose - self._last.sensor_pose)[:2]))
+        return max(self._blind, DRAWN_BACK if self._guard.drawn_back else 0.0)
 
     def _checked(self, frame: Frame) -> Frame:
         """The frame with contact as its image tells, and a pose of its own, so that a sensor may reuse its buffers."""
@@ -217,9 +232,20 @@ class Tracker:
             raise FrameError(
                 f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be three finite numbers"
             )
+        self._guard.check_time(frame.time)
         image = None if frame.image is None else self._view.of(frame.image)
-        contact = frame.contact if image is None else self._detector.update(image)
+        contact = frame.contact if image is None else self._contact_by(image, frame.time)
+        self._gone = self._guard.check_pose(frame.time, pose, bool(contact))
+        if image is not None and self._guard.drawn_back:
+            self._detector.forget()
+            contact = False
         return replace(frame, sensor_pose=pose, contact=contact, image=image)
+
+    def _contact_by(self, image: Image, time: float) -> bool:
+        try:
+            return self._detector.update(image)
+        except SettingError as error:
+            raise FrameError(f"frame at {time:.3f} s: {error}") from error
 
 
 def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
