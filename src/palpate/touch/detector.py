@@ -32,7 +32,7 @@ _LIGHT = 2.0  # [grey levels] of a cell off the light's plane, above which it ha
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
 _DIMMEST, _BRIGHTEST = 0.3, 3.0  # times the untouched gel's light
 _OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.45 at most
-_SAME = 6  # images in a row that are the same to the last bit: a camera whose noise is known does not make them
+_SAME, _CHANGES = 6, 0.1  # images in a row that are the same to the last bit; share of values that noise changes
 _SPARSE = 8  # pixels, of which one is looked at for that
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
@@ -73,6 +73,7 @@ class ContactDetector:
         self._untouched = 0
         self._sparse: Image | None = None
         self._same = 0
+        self._is_noisy = False
         if background is not None:
             self._compare_with(background)
 
@@ -101,7 +102,7 @@ class ContactDetector:
         if not self._checked:
             check_channel_order(image, background)
             self._checked = True
-        self._check_alive(image, background)
+        self._check_alive(image)
         share = self._significant(image)
         if share > _OTHER:
             check_channel_order(image, background)
@@ -121,15 +122,17 @@ class ContactDetector:
         """Take the next images as untouched: what is thought to be a touch is a gel or a light that has changed."""
         self._background, self._first, self._touched = None, [], False
 
-    def _check_alive(self, image: Image, background: Background) -> None:
+    def _check_alive(self, image: Image) -> None:
         """SettingError where a camera with noise gives the same image again and again."""
         sparse = image[::_SPARSE, ::_SPARSE].copy()
-        self._same = self._same + 1 if self._sparse is not None and np.array_equal(self._sparse, sparse) else 1
+        changed = 1.0 if self._sparse is None else float((sparse != self._sparse).mean())
         self._sparse = sparse
-        if self._same > _SAME and background.deviation[::_SPARSE, ::_SPARSE].any():
+        self._is_noisy = self._is_noisy or (self._same > 0 and changed > _CHANGES)
+        self._same = 1 if changed else self._same + 1
+        if self._same > _SAME and self._is_noisy:
             raise SettingError(
-                f"image: found the same {self._same} times, to the last bit; expected is some noise: "
-                "the camera stands still"
+                f"image: found the same {self._same} times, to the last bit; expected is some noise, as there was "
+                "before: the camera stands still"
             )
 
     def _gather(self, image: Image) -> None:
