@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, SettingError
-from palpate.files import NUMBERS, check_rows, checked_array, read_json, whole_file
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.files import NUMBERS, check_rows, checked_array, is_near, read_json, whole_file
 from palpate.formats.held import present
 from palpate.formats.sniff import text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.limits import FARTHEST
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import POINT
 from palpate.recording.trajectory import Trajectory
@@ -57,7 +58,7 @@ def read(path: Path, shape: Shape | None = None) -> Recording:
     data = read_json(path)
     try:
         return _read(data, Path(path), shape)
-    except FileError as error:
+    except PalpateError as error:
         raise FileError(f"{path}: {error}") from error
 
 
@@ -76,8 +77,7 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
         params = {"block_size_x": data.shape.size_x, "block_size_y": data.shape.size_y}
     else:
         raise FileError(f"{path}: {NAME} knows a disc or a rectangle, not a {type(data.shape).__name__}")
-    episode = episode_numbers(data.contact) if data.episode is None else data.episode
-    keep = data.contact & (episode >= 0) & ~np.isnan(data.object_pose).any(axis=1)
+    episode, keep = _episodes(data.object_pose, data.contact, data.episode)
     if not keep.any():
         raise FileError(f"{path}: the recording has no frames in contact with known ground truth")
     content = {
@@ -93,7 +93,20 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 def lost(data: Recording | Trajectory) -> list[str]:
     """What the file cannot hold."""
-    return ["frames out of contact", "times", "the sensor", *present(data, "image", "extra")]
+    if not isinstance(data, Recording) or data.object_pose is None or data.contact is None:
+        return []  # `write` says that it cannot be written at all
+    _, keep = _episodes(data.object_pose, data.contact, data.episode)
+    count = int(np.count_nonzero(~keep))
+    frames = [f"{count} of {len(keep)} frames (out of contact or without ground truth)"] if count else []
+    return [*frames, "times", "the sensor", *present(data, "image", "extra")]
+
+
+def _episodes(
+    object_pose: NDArray[np.float64], contact: NDArray[np.bool_], episode: NDArray[np.int64] | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The contact episode (N,) of each frame, and which frames (N,) the file can hold."""
+    number = episode_numbers(contact) if episode is None else episode
+    return number, contact & (number >= 0) & ~np.isnan(object_pose).any(axis=1)
 
 
 def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
@@ -110,7 +123,7 @@ def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
         found = ", ".join(f"{key} {length}" for key, length in lengths.items())
         raise FileError(f"lengths differ: {found}, contact_episode {len(number)}")
     for name, rows in (("obj_poses_2d", truth), ("ee_poses_2d", hand)):
-        check_rows(name, rows, np.isfinite(rows).all(axis=1), "three finite numbers")
+        check_rows(name, rows, is_near(rows).all(axis=1), f"three numbers up to {FARTHEST:g}")
     sensor = se2.compose(hand, QUARTER_TURN[None])
 
     anew = number[1:] != number[:-1]

@@ -21,8 +21,8 @@ from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile
 from palpate.tracker import TrackerSettings
-from palpate.tracking.findings import trusted_truth
 from palpate.tracking.run import Run, track
+from palpate.tracking.truth import trusted_truth
 
 Array = NDArray[np.float64]
 
