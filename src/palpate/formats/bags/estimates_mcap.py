@@ -26,7 +26,7 @@ DIAGNOSTICS = "/palpate/diagnostics"
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 OK, WARN, ERROR = 0, 1, 2
-LEVELS = {"resting": OK, "tracking": OK, "indeterminate": ERROR}
+LEVELS = {"resting": OK, "tracking": OK, "indeterminate": ERROR, "faulty": ERROR}
 """How bad a status is to ROS; any other is a warning."""
 
 
