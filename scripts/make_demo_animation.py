@@ -96,7 +96,7 @@ def seen_from_above(run: Run) -> np.ndarray:
 
 
 def of_one_palette(pictures: list[Image.Image], touch: Axes) -> list[Image.Image]:
-    """Return pictures in the same 256 colours: those that lines have most, and as many for touch, which has grain."""
+    """Return pictures in the same 256 colours: those that lines have most, and as many that suit touch."""
     left, lower, width, height = (round(each) for each in touch.get_window_extent().bounds)
     crop = (left, pictures[0].height - lower - height, left + width, pictures[0].height - lower)
     last = pictures[-1].copy()
@@ -106,12 +106,7 @@ def of_one_palette(pictures: list[Image.Image], touch: Axes) -> list[Image.Image
     lines = [part for _, colour in counts[:128] for part in np.ravel(colour)]
     palette = Image.new("P", (1, 1))
     palette.putpalette([*lines, *(felt.quantize(256 - len(lines) // 3).getpalette() or [])])
-    found = []
-    for picture in pictures:
-        plain = picture.quantize(palette=palette, dither=Image.Dither.NONE)
-        plain.paste(picture.crop(crop).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG), crop)
-        found.append(plain)
-    return found
+    return [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
 
 
 def write_gif(pictures: list[Image.Image], path: Path) -> None:
