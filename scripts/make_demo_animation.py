@@ -65,7 +65,7 @@ def draw_scene(axes: Axes, run: Run, index: int, limits: np.ndarray) -> None:
     draw_way(axes, run, index)
     draw_object(axes, run, index, 1.8, 1.0)
     draw_sensor(axes, run, index)
-    axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="its 95 % ellipse")
+    axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="95 % ellipse of the estimate")
     frame_above(axes)
     axes.set_aspect("equal", adjustable="box")
     axes.set(xlim=limits[:, 0], ylim=limits[:, 1])
