@@ -18,6 +18,7 @@ from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import SensorProfile
+from palpate.touch.modes import Tactile, TactileChoice
 from palpate.tracker import TrackerSettings
 from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
@@ -212,6 +213,31 @@ def test_unknown_option_values_name_the_allowed_ones(capsys, option, names):
     assert "magic" in err and all(f"'{name}'" in err for name in names)
 
 
+def test_a_first_pose_that_is_none(capsys):
+    assert failure(capsys, "track", "push.h5", "--first-pose", "a", "0", "0") == (
+        "palpate: --first-pose is 'a 0 0'; it must be three numbers, x [m], y [m] and theta [rad]\n"
+    )
+    for option in ("--first-pose", "--first-pose-sigma"):
+        assert palpate("track", "push.h5", option, "1", "2") == 2
+        out, err = capsys.readouterr()
+        assert out == "" and f"Missing value for argument '{option}'. Expected 3 values." in err
+        assert "NoneType" not in err and "instantiated" not in err
+    assert palpate("track", "--first-pose", "0", "0", "-.5", "push.h5", "--json") == 0
+    assert json.loads(Path("runs/push/settings.json").read_text())["first_pose"] == [0.0, 0.0, -0.5]
+
+
+def test_what_touch_says_is_chosen_and_said(capsys):
+    assert palpate("track", "push.h5") == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.startswith("touch is none: there are no images\n")
+    assert "tactile none, fixed-lag" in out
+    assert json.loads(Path("runs/push/settings.json").read_text())["tactile"] == "none"
+    summary = json.loads(Path("runs/push/summary.json").read_text())
+    assert (summary["tactile"], summary["tactile_reason"]) == ("none", "there are no images")
+    assert palpate("track", "push.h5", "--tactile", "none", "--force") == 0
+    assert "touch is" not in capsys.readouterr().out
+
+
 def test_unknown_commands_and_options_fail(capsys):
     assert palpate("trak") == 2
     assert "info" in capsys.readouterr().err
@@ -221,7 +247,9 @@ def test_unknown_commands_and_options_fail(capsys):
 
 def test_option_values_are_those_of_the_library():
     annotations = TrackerSettings.__dataclass_fields__
-    assert annotations["tactile"].default in get_args(options.Tactile)
+    assert annotations["tactile"].default == "auto"
+    assert set(get_args(options.Tactile)) == set(get_args(Tactile))
+    assert set(get_args(options.TactileChoice)) == set(get_args(TactileChoice))
     assert set(get_args(options.SmootherName)) == set(get_args(SmootherName))
 
 
