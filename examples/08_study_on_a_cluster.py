@@ -1,7 +1,7 @@
 """Track every recording of a folder in two ways on a cluster, and print what came of it.
 
 Here the cluster is this computer: two processes that listen on loopback only, without Dask's web page. With a cluster
-of yours give the address of its scheduler instead; it has to see the same files. Needs the extra sim.
+of yours give the address of its scheduler instead; it has to see the same files. Needs the extras sim and cluster.
 
     palpate simulate recordings --count 4
     python 08_study_on_a_cluster.py recordings report

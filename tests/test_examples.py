@@ -94,7 +94,7 @@ def test_train_on_your_data(example, tmp_path, monkeypatch):
 
 
 def test_a_study_on_a_cluster(example, tmp_path):
-    pytest.importorskip("distributed", reason="distributed is not installed: pip install palpate[sim]")
+    pytest.importorskip("distributed", reason="not installed: pip install palpate[cluster]")
     for number in range(2):
         write_recording(pushed(20 + number), tmp_path / f"disc-{number}.h5")
     counts, *table = example("08_study_on_a_cluster.py", tmp_path, tmp_path / "report")
