@@ -3,7 +3,7 @@
 # prints how long each step took.
 #
 #   scripts/first_five_minutes.sh           # installs everything anew from the package index
-#   scripts/first_five_minutes.sh --fast    # takes what palpate needs from the environment of $PYTHON
+#   scripts/first_five_minutes.sh --fast    # takes what palpate needs from the environment of $PYTHON; a short simulation
 #
 # PYTHON is the interpreter that makes the environment, python3 unless set.
 set -eu
@@ -16,7 +16,9 @@ begin=$(date +%s)
 
 "$python" -m venv "$work/environment"
 new=$work/environment/bin/python
+short=
 if [ "${1:-}" = --fast ]; then
+    short=--short
     "$python" -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir "$work" "$repository"
     "$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
         >"$("$new" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/of_the_other.pth"
@@ -29,5 +31,5 @@ echo "installed the wheel: $(($(date +%s) - begin)) s"
 
 mkdir "$work/here"
 cd "$work/here"
-PATH=$work/environment/bin:$PATH "$new" "$repository/scripts/readme_steps.py" "$repository/README.md"
+PATH=$work/environment/bin:$PATH "$new" "$repository/scripts/readme_steps.py" "$repository/README.md" $short
 echo "first five minutes: $(($(date +%s) - begin)) s"

@@ -1,6 +1,6 @@
 """Runs the commands and the Python of a README, from its first section on use to the end of that on own data.
 
-    python scripts/readme_steps.py README.md
+    python scripts/readme_steps.py README.md            # with --short, of a simulation of three seconds
 
 They run in the current folder, one after the other, as a reader would; what a reader brings is put there: `push.h5`
 from the recording that was simulated, and arrays as `Recording.from_arrays` takes them. How to install is left out.
@@ -69,9 +69,10 @@ def run(kind: str, text: str) -> None:
 
 
 if __name__ == "__main__":
+    short = "--short" in sys.argv
     for kind, text in steps(Path(sys.argv[1]).read_text(encoding="utf-8")):
         prepare(text)
-        run(kind, text)
+        run(kind, text.replace("palpate simulate ", "palpate simulate --seconds 3 ") if short else text)
     pictures = sorted(Path("runs").glob("*/figure.png"), key=lambda path: path.stat().st_mtime)
     if not pictures:
         raise SystemExit("no step left a figure in runs/")
