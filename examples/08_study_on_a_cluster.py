@@ -11,6 +11,7 @@ of yours give the address of its scheduler instead; it has to see the same files
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from distributed import LocalCluster
 
@@ -20,13 +21,15 @@ from palpate.study.results import ALL, table
 from palpate.study.study import run_study
 from palpate.study.trial import Method
 
+HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
 METHODS = (Method("none", "fixed-lag"), Method("constant", "fixed-lag"))
 
 
 def main(folder: Path, out: Path) -> None:
     """Track the recordings of a folder and write each trial to another; it can be interrupted and gone on with."""
     recordings = find_recordings(folder)
-    with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
+    cluster: Any = LocalCluster(**HERE)
+    with cluster:
         study = run_study(recordings, out, StudySettings(METHODS), dask=cluster.scheduler_address, resume=out.exists())
     print(f"{len(study.trials)} runs of {len(recordings)} recordings, {study.kept} of them from before")
     for (name, method), why in {**study.skipped, **study.failed}.items():

@@ -103,7 +103,7 @@ def of_one_palette(pictures: list[Image.Image], touch: Axes) -> list[Image.Image
     felt = last.crop(crop)
     last.paste((255, 255, 255), crop)
     counts = sorted(last.getcolors(last.width * last.height) or [], reverse=True)
-    lines = [part for _, colour in counts[:128] for part in np.ravel(colour)]
+    lines: list[int] = np.ravel([colour for _, colour in counts[:128]]).astype(int).tolist()
     palette = Image.new("P", (1, 1))
     palette.putpalette([*lines, *(felt.quantize(256 - len(lines) // 3).getpalette() or [])])
     return [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
