@@ -1,4 +1,6 @@
+import io
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -280,6 +282,17 @@ def test_info_shows_what_a_recording_holds(capsys):
     assert "40" in out and "30.0" in out and "unbroken" in out
 
 
+def test_a_file_name_that_is_no_text(monkeypatch):
+    odd = Path(os.fsdecode(b"push \xff.h5"))
+    write_recording(pushed(10), odd)
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # as a terminal is, where characters are strict
+    monkeypatch.setattr(sys, "stdout", out)
+    assert palpate("track", str(odd)) == 0
+    out.flush()
+    assert "run: runs/push \\udcff" in out.buffer.getvalue().decode()  # pyright: ignore[reportAttributeAccessIssue]
+    assert sorted(path.name for path in Path(os.fsdecode(b"runs/push \xff")).iterdir()) == sorted(FILES)
+
+
 def test_info_tells_times_from_the_first_frame_and_counts_what_is_found_often(capsys):
     push = pushed(240)
     truth = push.object_pose.copy()
@@ -368,6 +381,8 @@ def test_demo_runs_twice_and_says_how_to_make_its_recording(capsys, monkeypatch)
     found, settings = json.loads(capsys.readouterr().out), json.loads(Path("demo-run/settings.json").read_text())
     assert (found["frames"], found["tactile"]) == (90, demo.TACTILE)
     (command,) = (line.split() for line in out.splitlines() if "palpate simulate" in line)
+    assert f"seed {demo.SEED}, recording 0" in settings["source"]  # the seed that the command and the README name
+    assert command[-2:] == ["--seed", str(demo.SEED)]
     assert palpate("simulate", "same", *command[3:], "--seconds", "3") == 0
     (recording,) = Path("same").iterdir()
     assert formats.load_recording(recording).source == settings["source"]
