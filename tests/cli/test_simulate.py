@@ -60,7 +60,7 @@ def test_a_recording_with_images():
     assert (len(made), made.sensor, made.shape) == (90, DIGIT, DISC)
     assert done == list(range(1, 91))
     assert made.contact is not None and made.image is not None and made.object_pose is not None
-    assert "simulated" in made.source and "seed 3" in made.source
+    assert "simulated" in made.source and "seed 0, recording 3," in made.source
     force, depth = made.extra["normal_force"], made.extra["indentation"]
     assert ((force > 0) <= made.contact).all() and (depth[~made.contact] == 0).all()
     # The noise of motion capture: 0.1 mm, 0.1 to 0.2 degrees.

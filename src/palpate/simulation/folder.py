@@ -14,13 +14,10 @@ from palpate.parallel import spread
 from palpate.recording.recording import Recording
 from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
-from palpate.simulation.recordings import simulate_recording, simulated_source
+from palpate.simulation.recordings import COUNT, simulate_recording, simulated_source
 from palpate.simulation.scene import load_mujoco
 
 Item = TypeVar("Item")
-
-COUNT = 100_000
-"""Most recordings of one object; recordings of one seed and of the next have no seed in common."""
 
 
 @dataclass(frozen=True)
