@@ -11,6 +11,8 @@ from .formats import load_recording as load_recording
 from .formats.bags.bag_recording import BagReading as BagReading
 from .formats.bags.bag_recording import read_bag as read_bag
 from .formats.bags.choices import BagChoices as BagChoices
+from .formats.outlines.load import load_shape as load_shape
+from .formats.outlines.scan import shape_of_scan as shape_of_scan
 from .formats.palpate_h5 import read_recording as read_recording
 from .formats.palpate_h5 import write_recording as write_recording
 from .geometry.shapes import Disc as Disc

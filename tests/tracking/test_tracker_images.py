@@ -10,8 +10,8 @@ from palpate.errors import EstimationError, SettingError
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
+from palpate.geometry.objects import SHAPES
 from palpate.recording.recording import Recording
-from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
 from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced

@@ -51,7 +51,7 @@ def test_folders_that_cannot_be_learned_from(recordings, tmp_path, capsys):
     assert "too few pairs to learn from: 60 frames of 1 contacts" in failure(capsys, "train", bare, "--out", out)
     file = tmp_path / "file"
     file.write_text("mine")
-    assert "is a file, expected the name of a folder" in failure(capsys, "train", recordings, "--out", file)
+    assert "file: cannot be the folder of a model (File exists)" in failure(capsys, "train", recordings, "--out", file)
     assert not out.exists() and file.read_text() == "mine"
 
 

@@ -10,10 +10,10 @@ from recording_samples import pushed
 
 from palpate.errors import FileError
 from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.objects import SHAPES
 from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
-from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
 from palpate.tracker import TrackerSettings
 from palpate.tracking.run import track

@@ -31,14 +31,14 @@ def demo(
     from palpate.recording.sensor import DIGIT
     from palpate.tracker import TrackerSettings
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import check_folder, write_run
+    from palpate.tracking.run_folder import new_run, write_files
 
-    check_folder(out, force=True)  # before the work, not after it
-    with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
-        recording = demo_recording(progress)
-    with progress_bar("tracking", len(recording)) as progress:
-        run = track(recording, TrackerSettings(tactile=TACTILE), progress=progress)
-    write_run(run, out, force=True)
+    with new_run(out, force=True) as part:
+        with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
+            recording = demo_recording(progress)
+        with progress_bar("tracking", len(recording)) as progress:
+            run = track(recording, TrackerSettings(tactile=TACTILE), progress=progress)
+        write_files(run, part)
     if not json:
         print_line(f"A DIGIT pushes a {SHAPE}, simulated with seed {SEED}. The same as a file:")
         print_line(f"    palpate simulate DIR --shape {SHAPE} --count 1 --seed {SEED}")
@@ -49,7 +49,7 @@ def demo(
 def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
     from palpate.simulation.folder import plan
-    from palpate.simulation.objects import SHAPES
+    from palpate.geometry.objects import SHAPES
     from palpate.simulation.recordings import simulate_recording
 
     (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)

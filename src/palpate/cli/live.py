@@ -134,9 +134,9 @@ def _rig(
 ) -> "Rig":
     """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
     from palpate.errors import SettingError
+    from palpate.formats.outlines.load import load_shape
     from palpate.live.rig import camera_rig, replay_rig
     from palpate.recording.recording import Recording
-    from palpate.simulation.objects import find_shape
 
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
@@ -146,9 +146,9 @@ def _rig(
     assert camera is not None and poses is not None
     if bag.shape is None or first_pose is None:
         raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
-    if bag != BagOptions(shape=bag.shape):
-        raise SettingError("--camera: of the options for bags, only --shape is of use")
-    return camera_rig(camera, poses, find_shape(bag.shape)[1], first_pose, calibration)
+    if bag != BagOptions(shape=bag.shape, shape_unit=bag.shape_unit):
+        raise SettingError("--camera: of the options for bags, only --shape and --shape-unit are of use")
+    return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, calibration)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import tyro
 
+from palpate import __version__
 from palpate.cli.calibrate import calibrate
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
@@ -36,7 +37,7 @@ COMMANDS = {
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "
-    "failed. With --debug, any command shows the traceback of an error in its input."
+    "failed. With --debug, any command shows the traceback of an error in its input. --version tells the version."
 )
 
 
@@ -48,6 +49,9 @@ def main(args: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if args is None else args)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    if words == ["--version"]:
+        print(f"palpate {__version__}")
+        return 0
     logging.basicConfig(format="palpate: %(message)s", level=logging.WARNING)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: names of files may be no text

@@ -15,6 +15,8 @@ Tactile = Literal[
 TactileChoice = Literal["auto", Tactile]
 SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
 
+ShapeUnit = Literal["m", "cm", "mm", "in"]
+
 NOISE = "palpate|sticking|published|FILE"
 """What an option that takes noise settings shows of what it takes."""
 
@@ -111,6 +113,10 @@ DaskOption = Annotated[
         "same files.",
         help_behavior_hint="(default: none)",
     ),
+]
+ShapeUnitOption = Annotated[
+    ShapeUnit | None,
+    tyro.conf.arg(help="Unit of the numbers in --shape.", help_behavior_hint="(default: m, or what a drawing says)"),
 ]
 ForceOption = Annotated[bool, tyro.conf.arg(help="Replace what is there already.")]
 JsonOption = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]

@@ -1,6 +1,7 @@
 """Gradient descent: one loop for all networks, with log, early stop, and a checkpoint to go on from."""
 
 import csv
+import io
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -94,12 +95,18 @@ def fit(
                     best_state = {key: value.clone() for key, value in network.state_dict().items()}
                 state = {"network": network.state_dict(), "optimiser": optimiser.state_dict()}
                 state |= {"schedule": schedule.state_dict(), "best": best, "best_state": best_state}
-                with whole_file(checkpoint, overwrite=True) as temporary:
-                    torch.save(state | {"waited": waited, "step": step + 1, "seed": seed}, temporary)
+                _save(state | {"waited": waited, "step": step + 1, "seed": seed}, checkpoint)
                 if progress:
                     progress(step + 1, ", ".join(f"{key} {value:.3g}" for key, value in checked.items()))
     network.load_state_dict(best_state)
     network.eval()
+
+
+def _save(state: Mapping[str, Any], path: Path) -> None:
+    data = io.BytesIO()  # in memory first: on a full disk torch raises an error that says nothing of it
+    torch.save(state, data)
+    with whole_file(path, overwrite=True) as part:
+        part.write_bytes(data.getvalue())
 
 
 def _load(checkpoint: Path, seed: int, steps: int, states: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,7 +128,7 @@ def _load(checkpoint: Path, seed: int, steps: int, states: Mapping[str, Any]) ->
 
 def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch, path: Path) -> None:
     chosen, seen = batch
-    torch.save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
+    _save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
     losses = ", ".join(f"{key} {float(value.detach()):g}" for key, value in found.items())
     raise EstimationError(
         f"training of {name} at step {step}: {losses}; losses must be finite. The batch and the network before "
@@ -131,8 +138,14 @@ def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch,
 
 @contextmanager
 def _log(path: Path, begin: int) -> Iterator[Callable[[int, Mapping[str, float], Mapping[str, float]], None]]:
-    """Open the log: a row for each look, with the losses of its batch and of the held-out recordings."""
-    with path.open("a" if begin else "w", newline="", encoding="utf-8") as file:
+    """Open the log: a row for each look, with the losses of its batch and of the held-out recordings.
+
+    Of a run that goes on at a step, the rows up to that step stay.
+    """
+    rows = _rows(path, begin)
+    with whole_file(path, overwrite=True) as part, part.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)
+    with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
 
         def write(step: int, batch: Mapping[str, float], held_out: Mapping[str, float]) -> None:
@@ -142,3 +155,12 @@ def _log(path: Path, begin: int) -> Iterator[Callable[[int, Mapping[str, float],
             file.flush()
 
         yield write
+
+
+def _rows(path: Path, last: int) -> list[list[str]]:
+    """The head and the rows of a log up to a step; none where the run begins."""
+    if not last or not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    return [head, *(row for row in rows if len(row) == len(head) and int(row[0]) <= last)]

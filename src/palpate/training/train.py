@@ -11,6 +11,8 @@ import numpy as np
 import torch
 
 from palpate.errors import FileError, SettingError
+from palpate.files import whole_file
+from palpate.locks import held_folder
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.model import ModelSettings, TouchModel, write_model
 from palpate.training import figures
@@ -70,8 +72,20 @@ def train(
     With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a
     total. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
+    with held_folder(out, "the folder of a model"):
+        return _train(files, out, _free(out, resume), settings, bar, start, test)
+
+
+def _train(
+    files: Sequence[Path],
+    out: Path,
+    work: Path,
+    settings: TrainSettings,
+    bar: Bar,
+    start: Path | None,
+    test: Sequence[Path],
+) -> dict[str, Any]:
     base = None if start is None else TouchModel(start)
-    work = _free(out, resume)
     with bar("reading recordings", len(files) + len(test)) as progress:
         samples, sensor, failed = read_samples(files, settings.workers, progress)
         tested = read_samples(test, settings.workers, lambda done: progress(len(files) + done)) if test else None
@@ -87,7 +101,7 @@ def train(
     del samples, rest  # they hold images, a gigabyte for every 40 000
     for part in (learned, held_out, judged):
         draw_pairs(part, 1, np.random.default_rng(0))  # raises now what it would after an hour of training
-    work.mkdir(parents=True, exist_ok=True)
+    work.mkdir(exist_ok=True)
     torch.manual_seed(settings.seed)
     keypoints, touch = Keypoints(), Touch()
     settings = replace(settings, touch=settings.touch if base is None else FINE)
@@ -132,9 +146,10 @@ def train(
         linear=base.settings.linear if base else tuple((float(column), float(row)) for column, row in models.linear),
         training={**asdict(settings), "frames": len(learned), "from": str(start or "")},
     )
-    write_model(out, model, exported(keypoints, touch))
-    (work / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    with whole_file(work / "results.json", overwrite=True) as part:
+        part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     figures.training_figures(judged, seen, models, touch, spread, work)
+    write_model(out, model, exported(keypoints, touch))  # at last: where it is, nothing is left to go on with
     return results
 
 
@@ -172,6 +187,4 @@ def _free(out: Path, resume: bool) -> Path:
         raise FileError(f"{out}: holds a model already; take another folder")
     if work.exists() and not resume:
         raise FileError(f"{out}: holds a training that was cut off; --resume goes on with it, or take another folder")
-    if out.exists() and not out.is_dir():
-        raise FileError(f"{out}: is a file, expected the name of a folder")
     return work
