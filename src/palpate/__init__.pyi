@@ -4,6 +4,7 @@ from .errors import FrameError as FrameError
 from .errors import PalpateError as PalpateError
 from .errors import SettingError as SettingError
 from .errors import ShapeError as ShapeError
+from .estimate import Estimate as Estimate
 from .estimation.settings import PUBLISHED as PUBLISHED
 from .estimation.settings import NoiseSettings as NoiseSettings
 from .formats import load_recording as load_recording
@@ -32,7 +33,6 @@ from .touch.background import Background as Background
 from .touch.calibration import Calibration as Calibration
 from .touch.calibration import load_calibration as load_calibration
 from .touch.model import TouchModel as TouchModel
-from .tracker import Estimate as Estimate
 from .tracker import Tracker as Tracker
 from .tracker import TrackerSettings as TrackerSettings
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import EstimationError, FrameError, SettingError
+from palpate.estimate import Estimate
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
-from palpate.estimation.diagnosis import Status
-from palpate.estimation.hypotheses import Answer, Hypotheses
+from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
@@ -56,28 +56,6 @@ class TrackerSettings:
                 raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
         if self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is 1 or more")
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """The object's pose at one frame."""
-
-    time: float
-    """[s]"""
-    pose: Array
-    """world_T_object, (3,) [m, m, rad]."""
-    covariance: Array
-    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta; it spans all answers."""
-    contact: bool
-    """Whether the sensor touches the object."""
-    status: Status
-    """What to make of it; see `estimation.diagnosis.Status`."""
-    reason: str = ""
-    """Why the status is what it is, in words; empty where all is well."""
-    answers: tuple[Answer, ...] = ()
-    """All poses that may be the object's, the best first; one where nothing is doubtful."""
-    friction: tuple[float, float] = (math.nan, math.nan)
-    """Coulomb friction between sensor and object as learnt so far, with its standard deviation; by the best answer."""
 
 
 class Tracker:
@@ -137,6 +115,7 @@ class Tracker:
         self._estimator = Hypotheses(contact, noise, settings.smoother, pose, sigma, settings.hypotheses)
         self._last: Frame | None = None
         self._interval = 1.0 / sensor.rate  # [s] between the last frames; sensors may be slower than they say
+        self._touched_at = -math.inf  # [s] time of the last frame of contact
         self._times: list[float] = []
         self._contacts: list[bool] = []
 
@@ -168,16 +147,7 @@ class Tracker:
         self._last = frame
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
-        return Estimate(
-            frame.time,
-            estimator.known.pose.copy(),
-            estimator.covariance,
-            estimator.in_contact,
-            estimator.status,
-            estimator.reason,
-            estimator.answers,
-            _friction(estimator.known),
-        )
+        return self._estimate(frame.time)
 
     @property
     def frame(self) -> Frame:
@@ -194,6 +164,26 @@ class Tracker:
         """Return all poses so far, each as all later measurements in its contact leave it."""
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
+
+    def _estimate(self, time: float) -> Estimate:
+        """What is known at the last frame, of this time [s]."""
+        estimator, touched = self._estimator, self._estimator.touched
+        if touched:
+            self._touched_at = time
+        return Estimate(
+            time,
+            estimator.known.pose.copy(),
+            estimator.covariance,
+            estimator.in_contact,
+            estimator.status,
+            estimator.reason,
+            estimator.answers,
+            _friction(estimator.known),
+            touched and touched.point,
+            touched and touched.normal,
+            touched.sliding if touched else math.nan,
+            time - self._touched_at,
+        )
 
     def _known_background(self) -> Background:
         """The untouched gel; it is known before the first contact that the detector finds."""

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ from palpate.errors import FileError
 from palpate.study.comparison import compare
 from palpate.study.figures import study_sheets
 from palpate.study.report import write_report
+from palpate.study.reported import read_reported
+from palpate.study.results import write_results
 from palpate.study.trial import Method, Trial
 
 METHODS = [Method("none", "fixed-lag"), Method("learnt", "fixed-lag"), Method("learnt", "isam2")]
@@ -181,3 +184,30 @@ def test_report_in_a_browser(report, page, browser, width, height, mobile, narro
         ".filter(e => parseFloat(getComputedStyle(e).fontSize) < 13).length"
     )
     assert small == 0
+
+
+def test_the_page_of_a_reported_study_is_made_from_its_table(tmp_path):
+    trials, results = study()
+    write_results(tmp_path, results, trials)
+    read, rows = read_reported(tmp_path)
+    assert read == json.loads(json.dumps(results))
+    assert [(row.recording, row.group, row.method) for row in rows] == [
+        (t.recording, t.group, t.method) for t in trials
+    ]
+    assert all(
+        row.summary["final_translation_error_mm"] == pytest.approx(trial.summary["final_translation_error_mm"])
+        and row.summary["step_ms"] == pytest.approx(trial.summary["step_ms"])
+        for row, trial in zip(rows, trials, strict=True)
+    )
+    names = [sheet.name for sheet in study_sheets(rows, read)]
+    assert names == ["final-translation", "final-rotation", "slid", "against-translation", "against-rotation"]
+    write_report(tmp_path, read, rows)
+    assert "Final errors" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_damaged_table_of_a_reported_study_is_named(tmp_path):
+    trials, results = study(1)
+    write_results(tmp_path, results, trials)
+    (tmp_path / "sequences.csv").write_text("recording,group\na.h5,a\n")
+    with pytest.raises(FileError, match=r"sequences\.csv: is not a table of sequences"):
+        read_reported(tmp_path)

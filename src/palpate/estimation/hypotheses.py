@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.by_value import ByValue
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
@@ -30,6 +31,7 @@ from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName
 from palpate.estimation.starts import is_rough, starts
+from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
@@ -57,7 +59,7 @@ _TOLD = 0.1  # weight from which another answer far from the best makes an estim
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(ByValue):
     """One pose that may be the object's."""
 
     pose: Array
@@ -123,6 +125,11 @@ class Hypotheses:
     def known(self) -> Prior:
         """What is known of the object at the last frame, by the best hypothesis."""
         return self._best.estimator.known
+
+    @property
+    def touched(self) -> Touched | None:
+        """Where the sensor touches the object, by the best hypothesis; None between contacts."""
+        return self._best.estimator.touched
 
     @property
     def answers(self) -> tuple[Answer, ...]:

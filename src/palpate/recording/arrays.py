@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import FileError, SettingError
 from palpate.files import FLAGS, NUMBERS, checked_array
 from palpate.geometry.shapes import Shape
-from palpate.recording.images import Codec, Images, encoded_images
+from palpate.recording.given_images import Images, encoded_images
+from palpate.recording.images import Codec
 from palpate.recording.motion import Placed, Times, always, at_times, poses_in_time
 from palpate.recording.plane import STEEPEST, Normal, Plane, check_plane, chosen_plane, planar
 from palpate.recording.recording import Recording

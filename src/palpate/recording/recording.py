@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FileError
-from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array
+from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.geometry.shapes import Shape
+from palpate.limits import FARTHEST
 from palpate.recording.frame import Frame
-from palpate.recording.images import Codec, Images, decode_image
+from palpate.recording.given_images import Images
+from palpate.recording.images import Codec, decode_image
 from palpate.recording.sensor import SensorProfile, known_sensor
 
 if TYPE_CHECKING:
@@ -63,12 +65,12 @@ class Recording:
         settle("time", time)
         n = len(time)
         poses = checked_array("sensor_pose", self.sensor_pose, NUMBERS, (n, 3)).astype(np.float64)
-        check_rows("sensor_pose", poses, np.isfinite(poses).all(axis=1), "three finite numbers")
+        check_rows("sensor_pose", poses, is_near(poses).all(axis=1), f"three numbers up to {FARTHEST:g}")
         settle("sensor_pose", poses)
         if self.object_pose is not None:
             truth = checked_array("object_pose", self.object_pose, NUMBERS, (n, 3)).astype(np.float64)
-            allowed = np.isfinite(truth).all(axis=1) | np.isnan(truth).all(axis=1)
-            check_rows("object_pose", truth, allowed, "three finite numbers, or three NaN where not known")
+            allowed = is_near(truth).all(axis=1) | np.isnan(truth).all(axis=1)
+            check_rows("object_pose", truth, allowed, f"three numbers up to {FARTHEST:g}, or three NaN")
             settle("object_pose", truth)
         if self.contact is not None:
             settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
+from palpate.estimate import Estimate
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
@@ -17,7 +18,7 @@ from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import SHIPPED, TouchModel
-from palpate.tracker import Estimate, Tracker, TrackerSettings
+from palpate.tracker import Tracker, TrackerSettings
 from palpate.tracking.details import Answers
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
