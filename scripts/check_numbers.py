@@ -19,7 +19,8 @@ MARKED = (*CHECKED, "docs/guide/*.md")
 
 BLOCK = re.compile(r"<!-- numbers: ([\w, -]+) -->\n(.*?)<!-- end -->", re.DOTALL)
 CODE = re.compile(r"^(```|:::).*?^\1$|^    .*?$|`[^`\n]+`|\$\$.*?\$\$|\$[^$\n]+\$|<!--.*?-->", re.DOTALL | re.MULTILINE)
-RESULT = re.compile(r"\d+(?:\.\d+)? ?(?:mm|°|%|ms)(?!\w)")
+RESULT = re.compile(r"(?!95 %)(?<![\d.])\d+(?:\.\d+)? ?(?:mm|°|%|ms)(?!\w)")
+"""A number with the unit of a result; the 95 % region is called so."""
 NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,]\d+)*(?![\w.]*\d)")
 
 

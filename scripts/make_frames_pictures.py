@@ -5,7 +5,7 @@ python scripts/make_frames_pictures.py
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
@@ -28,15 +28,27 @@ OBJECT, SENSOR, GREY = "#0072B2", "#D55E00", "#666666"
 BOX = Rectangle(0.11, 0.07)
 WORLD_T_OBJECT = np.array([0.17, 0.10, math.radians(25.0)])
 OBJECT_T_SENSOR = np.array([-0.055, 0.008, math.radians(-8.0)])
+HALF_WIDTH = 0.0092
+"""Of the DIGIT's pad [m]."""
 YAW = math.radians(-10.0)
 """Of the sensor on the object's left edge: that is touched at +10 degrees on the tip, so right of the middle."""
 UNIT, DEPTH = 2, 8e-4
 """The drawn sensor unit, and how deep it is pressed in [m]."""
 
 
-def arrow(axes: "Axes", start: np.ndarray, end: np.ndarray, colour: str, **style: object) -> None:
+def arrow(axes: "Axes", start: np.ndarray, end: np.ndarray, colour: str, **style: Any) -> None:
     """Draw an arrow between two points [mm]."""
-    axes.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.8, **style})
+    axes.annotate(
+        "",
+        (end[0], end[1]),
+        (start[0], start[1]),
+        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.8, **style},
+    )
+
+
+def label(axes: "Axes", place: np.ndarray, text: str, **style: Any) -> None:
+    """Write at a point [mm]."""
+    axes.text(place[0], place[1], text, **style)
 
 
 def frame(axes: "Axes", pose: np.ndarray, colour: str, name: str, length: float, offset: tuple[float, float]) -> None:
@@ -45,9 +57,9 @@ def frame(axes: "Axes", pose: np.ndarray, colour: str, name: str, length: float,
     for axis, angle in (("x", pose[2]), ("y", pose[2] + 0.5 * math.pi)):
         along = np.array([math.cos(angle), math.sin(angle)])
         arrow(axes, origin, origin + length * along, colour)
-        axes.text(*(origin + 1.13 * length * along), axis, color=colour, ha="center", va="center", fontsize=11)
+        label(axes, origin + 1.13 * length * along, axis, color=colour, ha="center", va="center", fontsize=11)
     axes.plot(*origin, "o", color=colour, ms=4)
-    axes.text(*(origin + offset), name, color=colour, fontsize=11, ha="center", va="center")
+    label(axes, origin + offset, name, color=colour, fontsize=11, ha="center", va="center")
 
 
 def outline(axes: "Axes", points: np.ndarray, colour: str) -> None:
@@ -111,8 +123,8 @@ def pad() -> None:
     side = np.array([-math.sin(angle), math.cos(angle)])
     face = touched + np.array([[-12.0], [9.0]]) * side
     axes.plot(*face.T, color=OBJECT, lw=2.0)
-    axes.text(*(face[1] + np.array([-1.2, 0.4])), "edge of the object", color=OBJECT, ha="right", fontsize=10)
-    axes.text(*(touched + np.array([2.2, 0.0])), "touched point", color=OBJECT, fontsize=10)
+    label(axes, face[1] + np.array([-1.2, 0.4]), "edge of the object", color=OBJECT, ha="right", fontsize=10)
+    label(axes, touched + np.array([2.2, 0.0]), "touched point", color=OBJECT, fontsize=10)
     axes.set(aspect="equal", xlim=(-29, 14), ylim=(-12, 17), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     figure.savefig(PICTURES / "frames_sensor.png", dpi=130)
@@ -125,7 +137,7 @@ def image() -> None:
     centre = np.array([-0.5 * BOX.size_x - DIGIT.radius + DEPTH, 0.0])
     apex = centre + DIGIT.radius * np.array([math.cos(YAW), math.sin(YAW)])
     axes.imshow(render(draw_unit(DIGIT, UNIT), BOX, np.array([*apex, YAW]), DEPTH))
-    column = 0.5 * DIGIT.image_width * (1.0 + DIGIT.radius * math.sin(-YAW) / DIGIT.half_width)
+    column = 0.5 * DIGIT.image_width * (1.0 + DIGIT.radius * math.sin(-YAW) / HALF_WIDTH)
     axes.axvline(column, color="white", ls=":", lw=1.2)
     axes.text(column - 5.0, 20, "touched here: y > 0", color="white", ha="right", fontsize=9)
     axes.set_xlabel("column, 0 to 239: along +y of the sensor  →")

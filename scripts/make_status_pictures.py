@@ -143,7 +143,7 @@ def draw(shown: Shown) -> None:
 def main() -> None:
     """Draw all of them, and say which statuses came up."""
     learnt = TrackerSettings(tactile="learnt")
-    turned = turned_by_hand(math.radians(5.0))
+    turned = turned_by_hand(math.radians(0.8))
     noise = NoiseSettings(relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 0.02)))
     sure = TrackerSettings("oracle", noise=noise, hypotheses=1)
     calm, shoved = simulated("rectangle", 2), simulated("rectangle", 2, knocks=True)

@@ -3,9 +3,16 @@
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
+
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.unknowns import SHARED
+from palpate.field_docs import field_docs
+from palpate.study.results import LOST_DEG, LOST_MM
+from palpate.tracking.recovery import FAR_DEG, FAR_MM
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "docs/study"
@@ -134,6 +141,25 @@ def knocked_facts() -> set[str]:
     }
 
 
+def knocked_silent() -> set[str]:
+    """Return the share of silently wrong frames when somebody shoves the object."""
+    return {silent(sequences("knocked")).removesuffix(" %")}
+
+
+def coverage_facts() -> set[str]:
+    """Return the coverage of final poses in simulation, and what there is on the motion of two fingers."""
+    rows = sequences("plain")
+    unseen = [row for row in rows if row["group"] not in SEEN]
+    rendered, oracle = _real(sequences("rendered"), "recording")["CMU"], _real(oracle_runs(), "file")["CMU"]
+    shares = [mean(each, "in_95_final") for each in (rows, unseen, rendered)]
+    return {"95", *(f"{100.0 * share:.0f}" for share in (*shares, mean(oracle, "in_95_contact_share")))}
+
+
+def limits() -> set[str]:
+    """Return from where an estimate is wrong, and a sequence lost."""
+    return {f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG)}
+
+
 def ways() -> str:
     """Return the table of the ways of `--tactile` on 375 sequences, as the page of that study printed it."""
     rows = loaded("docs/study/ways_375.json")["table"]["all groups"]
@@ -188,8 +214,12 @@ def balls() -> str:
 
 
 def ball_facts() -> set[str]:
-    """Return what a constant model is off between two presses."""
-    return {f"{row['constant_pairs_rms_deg']:.0f}" for row in loaded("docs/study/real_gel.json").values()}
+    """Return what is said of presses on a real gel, and how far a constant model is off between two of them."""
+    facts = {"95"}
+    for row in loaded("docs/study/real_gel.json").values():
+        facts |= {f"{row['constant_pairs_rms_deg']:.0f}", f"{row['rms_after_offset_deg']:.1f}"}
+        facts |= {f"{100.0 * row['in_95_share']:.0f}"}
+    return facts
 
 
 def _real(rows: Sequence[Row], key: str) -> dict[str, list[Row]]:
@@ -233,7 +263,7 @@ def real_facts() -> set[str]:
     """Return what is said of single real runs."""
     runs = oracle_runs()
     facts = {f"{run[key]:.0f}" for run in runs for key in (MM, DEG)}
-    return facts | {f"{100 * run['scored_frames'] / run['frames']:.0f}" for run in runs}
+    return facts | {f"{100 * run['scored_frames'] / run['frames']:.0f}" for run in runs} | {"95"}
 
 
 def expected() -> str:
@@ -276,7 +306,28 @@ def step_facts() -> set[str]:
     return {f"{case['median_ms']:.1f}", f"{case['p95_ms']:.1f}", f"{shoved:.1f}", "95"}
 
 
+def settings_of(group: str) -> str:
+    """Return the table of a factor's settings: name, default and what it is."""
+    settings = getattr(NoiseSettings(), group)
+    told = field_docs(type(settings))
+    rows = [[f"`{name}`", _written(getattr(settings, name)), " ".join(told[name].split())] for name in told]
+    return table(("setting", "default", "what"), rows)
+
+
+def unknowns() -> str:
+    """Return the table of the unknowns that last: what they are, in which unit, and what is believed beforehand."""
+    rows = [[f"`{one.name}`", one.scope, one.unit, one.meaning, _written(one.prior)] for one in SHARED]
+    return table(("unknown", "of", "unit", "what", "prior: mean, standard deviation"), rows)
+
+
+def _written(value: Any) -> str:
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ", ".join("none" if number is None else f"{number:g}" for number in numbers)
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "unknowns": unknowns,
+    **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
     "plain": plain,
     "knocked": knocked,
     "ways": ways,
@@ -289,7 +340,10 @@ TABLES: dict[str, Callable[[], str]] = {
 }
 """Blocks that are written by this file."""
 FACTS: dict[str, Callable[[], set[str]]] = {
+    "limits": limits,
     "knocked-facts": knocked_facts,
+    "knocked-silent": knocked_silent,
+    "coverage-facts": coverage_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "real-facts": real_facts,

@@ -102,6 +102,19 @@ def test_coverage_of_contact_rests_and_final_poses_stands_beside_errors(page):
     assert "After knocks" not in page.words
 
 
+def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path):
+    trials = drawn_trials(["disc"], METHODS[:1], 2, seconds=2.0)
+    results = drawn_results(trials)
+    row = results["table"]["disc"]["none"]
+    row["final_mm"] = {"median": 1.1, "p75": 12.2, "worst": 23.0}
+    row["final_deg"] = {"median": 4.4, "p75": 35.0, "worst": 46.0}
+    row["nees"] = {"median": 2.7, "mean": 8.8}
+    write_report(tmp_path, results, trials)
+    words = Page((tmp_path / "report.html").read_text(encoding="utf-8")).words
+    assert "1.1 mm, 4.4° (23, 46) in:" in words
+    assert "(8.8) silently wrong" in words
+
+
 def test_recovery_is_told_where_there_are_knocks(tmp_path):
     trials = drawn_trials(["disc", "mit"], METHODS[:2], 2, seconds=2.0)
     trials[1].summary["knock_recovery_contact_s"] = [0.5, 1.0, 2.5]  # touch learnt on a disc

@@ -54,7 +54,7 @@ def live(
             help_behavior_hint="(default: none)",
         ),
     ] = None,
-    tactile: TactileOption = "learnt",
+    tactile: TactileOption = "auto",
     model: ModelOption = None,
     calibration: CalibrationOption = None,
     first_pose: FirstPoseOption = None,
@@ -88,12 +88,12 @@ def live(
     from palpate.live.state import LiveState
     from palpate.live.table import LiveTable
     from palpate.touch.calibration import load_calibration
-    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.model import TouchModel
     from palpate.tracker import Tracker, TrackerSettings
 
     check_model(model, [tactile])
     if tactile == "oracle":
-        raise SettingError("--tactile oracle takes the truth, which nobody knows live; learnt, none and constant go")
+        raise SettingError("--tactile oracle takes the truth, which nobody knows live; the others go")
     if seconds is not None and not seconds > 0.0:
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if view:
@@ -103,7 +103,7 @@ def live(
         rig = _rig(camera, poses, replay, bag, first_pose, unit)
     with ExitStack() as stack:
         settings = TrackerSettings(tactile)
-        learnt = TouchModel(model or SHIPPED) if tactile.startswith("learnt") else None
+        learnt = None if model is None else TouchModel(model)
         shape = rig.scene.shape
         tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=first_pose_sigma)
         taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))

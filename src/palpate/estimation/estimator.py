@@ -84,11 +84,14 @@ class Estimator:
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
     def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
-        """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise."""
-        if self._resting_since is None:
-            self._resting_since = time
+        """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise.
+
+        Raises EstimationError, with nothing changed, where they leave no solution.
+        """
         if measurements:
             self._measure_at_rest(measurements, time)
+        if self._resting_since is None:
+            self._resting_since = time
         self._settled.append(self.known.pose[None])
         self._sensor_pose = sensor_pose
         self._diagnosis.see_rest(self.known, sensor_pose)
