@@ -13,7 +13,8 @@ from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows
 from palpate.geometry.shapes import Shape
 from palpate.limits import FARTHEST
 from palpate.recording.frame import Frame
-from palpate.recording.images import Codec, Images, decode_image
+from palpate.recording.given_images import Images
+from palpate.recording.images import Codec, decode_image
 from palpate.recording.sensor import SensorProfile, known_sensor
 from palpate.recording.stored_images import StoredImages
 
