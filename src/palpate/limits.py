@@ -55,8 +55,8 @@ IMAGE = Limit("PALPATE_MAX_IMAGE_MB", 64)
 """Bytes of one image, once decoded: 3 a pixel."""
 CHUNK = Limit("PALPATE_MAX_CHUNK_MB", 64)
 """Bytes of one chunk of a bag, once unpacked."""
-SECONDS = Limit("PALPATE_MAX_SECONDS", 120, unit=1.0)
-"""Seconds that the HDF5 library may take for one file."""
+SECONDS = Limit("PALPATE_MAX_SECONDS", 5, unit=1.0)
+"""Seconds that the HDF5 library may take for each 20 MB of a file."""
 BAG = Limit("PALPATE_MAX_BAG_MB", 20_000)
 """Bytes of a bag whose files are packed as a whole, once unpacked; they are unpacked on the disk."""
 MESSAGES = Limit("PALPATE_MAX_MESSAGES", 10_000_000, unit=1.0)

@@ -53,7 +53,7 @@ def trajectory_from_text(text: str, path: Path) -> Trajectory:
             terms = [float(value) for value in line[4:10]] if filled == {True} else None
             rows.append(([float(value) for value in line[:4]], terms, CONTACT[line[10]], line[11]))
         except ValueError as error:
-            raise FileError(f"{path}: line {number}: {error}") from error
+            raise FileError(f"{path}: line {number}: {str(error)[:100]}") from error
     if not rows:
         raise FileError(f"{path}: holds no estimates")
     poses, terms, contact, status = zip(*rows, strict=True)

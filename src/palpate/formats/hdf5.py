@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.limits import ARRAYS, SECONDS
 
+STEP = 20 * 10**6
+"""[bytes] of a file for which the library has the seconds of `limits.SECONDS`."""
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -43,7 +45,8 @@ def read_hdf5(source: Path | bytes) -> Contents:
     """What a file or its bytes hold. Raises FileError, without the name of the file, where it cannot be read."""
     with _lock:
         child = _running()
-        waiting = Timer(SECONDS.value, child.kill)
+        seconds = SECONDS.value * (1 + _size(source) // STEP)
+        waiting = Timer(seconds, child.kill)
         waiting.start()
         try:
             return _asked(child, source)
@@ -51,13 +54,17 @@ def read_hdf5(source: Path | bytes) -> Contents:
             raise
         except (OSError, EOFError, ValueError) as error:
             _stop()
-            why = f"took longer than {SECONDS.value} s, {SECONDS.words}" if waiting.finished.is_set() else "crashed"
+            why = f"took longer than {seconds} s, {SECONDS.words}" if waiting.finished.is_set() else "crashed"
             raise FileError(f"is truncated or damaged (the HDF5 library {why})") from error
         except BaseException:
             _stop()  # an answer that nobody has read to its end would be taken for the next one
             raise
         finally:
             waiting.cancel()
+
+
+def _size(source: Path | bytes) -> int:
+    return len(source) if isinstance(source, bytes) else source.stat().st_size
 
 
 def _asked(child: "subprocess.Popen[bytes]", source: Path | bytes) -> Contents:
@@ -106,6 +113,8 @@ def _running() -> "subprocess.Popen[bytes]":
         pipe = subprocess.PIPE
         child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
         _children[os.getpid()] = child
+        assert child.stdout
+        child.stdout.readline()  # it is there; from now on the time counts
     return child
 
 

@@ -2,10 +2,10 @@
 
 The HDF5 library can be crashed by a few changed bytes. Here it takes no other process along.
 
-Asked by a line of JSON on standard input, {"path": ..., "bytes": N, "most": M, "words": ...}: a file, or N bytes that
-follow if there is no path, how many bytes its arrays may have, and what to say of that. Answers with a line, {"error":
-...} or {"attributes": {...}, "arrays": {...}}, followed by the bytes of the arrays one after the other. See
-`hdf5.Contents` for what they are.
+Says that it is ready. Asked by a line of JSON on standard input, {"path": ..., "bytes": N, "most": M, "words": ...}: a
+file, or N bytes that follow if there is no path, how many bytes its arrays may have, and what to say of that. Answers
+with a line, {"error": ...} or {"attributes": {...}, "arrays": {...}}, followed by the bytes of the arrays one after the
+other. See `hdf5.Contents` for what they are.
 """
 
 import io
@@ -33,6 +33,8 @@ class Refused(Exception):
 def serve() -> None:
     """Answer until there is nothing more to answer."""
     asked, answer = sys.stdin.buffer, sys.stdout.buffer
+    answer.write(b"ready\n")
+    answer.flush()
     while line := asked.readline():
         question = json.loads(line)
         source = question["path"] or io.BytesIO(asked.read(question["bytes"]))

@@ -79,5 +79,5 @@ def _read(path: Path, columns: tuple[str, ...]) -> Array:
         try:
             rows.append([float(value) for value in line])
         except ValueError as error:
-            raise FileError(f"{path}: line {number}: {error}") from error
+            raise FileError(f"{path}: line {number}: {str(error)[:100]}") from error
     return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
