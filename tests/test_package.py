@@ -43,3 +43,10 @@ def test_a_camera_of_ones_own_puts_a_wrong_pose_right():
     assert errors["tag seen"][0] < 8.0  # the tag is 54 mm from the centre, and nothing tells the yaw
     assert errors["and pushed"][0] < 1.5
     assert errors["and pushed"][1] < 1.0
+
+
+def test_python_m_palpate_is_the_command_line():
+    assert python("-m", "palpate", "--version") == f"palpate {palpate.__version__}\n"
+    assert python("-m", "palpate", "track", "--help").startswith("usage: palpate track")
+    done = subprocess.run([sys.executable, "-m", "palpate", "info", "nowhere.h5"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "palpate: nowhere.h5: no such file\n")

@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-import uuid
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.limits import FARTHEST, LONGEST, TEXT
+from palpate.locks import held, part_of, remove_empty
 
 # The kinds of NumPy types a field may come in, and what to call them in an error.
 NUMBERS = ("fiu", "numbers")
@@ -53,17 +54,52 @@ def new_file(path: Path | str, overwrite: bool = False) -> Path:
 def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
     """A temporary path beside `path` to write to; renamed to `path` on success, removed on any failure.
 
-    An existing file is replaced only if `overwrite`; a missing folder is an error.
+    An existing file is replaced only if `overwrite`; a missing folder is an error, and so is another process that
+    writes the same file.
     """
     path = new_file(path, overwrite)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
-    try:
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written ({error})") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    part = part_of(path)
+    with held(part, path):
+        try:
+            yield part
+            part.replace(path)
+        except BaseException as error:
+            part.unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                raise FileError(f"{path}: cannot be written ({error})") from error
+            raise
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A temporary folder beside `folder` to write to; takes its place on success, is removed on any failure.
+
+    What stands at `folder` is replaced, so ask first, inside the block. Raises FileError, before the block, where
+    another process writes the same folder.
+    """
+    if not folder.name:
+        raise FileError(f"{folder}: is not the name of a new folder")
+    part = part_of(folder)
+    made = [each for each in folder.parents if not each.exists()]
+    new, old = part / "new", part / "old"
+    with held(part, folder, folder=True):
+        try:
+            if old.exists() and not folder.exists():  # a process was killed just before its last move below
+                new.rename(folder)
+            for left in part.iterdir():
+                shutil.rmtree(left)
+            new.mkdir()
+            yield new
+            if folder.exists():
+                folder.rename(old)
+            new.rename(folder)
+        except OSError as error:
+            raise FileError(f"{folder}: cannot be written ({error})") from error
+        finally:
+            if old.exists() and not folder.exists():
+                old.rename(folder)
+            shutil.rmtree(part, ignore_errors=True)
+            remove_empty(made)
 
 
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:

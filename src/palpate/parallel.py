@@ -20,18 +20,14 @@ def spread(
 
     The work goes to so many processes here, to none but this one if `workers` is 1, or to the cluster of the Dask
     scheduler at an address such as "tcp://host:8786". Linear algebra keeps to one thread in each process, so that
-    they do not fight for cores. Closing the generator gives up the rest. Raises SettingError where joblib or the
-    cluster cannot be had.
+    they do not fight for cores. Closing the generator gives up the rest. Raises SettingError where the cluster cannot
+    be had.
     """
-    try:
-        import joblib
-    except ImportError as error:
-        raise SettingError(
-            "working in parallel needs joblib, which is not installed: pip install palpate[sim]"
-        ) from error
     if dask is not None:
         yield from _on_cluster(function, iter(items), dask)
         return
+    import joblib
+
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
     results = parallel(joblib.delayed(function)(item) for item in items)
@@ -51,7 +47,7 @@ def _on_cluster(
     try:
         from distributed import Client, as_completed
     except ImportError as error:
-        raise SettingError("--dask needs distributed, which is not installed: pip install palpate[sim]") from error
+        raise SettingError("--dask needs distributed, which is not installed: pip install palpate[cluster]") from error
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

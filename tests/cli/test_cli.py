@@ -1,4 +1,6 @@
+import io
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,7 +16,11 @@ from palpate import formats
 from palpate.cli import demo, main, options
 from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
+from palpate.recording.images import encode_image
+from palpate.recording.sensor import SensorProfile
+from palpate.touch.modes import Tactile, TactileChoice
 from palpate.tracker import TrackerSettings
+from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
 
 
@@ -58,6 +64,8 @@ def test_track_leaves_a_run_and_shows_a_table(capsys):
     lines = [line.split() for line in out.splitlines()]
     for key, name in (("in_95_contact_share", "region, in contact"), ("in_95_rest_share", "region, at rest")):
         assert ["in", "the", "95", "%", *name.split(), f"{100 * found[key]:.0f}", "%", "of", "frames"] in lines
+    pose = pose_words(found["final_pose"], found["final_sigma"])
+    assert ["final", "pose", *pose.split(), "1", "sigma"] in lines
     assert "silently wrong" in out and "knocks" not in out
     assert str(Path("runs/push/figure.png")) in out
     assert sorted(path.name for path in Path("runs/push").iterdir()) == sorted(FILES)
@@ -90,7 +98,10 @@ def test_options_reach_the_tracker(capsys):
     assert settings["noise_preset"] == "published"
     assert settings["pressure"] == 0.03
     assert settings["first_pose"] == [0.001, 0.0, 3.0]
-    assert "-" in capsys.readouterr().out  # scores that are not there
+    out = capsys.readouterr().out
+    assert "-" in out  # scores that are not there
+    summary = json.loads(Path("runs/blind/summary.json").read_text())
+    assert pose_words(summary["final_pose"], summary["final_sigma"]) in out  # which needs no truth
 
 
 def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys):
@@ -202,6 +213,31 @@ def test_unknown_option_values_name_the_allowed_ones(capsys, option, names):
     assert "magic" in err and all(f"'{name}'" in err for name in names)
 
 
+def test_a_first_pose_that_is_none(capsys):
+    assert failure(capsys, "track", "push.h5", "--first-pose", "a", "0", "0") == (
+        "palpate: --first-pose is 'a 0 0'; it must be three numbers, x [m], y [m] and theta [rad]\n"
+    )
+    for option in ("--first-pose", "--first-pose-sigma"):
+        assert palpate("track", "push.h5", option, "1", "2") == 2
+        out, err = capsys.readouterr()
+        assert out == "" and f"Missing value for argument '{option}'. Expected 3 values." in err
+        assert "NoneType" not in err and "instantiated" not in err
+    assert palpate("track", "--first-pose", "0", "0", "-.5", "push.h5", "--json") == 0
+    assert json.loads(Path("runs/push/settings.json").read_text())["first_pose"] == [0.0, 0.0, -0.5]
+
+
+def test_what_touch_says_is_chosen_and_said(capsys):
+    assert palpate("track", "push.h5") == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.startswith("touch is none: there are no images\n")
+    assert "tactile none, fixed-lag" in out
+    assert json.loads(Path("runs/push/settings.json").read_text())["tactile"] == "none"
+    summary = json.loads(Path("runs/push/summary.json").read_text())
+    assert (summary["tactile"], summary["tactile_reason"]) == ("none", "there are no images")
+    assert palpate("track", "push.h5", "--tactile", "none", "--force") == 0
+    assert "touch is" not in capsys.readouterr().out
+
+
 def test_unknown_commands_and_options_fail(capsys):
     assert palpate("trak") == 2
     assert "info" in capsys.readouterr().err
@@ -211,7 +247,9 @@ def test_unknown_commands_and_options_fail(capsys):
 
 def test_option_values_are_those_of_the_library():
     annotations = TrackerSettings.__dataclass_fields__
-    assert annotations["tactile"].default in get_args(options.Tactile)
+    assert annotations["tactile"].default == "auto"
+    assert set(get_args(options.Tactile)) == set(get_args(Tactile))
+    assert set(get_args(options.TactileChoice)) == set(get_args(TactileChoice))
     assert set(get_args(options.SmootherName)) == set(get_args(SmootherName))
 
 
@@ -244,12 +282,66 @@ def test_info_shows_what_a_recording_holds(capsys):
     assert "40" in out and "30.0" in out and "unbroken" in out
 
 
+def test_a_file_name_that_is_no_text(monkeypatch):
+    odd = Path(os.fsdecode(b"push \xff.h5"))
+    write_recording(pushed(10), odd)
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # as a terminal is, where characters are strict
+    monkeypatch.setattr(sys, "stdout", out)
+    assert palpate("track", str(odd)) == 0
+    out.flush()
+    assert "run: runs/push \\udcff" in out.buffer.getvalue().decode()  # pyright: ignore[reportAttributeAccessIssue]
+    assert sorted(path.name for path in Path(os.fsdecode(b"runs/push \xff")).iterdir()) == sorted(FILES)
+
+
+def test_info_tells_times_from_the_first_frame_and_counts_what_is_found_often(capsys):
+    push = pushed(240)
+    truth = push.object_pose.copy()
+    truth[12:240:12] = np.nan  # drop-outs farther apart than those that are one
+    write_recording(replace(push, time=push.time + 1.7e9, object_pose=truth), "later.h5")
+    assert palpate("info", "later.h5") == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "0 0.17 0.63 0.47" in lines  # the first contact, in frames 5 to 19
+    assert "0.40 - 7.60 drop-out 19 times; first: ground truth is unknown in 1 frame" in lines
+    assert sum("drop-out" in line for line in lines) == 2  # once more in the verdict
+
+
 def test_info_json(capsys):
     assert palpate("info", "push.h5", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["format"], found["frames"], found["contact"]) == ("palpate", 40, "measured")
     assert found["shape"] == {"type": "rectangle", "size_x": 0.2, "size_y": 0.1}
     assert [contact["start"] for contact in found["contacts"]] == pytest.approx([5 / 30, 32 / 30])
+
+
+def test_info_counts_findings_that_repeat(capsys):
+    camera = SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+    damaged = replace(pushed(), sensor=camera, image=(b"no image",) * 40)
+    formats.write(damaged, "damaged.h5")
+    assert palpate("info", "damaged.h5") == 0
+    out = capsys.readouterr().out
+    assert out.count("do not decode") == 1
+    assert "40 times; first:" in out and "image of frame 0" in out
+
+
+def test_info_json_of_a_recording_whose_truth_drops_out(capsys):
+    recording = pushed()
+    recording.object_pose[15:25] = np.nan
+    formats.write(recording, "lost.h5")
+    assert palpate("info", "lost.h5", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [finding["breaks"] for finding in found["findings"] if finding["kind"] == "drop-out"] == [True]
+
+
+def test_convert_loses_nothing_in_silence(capsys):
+    camera = SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+    image = (encode_image(np.zeros((12, 8, 3), np.uint8)),) * 40
+    formats.write(replace(pushed(), sensor=camera, image=image), "seen.h5")
+    said = failure(capsys, "convert", "seen.h5", "seen.json")
+    assert all(word in said for word in ("17 of 40 frames", "times", "the sensor", "images", "--lossy"))
+    assert not Path("seen.json").exists()
+    assert palpate("convert", "seen.h5", "seen.json", "--lossy") == 0
+    assert "without 17 of 40 frames (out of contact or without ground truth), times" in capsys.readouterr().out
+    assert len(formats.load_recording("seen.json")) == 23
 
 
 def test_convert(capsys):
@@ -263,6 +355,7 @@ def test_convert(capsys):
         "out": "copy.h5",
         "holds": "recording",
         "frames": 40,
+        "left_out": [],
     }
 
 
@@ -288,6 +381,8 @@ def test_demo_runs_twice_and_says_how_to_make_its_recording(capsys, monkeypatch)
     found, settings = json.loads(capsys.readouterr().out), json.loads(Path("demo-run/settings.json").read_text())
     assert (found["frames"], found["tactile"]) == (90, demo.TACTILE)
     (command,) = (line.split() for line in out.splitlines() if "palpate simulate" in line)
+    assert f"seed {demo.SEED}, recording 0" in settings["source"]  # the seed that the command and the README name
+    assert command[-2:] == ["--seed", str(demo.SEED)]
     assert palpate("simulate", "same", *command[3:], "--seconds", "3") == 0
     (recording,) = Path("same").iterdir()
     assert formats.load_recording(recording).source == settings["source"]

@@ -1,10 +1,13 @@
 import dataclasses
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from recording_samples import pushed
 
+from palpate.geometry.lines import ellipses_95
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import DIGIT
 from palpate.tracking.figures import run_figure, shown_instants
@@ -32,12 +35,13 @@ def test_figure_shows_paths_errors_and_contact(tracked):
     assert translation.get_ylabel() == "translation error [mm]"
     assert rotation.get_ylabel() == "rotation error [°]"
     assert rotation.get_xlabel() == "time [s]"
-    wanted = {"start", "truth", "estimate", "contact", "1 sigma of the estimate", "error"}
+    wanted = {"start", "truth", "estimate", "its 95 % ellipses", "contact", "1 sigma of the estimate", "error"}
     assert wanted < set(legend(figure))
-    assert "final error" in figure.get_suptitle()
     assert lines(above)["truth"] == pytest.approx(tracked.recording.object_pose[:, :2] * 1e3)
     assert lines(above)["estimate"] == pytest.approx(tracked.online.pose[:, :2] * 1e3)
     final = tracked.summary["final_translation_error_mm"]
+    turned = tracked.summary["final_rotation_error_deg"]
+    assert f"final error {final:.1f} mm and {turned:.1f}°, at 1.3 s" in figure.get_suptitle()
     assert lines(translation)["error"][-1] == pytest.approx([tracked.online.time[-1], final])
 
 
@@ -47,6 +51,47 @@ def test_figure_of_a_run_without_truth_shows_sigma(tracked):
     assert figure.axes[1].get_ylabel() == "translation 1 sigma [mm]"
     assert "no ground truth" in figure.get_suptitle()
     assert not {"truth", "error", "truth unknown"} & set(legend(figure))
+
+
+def test_the_title_tells_the_final_pose_with_its_sigma(tracked):
+    x, y, yaw = tracked.online.pose[-1]
+    # Along the world's axes, not the object's, which is turned by some 3 rad.
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    covariance = turn @ tracked.online.covariance[-1][:2, :2] @ turn.T
+    sx, sy = np.sqrt(np.diag(covariance)) * 1e3
+    syaw = np.degrees(np.sqrt(tracked.online.covariance[-1, 2, 2]))
+    pose = f"x {1e3 * x:.1f} ± {sx:.1f} mm, y {1e3 * y:.1f} ± {sy:.1f} mm, yaw {np.degrees(yaw):.1f} ± {syaw:.1f}°"
+    assert f"final pose {pose} (1 sigma)" in run_figure(tracked).get_suptitle()
+
+
+def test_ellipses_stand_along_the_way_at_the_instants_and_at_the_end(tracked):
+    above = run_figure(tracked).axes[0]
+    along = lines(above)["its 95 % ellipses"]
+    pieces = np.split(along, np.flatnonzero(np.isnan(along[:, 0])))
+    middles = [np.nanmean(piece[:-1], axis=0) for piece in pieces if np.isfinite(piece).any()]
+    assert len(middles) == 12
+    assert middles[-1] == pytest.approx(tracked.online.pose[-1, :2] * 1e3, abs=0.1)
+    filled: Any = [patch.get_path().vertices for patch in above.patches if patch.get_alpha() == 0.25]
+    centers = [ellipse[:-2].mean(axis=0) for ellipse in filled]
+    assert np.array(centers) == pytest.approx(tracked.online.pose[[8, 16, 35, 39], :2] * 1e3, abs=0.1)
+    expected = ellipses_95(tracked.online.pose[39:], tracked.online.covariance[39:])[0] * 1e3
+    assert filled[-1][:-1] == pytest.approx(expected)
+
+
+def test_time_begins_at_the_first_frame(tracked):
+    recording = tracked.recording
+    later = track(dataclasses.replace(recording, time=recording.time + 1.7e9))
+    figure = run_figure(later)
+    assert figure.axes[1].get_xlim() == pytest.approx((0.0, 39 / 30), abs=1e-6)
+    assert "at 1.3 s" in figure.get_suptitle()
+
+
+def test_a_name_that_is_no_text_or_a_formula_is_drawn_as_it_is(tracked, tmp_path):
+    odd = Path(os.fsdecode(b"push \xff $x^2$.h5"))
+    run = dataclasses.replace(tracked, recording=dataclasses.replace(tracked.recording, file=odd))
+    figure = run_figure(run)
+    assert figure.get_suptitle().startswith("push ? $x^2$.h5\n")
+    figure.savefig(tmp_path / "figure.png")  # x^2$ alone would be no formula and raise
 
 
 def test_unknown_truth_and_missing_frames_are_left_blank(tracked):
@@ -77,10 +122,12 @@ def test_three_frames_are_shown_one_of_each_long_contact(tracked):
 
 
 def at_contacts(tracked: Run, *contacts: tuple[int, int]) -> Run:
+    """The run as if tracking had found these contacts, of a recording without flags."""
     contact = np.zeros(40, np.bool_)
     for first, last in contacts:
         contact[first : last + 1] = True
-    return dataclasses.replace(tracked, recording=dataclasses.replace(tracked.recording, contact=contact))
+    blind = dataclasses.replace(tracked.recording, contact=None)
+    return dataclasses.replace(tracked, recording=blind, online=dataclasses.replace(tracked.online, contact=contact))
 
 
 def test_touch_images_are_upright_and_in_millimetres(tracked):

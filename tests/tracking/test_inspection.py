@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from palpate.geometry.shapes import Rectangle
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import POINT, SensorProfile
-from palpate.tracking.findings import trusted_truth
+from palpate.tracking.findings import LISTED, Finding, counted
 from palpate.tracking.inspection import inspect_recording
+from palpate.tracking.truth import trusted_truth
 
 SIZE = 0.09
 STEP = 1e-3
@@ -146,6 +148,21 @@ def test_a_turn_about_the_contact_is_a_knock_too():
     assert kinds(with_truth(move)) == ["knock"]
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_of_the_capture_is_no_knock(seed):
+    # Slower than the noise: 0.2 mm a frame, a capture with 0.4 mm and 0.35 degrees, and a hand at the end.
+    recording = push()
+    noise = np.random.default_rng(seed).normal(size=(90, 3)) * [4e-4, 4e-4, np.radians(0.35)]
+    slow = changed(
+        recording,
+        sensor_pose=0.2 * recording.sensor_pose,
+        object_pose=0.2 * recording.sensor_pose + [SIZE / 2, 0.0, 0.0] + noise,
+    )
+    assert kinds(slow) == []
+    shoved = slow.object_pose + np.clip(np.arange(90) - 70, 0, 4)[:, None] * [0.0, 0.006, 0.0]
+    assert kinds(changed(slow, object_pose=shoved)) == ["knock"]
+
+
 def test_sliding_and_turning_as_a_push_does_is_no_knock():
     # Pushed without friction at offset c from the centre, the far corner moves 1.4 times as fast as the tip:
     # v = c^2 / (c^2 + d^2) = 1/2 and omega = d / (c^2 + d^2) = 1 / (2 c) for a normal speed of 1.
@@ -256,9 +273,31 @@ def test_damaged_images_are_named():
     assert "frame 2" in found.findings[0].sentence and "frame 3" in found.findings[1].sentence
 
 
+def test_what_is_found_again_and_again_is_counted():
+    one = Finding("image", 1.0, 1.0, "image of frame 30: is damaged")
+    images = [replace(one, start=k / 30, end=k / 30, sentence=f"image of frame {k}: is damaged") for k in range(2, 90)]
+    gaps = [Finding("time gap", float(k), k + 0.5, "no frames for 0.50 s", breaks=k == 2) for k in range(LISTED)]
+    found = sorted([*images, *gaps], key=lambda finding: finding.start)
+    told = counted(found)
+    # Of LISTED gaps each is told, of 88 images one sentence, in order of time.
+    assert [finding.kind for finding in told] == ["time gap", "image", *["time gap"] * (LISTED - 1)]
+    assert told[1] == Finding("image", 2 / 30, 89 / 30, "88 times; first: image of frame 2: is damaged")
+    assert [finding for finding in told if finding.kind == "time gap"] == gaps
+    (more,) = counted([*gaps, Finding("time gap", 9.0, 9.5, "no frames for 0.50 s")])
+    assert more == Finding("time gap", 0.0, 9.5, "6 times; first: no frames for 0.50 s", breaks=True)
+
+
 def test_inspection_is_plain_json():
     data = json.loads(json.dumps(inspect_recording(lifted(0.0, 10)).to_dict()))
     assert data["findings"][0]["kind"] == "contact lost"
+
+
+def test_inspection_of_an_inner_drop_out_is_plain_json():
+    def move(truth):
+        truth[40:50] = np.nan
+
+    data = json.loads(json.dumps(inspect_recording(with_truth(move)).to_dict()))
+    assert [(finding["kind"], finding["breaks"]) for finding in data["findings"]] == [("drop-out", True)]
 
 
 def test_real_runs_with_hands_and_drop_outs_are_told_apart(shared_data):

@@ -12,8 +12,8 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import POINT, SensorProfile
-from palpate.tracking.findings import flag_runs
 from palpate.tracking.knocks import SPEED, knocked_frames, unexplained_speed
+from palpate.tracking.truth import flag_runs
 
 STEP = 1 / 30
 BAR = Rectangle(0.2, 0.1)

@@ -127,7 +127,7 @@ def summary(truth):
 
 
 KEYS = [
-    *("frames", "contact_frames", "episodes", "tactile", "smoother", "wall_s", "step_ms"),
+    *("frames", "contact_frames", "episodes", "tactile", "smoother", "wall_s", "step_ms", "final_pose", "final_sigma"),
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
     *("nees_mean", "statuses", "scored_frames", "final_scored_time_s"),
     *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share"),
@@ -146,6 +146,12 @@ def test_summary_scores_the_frames_with_truth():
     assert found["final_translation_error_mm"] == pytest.approx(12.0)
     assert found["final_rotation_error_deg"] == pytest.approx(np.degrees(0.2))
     assert found["final_scored_time_s"] == 0.2
+    # The identity's NEES are the squares of logarithms: exp(d) = truth seen from the estimate, whose turn they leave
+    # as it is and whose length they stretch by (theta / 2) / sin(theta / 2).
+    stretched = [(way * turn / 2 / np.sin(turn / 2)) ** 2 + turn**2 for way, turn in ((0.005, 0.1), (0.012, 0.2))]
+    assert found["nees_mean"] == pytest.approx((stretched[0] + 0.1**2 + stretched[1]) / 3, rel=1e-9)
+    assert found["final_pose"] == [9.0, 9.0, 1.0]
+    assert found["final_sigma"] == pytest.approx([1.0, 1.0, 1.0])
     assert found["scored_frames"] == 3
     assert (found["frames"], found["contact_frames"], found["episodes"]) == (4, 2, 1)
     assert found["statuses"] == {"resting": 2, "tracking": 2}
@@ -155,6 +161,7 @@ def test_summary_scores_the_frames_with_truth():
 def test_summary_without_truth_has_no_scores():
     found = summary(None)
     assert list(found) == KEYS
+    assert found["final_pose"] == [9.0, 9.0, 1.0]
     assert found["scored_frames"] == 0
     assert all(
         found[key] is None for key in KEYS if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))

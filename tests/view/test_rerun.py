@@ -18,10 +18,10 @@ from view_samples import FIRST, FRAMES, LAST, imaged_push, tracked_push
 from palpate.errors import FileError, SettingError
 from palpate.estimation.diagnosis import Status
 from palpate.geometry import se2
+from palpate.geometry.lines import ellipses_95
 from palpate.tracker import Tracker
 from palpate.tracking.run import track
 from palpate.view import colours, live, viewer
-from palpate.view.geometry import ellipses_95
 from palpate.view.live import LiveLog, live_view
 from palpate.view.scene import Scene, scene_of
 from palpate.view.show import open_stream, save_scene

@@ -9,10 +9,10 @@ from palpate import formats
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.shapes import Disc, Rectangle
+from palpate.geometry.shapes import Rectangle
 from palpate.recording.sensor import SensorProfile
 from palpate.tracking.run_folder import RECORDING, write_run
-from palpate.view.geometry import closed_outline, contact_points, ellipses_95
+from palpate.view.geometry import contact_points
 from palpate.view.images import jpeg, views
 from palpate.view.scene import Scene, load_scene, scene_of
 
@@ -108,20 +108,6 @@ def test_a_recording_that_has_changed_since(run_folder):
     assert settings["recording"] == RECORDING
 
 
-def test_ellipses_hold_95_percent_of_what_is_drawn():
-    rng = np.random.default_rng(5)
-    pose = np.array([0.3, -0.2, 2.0])
-    root = np.array([[0.02, 0.0, 0.0], [0.012, 0.004, 0.0], [0.1, 0.0, 0.2]])
-    drawn = (rng.normal(size=(20000, 3)) @ root.T)[:, :2]  # in the object's frame
-    ellipse = se2.transform(se2.inverse(pose), ellipses_95(pose[None], (root @ root.T)[None])[0])
-    np.testing.assert_allclose(ellipse[0], ellipse[-1], atol=1e-12)
-    edges = np.roll(ellipse[:-1], -1, axis=0) - ellipse[:-1]
-    to = drawn[:, None] - ellipse[:-1]
-    side = edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0]
-    inside = (np.sign(side) == np.sign(side[:, :1])).all(axis=1).mean()
-    assert 0.94 < inside < 0.96
-
-
 def test_the_contact_point_is_the_nearest_of_the_outline():
     sensor = SensorProfile(name="two", radius=0.01, tips=((0.0, -0.02), (0.0, 0.02)))
     field = DistanceField.of(Rectangle(0.1, 0.06))
@@ -133,12 +119,6 @@ def test_the_contact_point_is_the_nearest_of_the_outline():
     centers = se2.transform(object_T_sensor[:, None], sensor.centers)
     nearest = [centers[0, 1], centers[1, 0]]
     np.testing.assert_allclose(local, [[-0.05, each[1]] for each in nearest], atol=2e-4)
-
-
-def test_an_outline_is_closed():
-    outline = closed_outline(Disc(0.05))
-    np.testing.assert_array_equal(outline[0], outline[-1])
-    np.testing.assert_allclose(np.hypot(*outline.T), 0.05)
 
 
 def test_the_model_sees_grey_where_nothing_touches():

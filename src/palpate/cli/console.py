@@ -2,15 +2,18 @@
 
 import json
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.status import Status
 from rich.table import Table
+
+LINE_EVERY = 30.0
+"""[s] between lines of progress in a log."""
 
 
 def print_json(data: dict[str, Any]) -> None:
@@ -47,17 +50,42 @@ def complain(error: Exception | str) -> None:
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """A bar on standard error, where that is a terminal; call what it yields with the number done, and maybe a note."""
+    """A bar on standard error; where that is no terminal, a plain line every LINE_EVERY seconds.
+
+    Call what it yields with the number done, and maybe a note.
+    """
+    console = _terminal()
+    if console is None:
+        yield _lines(title, total)
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(title, total=total)
         yield lambda done, note="": progress.update(task, completed=done, description=f"{title} {note}".strip())
 
 
-def busy(title: str) -> Status:
+def busy(title: str) -> AbstractContextManager[Any]:
     """A spinner on standard error, where that is a terminal, while its block runs."""
-    return Console(stderr=True).status(title)
+    console = _terminal()
+    return nullcontext() if console is None else console.status(title)
+
+
+def _terminal() -> Console | None:
+    """The terminal that standard error is, None where it is a file, whatever FORCE_COLOR says: bars spoil a log."""
+    console = Console(stderr=True, force_terminal=sys.stderr.isatty())
+    return console if console.is_terminal and not console.is_dumb_terminal else None
+
+
+def _lines(title: str, total: int) -> Callable[..., None]:
+    said = time.monotonic()
+
+    def show(done: int, note: str = "") -> None:
+        nonlocal said
+        if time.monotonic() - said >= LINE_EVERY:
+            said = time.monotonic()
+            complain(f"{title}: {done} of {total}{f', {note}' if note else ''}")
+
+    return show
 
 
 def number(value: float | None, digits: int = 1) -> str:

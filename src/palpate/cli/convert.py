@@ -53,7 +53,7 @@ def convert(
         formats.write(data, target, overwrite=force)
     what = "recording" if isinstance(data, Recording) else "trajectory"
     if json:
-        print_json({"in": str(source), "out": str(target), "holds": what, "frames": len(data)})
+        print_json({"in": str(source), "out": str(target), "holds": what, "frames": len(data), "left_out": left_out})
     else:
-        print_line(f"{target}: {what} of {len(data)} frames")
+        print_line(f"{target}: {what} of {len(data)} frames{', without ' if left_out else ''}{', '.join(left_out)}")
     return 0

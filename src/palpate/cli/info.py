@@ -57,7 +57,9 @@ def info(
 def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     from palpate.cli.console import number, print_line, print_table
     from palpate.geometry.shapes import shape_to_dict
+    from palpate.tracking.findings import counted
 
+    begin = recording.time[0]
     shape = shape_to_dict(recording.shape)
     sizes = ", ".join(
         f"{name.replace('_', ' ')} {value * 1e3:g} mm" for name, value in shape.items() if isinstance(value, float)
@@ -82,15 +84,15 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     ]
     print_table(str(file), ("what", "value", "unit"), rows)
     contacts = (
-        (str(index), number(contact.start, 2), number(contact.end, 2), number(contact.seconds, 2))
+        (str(index), number(contact.start - begin, 2), number(contact.end - begin, 2), number(contact.seconds, 2))
         for index, contact in enumerate(inspection.contacts)
     )
     if inspection.contacts:
         print_table("Contacts", ("no.", "start [s]", "end [s]", "seconds"), contacts, numbers=(0, 1, 2, 3))
     if inspection.findings:
         findings = (
-            (f"{number(finding.start, 2)} - {number(finding.end, 2)}", finding.kind, finding.sentence)
-            for finding in inspection.findings
+            (f"{number(finding.start - begin, 2)} - {number(finding.end - begin, 2)}", finding.kind, finding.sentence)
+            for finding in counted(inspection.findings)
         )
         print_table("Findings", ("time [s]", "kind", "what"), findings)
     print_line(inspection.verdict)

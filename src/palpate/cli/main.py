@@ -1,5 +1,6 @@
 """`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
 
+import io
 import logging
 import os
 import sys
@@ -7,6 +8,7 @@ from collections.abc import Sequence
 
 import tyro
 
+from palpate import __version__
 from palpate.cli.calibrate import calibrate
 from palpate.cli.convert import convert
 from palpate.cli.demo import demo
@@ -35,7 +37,7 @@ COMMANDS = {
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "
-    "failed. With --debug, any command shows the traceback of an error in its input."
+    "failed. With --debug, any command shows the traceback of an error in its input. --version tells the version."
 )
 
 
@@ -47,7 +49,12 @@ def main(args: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if args is None else args)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    if words == ["--version"]:
+        print(f"palpate {__version__}")
+        return 0
     logging.basicConfig(format="palpate: %(message)s", level=logging.WARNING)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: names of files may be no text
     try:
         code = tyro.extras.subcommand_cli_from_dict(
             COMMANDS,

@@ -23,15 +23,19 @@ STEPS = (("p50", "step time, median", 2), ("p95", "step time, 95 %", 2), ("max",
 def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
     """Print the summary of one run."""
     from palpate.cli.console import number, percent, print_json, print_line, print_table
+    from palpate.tracking.poses import pose_words
 
     if json:
         print_json(summary)
         return
+    if "tactile_reason" in summary:
+        print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
     statuses = ", ".join(f"{count} {status}" for status, count in summary["statuses"].items())
     rows = [
         ("frames", str(summary["frames"]), ""),
         ("in contact", str(summary["contact_frames"]), ""),
         ("contacts", str(summary["episodes"]), ""),
+        ("final pose", pose_words(summary["final_pose"], summary["final_sigma"]), "1 sigma"),
         ("scored", str(summary["scored_frames"]), "frames"),
         *((name, number(summary[key], digits), unit) for key, name, unit, digits in METRICS),
         *((name, percent(summary[key]), unit) for key, name, unit in COVERAGES),
@@ -76,6 +80,6 @@ def report_runs(runs: list[dict[str, Any]]) -> None:
     )
     columns = ("run", "RMSE mm", "RMSE deg", "final mm", "final deg", "NEES")
     columns = (*columns, "in 95 %", "contact", "rest", "silently wrong", "step ms")
-    title = f"tactile {runs[0]['tactile']}, {runs[0]['smoother']}"
+    title = f"tactile {' or '.join(dict.fromkeys(run['tactile'] for run in runs))}, {runs[0]['smoother']}"
     print_table(title, columns, rows, numbers=range(1, len(columns)))
     print_line(f"runs: {Path(runs[0]['folder']).parent}")

@@ -40,7 +40,7 @@ def track(
     ],
     /,
     *,
-    tactile: TactileOption = "none",
+    tactile: TactileOption = "auto",
     model: ModelOption = None,
     calibration: CalibrationOption = None,
     smoother: SmootherOption = "fixed-lag",
@@ -159,31 +159,31 @@ def run_file(
     from contextlib import nullcontext
 
     from palpate.cli.console import busy, progress_bar
-    from palpate.formats.bags.plane import flat
+    from palpate.recording.plane import flat
     from palpate.recording.recording import Recording
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import PAGE, check_folder, write_run
+    from palpate.tracking.run_folder import PAGE, new_run, write_files
 
-    check_folder(folder, force)  # before the work, not after it
-    with busy(f"reading {file.name}"):
-        reading = read_with(file, bag)
-        if bag.time_offset == "fit" and not isinstance(reading, Recording):
-            seconds = _fitted_offset(reading.recording, settings, first_pose, first_pose_sigma, calibration)
-            reading = read_with(file, replace(bag, time_offset=seconds)) if seconds else reading
-    recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
-    view = nullcontext()
-    if window or rrd:
-        from palpate.view.live import live_view
+    with new_run(folder, force) as part:
+        with busy(f"reading {file.name}"):
+            reading = read_with(file, bag)
+            if bag.time_offset == "fit" and not isinstance(reading, Recording):
+                seconds = _fitted_offset(reading.recording, settings, first_pose, first_pose_sigma, calibration)
+                reading = read_with(file, replace(bag, time_offset=seconds)) if seconds else reading
+        recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
+        view = nullcontext()
+        if window or rrd:
+            from palpate.view.live import live_view
 
-        view = live_view(recording, file.name, rrd, force, window)
-    with view as log, progress_bar(file.name, len(recording)) as progress:
-        watch = log.show if log else None
-        run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma, watch)
-    write_run(run, folder, force, plane if mcap else None)
-    if html:
-        from palpate.view.page import write_page
+            view = live_view(recording, file.name, rrd, force, window)
+        with view as log, progress_bar(file.name, len(recording)) as progress:
+            watch = log.show if log else None
+            run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma, watch)
+        write_files(run, part, plane if mcap else None)
+        if html:
+            from palpate.view.page import write_page
 
-        write_page(run, file.name, folder / PAGE)
+            write_page(run, file.name, part / PAGE)
     return run.summary
 
 

@@ -11,9 +11,9 @@ from palpate.cli.options import (
     NOISE,
     JsonOption,
     ModelOption,
+    NamedTactileOption,
     RecordingsFolder,
     SmootherOption,
-    TactileOption,
     WorkersOption,
     check_model,
 )
@@ -27,7 +27,7 @@ def tune(
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="FILE", help="File of the settings (.json), for --noise of others.")],
-    tactile: TactileOption = "learnt",
+    tactile: NamedTactileOption = "learnt",
     model: ModelOption = None,
     smoother: SmootherOption = "fixed-lag",
     parameters: Annotated[
@@ -54,6 +54,7 @@ def tune(
 
     from palpate.cli.console import complain, print_json, progress_bar
     from palpate.estimation.settings_file import noise_of, write_noise
+    from palpate.locks import only_writer
     from palpate.study.files import find_recordings
     from palpate.touch.model import SHIPPED, TouchModel
     from palpate.tracker import TrackerSettings
@@ -68,34 +69,35 @@ def tune(
     settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(start))
     check_parameters(settings, parameters, evaluations)
     _check_out(out, start)
-    files = find_recordings(folder)
-    touch_model = TouchModel(model or SHIPPED) if learnt else None
-    with progress_bar("reading touch", len(files)) as progress:
-        recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
-    for why in left_out.values():
-        complain(f"left out: {why}")
-    names = list(recorded)
-    about = {
-        "tactile": tactile,
-        "model": None if touch_model is None else touch_model.hash,
-        "smoother": smoother,
-        "start": start,
-        "recordings": [name for index, name in enumerate(names) if index % HELD_OUT != HELD_OUT - 1],
-        "held_out": names[HELD_OUT - 1 :: HELD_OUT],
-    }
-    written = None
+    with only_writer(out):
+        files = find_recordings(folder)
+        touch_model = TouchModel(model or SHIPPED) if learnt else None
+        with progress_bar("reading touch", len(files)) as progress:
+            recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
+        for why in left_out.values():
+            complain(f"left out: {why}")
+        names = list(recorded)
+        about = {
+            "tactile": tactile,
+            "model": None if touch_model is None else touch_model.hash,
+            "smoother": smoother,
+            "start": start,
+            "recordings": [name for index, name in enumerate(names) if index % HELD_OUT != HELD_OUT - 1],
+            "held_out": names[HELD_OUT - 1 :: HELD_OUT],
+        }
+        written = None
 
-    def keep(tuning: "Tuning") -> None:
-        nonlocal written
-        show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
-        if tuning.settings != written:
-            write_noise(tuning.settings.noise, out, {**about, **_found(tuning)}, overwrite=True)
-            written = tuning.settings
+        def keep(tuning: "Tuning") -> None:
+            nonlocal written
+            show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
+            if tuning.settings != written:
+                write_noise(tuning.settings.noise, out, {**about, **_found(tuning)}, overwrite=True)
+                written = tuning.settings
 
-    with progress_bar("tuning", evaluations) as show:
-        tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, workers, keep)
-    tuned = {**about, **_found(tuning)}
-    write_noise(tuning.settings.noise, out, tuned, overwrite=True)
+        with progress_bar("tuning", evaluations) as show:
+            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, workers, keep)
+        tuned = {**about, **_found(tuning)}
+        write_noise(tuning.settings.noise, out, tuned, overwrite=True)
     wall_s = time.perf_counter() - begin
     if json:
         missing = [{"file": str(files[name]), "error": why} for name, why in left_out.items()]

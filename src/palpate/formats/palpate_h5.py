@@ -1,11 +1,14 @@
 """palpate's own recording file, HDF5 (`.h5`): everything that a Recording holds, in its units and frames."""
 
+import hashlib
 import json
 import mmap
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import existing_file, json_object, whole_file
@@ -74,11 +77,11 @@ def _fill(file: Any, recording: Recording) -> None:
     file.attrs["source"] = recording.source
     file.attrs["frames"] = json.dumps(recording.frames)
     file.attrs["contact_derived"] = recording.contact_derived
-    for name in ("time", "sensor_pose", "object_pose", "contact", "episode"):
-        if (value := getattr(recording, name)) is not None:
-            file[name] = value
-    for name, value in recording.extra.items():
-        file[EXTRA + name] = value
+    names = ("time", "sensor_pose", "object_pose", "contact", "episode")
+    arrays = {name: value for name in names if (value := getattr(recording, name)) is not None}
+    arrays |= {EXTRA + name: value for name, value in recording.extra.items()}
+    for name, value in arrays.items():
+        file[name] = value
     if recording.image is not None:
         images = file.create_dataset("image", (len(recording),), h5py.vlen_dtype(np.uint8))
         for index, data in enumerate(recording.image):
@@ -86,6 +89,19 @@ def _fill(file: Any, recording: Recording) -> None:
         images.attrs["codec"] = recording.codec
         images.attrs["height"] = recording.sensor.image_height
         images.attrs["width"] = recording.sensor.image_width
+    file.attrs["checksum"] = _checksum(arrays, recording.image or ())
+
+
+def _checksum(arrays: Mapping[str, NDArray[Any]], images: Iterable[bytes]) -> str:
+    """The SHA-256 of all values and images; a recording has it as attribute checksum."""
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    for image in images:
+        digest.update(f"image {len(image)}\n".encode())
+        digest.update(image)
+    return digest.hexdigest()
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -97,9 +113,13 @@ def read_recording(path: Path | str) -> Recording:
 
 
 def source_of(path: Path) -> str:
-    """Where the data of a recording come from, in words. Raises FileError."""
+    """Where the data of a recording come from, in words. Raises FileError, also where they are not as written."""
     try:
-        return str(_attribute(read_hdf5(path).attributes, "source"))
+        file = read_hdf5(path)
+        now = _checksum(file.arrays, file.rows.get("image", ()))
+        if file.attributes.get("checksum", now) != now:  # earlier versions wrote none
+            raise FileError("is damaged: its values are not those that were written")
+        return str(_attribute(file.attributes, "source"))
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
 

@@ -77,8 +77,7 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
         params = {"block_size_x": data.shape.size_x, "block_size_y": data.shape.size_y}
     else:
         raise FileError(f"{path}: {NAME} knows a disc or a rectangle, not a {type(data.shape).__name__}")
-    episode = episode_numbers(data.contact) if data.episode is None else data.episode
-    keep = data.contact & (episode >= 0) & ~np.isnan(data.object_pose).any(axis=1)
+    episode, keep = _episodes(data.object_pose, data.contact, data.episode)
     if not keep.any():
         raise FileError(f"{path}: the recording has no frames in contact with known ground truth")
     content = {
@@ -94,7 +93,20 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 def lost(data: Recording | Trajectory) -> list[str]:
     """What the file cannot hold."""
-    return ["frames out of contact", "times", "the sensor", *present(data, "image", "extra")]
+    if not isinstance(data, Recording) or data.object_pose is None or data.contact is None:
+        return []  # `write` says that it cannot be written at all
+    _, keep = _episodes(data.object_pose, data.contact, data.episode)
+    count = int(np.count_nonzero(~keep))
+    frames = [f"{count} of {len(keep)} frames (out of contact or without ground truth)"] if count else []
+    return [*frames, "times", "the sensor", *present(data, "image", "extra")]
+
+
+def _episodes(
+    object_pose: NDArray[np.float64], contact: NDArray[np.bool_], episode: NDArray[np.int64] | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The contact episode (N,) of each frame, and which frames (N,) the file can hold."""
+    number = episode_numbers(contact) if episode is None else episode
+    return number, contact & (number >= 0) & ~np.isnan(object_pose).any(axis=1)
 
 
 def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:

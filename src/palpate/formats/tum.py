@@ -83,7 +83,9 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 def lost(data: Recording | Trajectory) -> list[str]:
     """What a file of poses cannot hold."""
     if isinstance(data, Recording):
-        return ["sensor poses", "outline and sensor", *present(data, "image", "contact", "episode", "extra")]
+        unknown = 0 if data.object_pose is None else int(np.isnan(data.object_pose).any(axis=1).sum())
+        frames = [f"{unknown} of {len(data)} frames (without ground truth)"] if unknown else []
+        return [*frames, "sensor poses", "outline and sensor", *present(data, "image", "contact", "episode", "extra")]
     return present(data, "covariance", "contact", "status")
 
 

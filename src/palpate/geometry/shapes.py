@@ -20,6 +20,9 @@ from palpate.limits import FARTHEST
 
 Array = NDArray[np.float64]
 
+PRESSURES = ("uniform", "rim", "corner")
+"""How an object may press on the table; see `friction_radius` of a shape."""
+
 SMALLEST = 1e-6
 """[m] A smaller size is no object that is felt."""
 

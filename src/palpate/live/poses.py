@@ -11,8 +11,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.formats.bags.motion import LONGEST_GAP
 from palpate.geometry import se2
+from palpate.recording.motion import LONGEST_GAP
 
 Array = NDArray[np.float64]
 

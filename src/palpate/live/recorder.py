@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.estimate import Estimate
 from palpate.formats.bags.estimates_mcap import add_estimates
 from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
 from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
 from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE
-from palpate.formats.bags.plane import flat, out_of_plane
 from palpate.formats.bags.recording_mcap import IMAGES, SENSOR_POSES
 from palpate.geometry.shapes import Shape
 from palpate.live.images import TouchImage, encoded_of
 from palpate.live.poses import SensorPlace, TimedPose
+from palpate.recording.plane import flat, out_of_plane
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
-from palpate.tracker import Estimate
 
 _PLANE = flat()
 

@@ -1,15 +1,16 @@
 """A calm table in the terminal: the same rows all the time, some times a second."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from palpate.live.state import LiveState
+from palpate.tracking.poses import pose_words, world_sigma
 
 _REFRESH = 5  # times a second
 _RECENT = 600  # estimates whose latency is shown
@@ -21,7 +22,7 @@ class LiveTable:
     def __init__(self, title: str) -> None:
         """Take what to write above it."""
         self._title = title
-        self._console = Console(stderr=True)
+        self._console = Console(stderr=True, force_terminal=sys.stderr.isatty())  # whatever FORCE_COLOR says
 
     @property
     def shown(self) -> bool:
@@ -63,13 +64,12 @@ def _rows(state: LiveState) -> list[tuple[str, str]]:
         rows += waiting
     else:
         estimate = last.estimate
-        x, y, yaw = estimate.pose * (1e3, 1e3, 180.0 / np.pi)
-        sx, sy, syaw = np.sqrt(np.diag(estimate.covariance)) * (1e3, 1e3, 180.0 / np.pi)
+        sigma = world_sigma(estimate.pose, estimate.covariance)
         rows += [
             ("latency", f"{latency['p50']:.1f} ms, 99 %: {latency['p99']:.1f} ms"),
             ("contact", "yes" if estimate.contact else "no"),
             ("status", f"{estimate.status}{f': {estimate.reason}' if estimate.reason else ''}"),
-            ("object", f"x {x:.1f} ± {sx:.1f} mm, y {y:.1f} ± {sy:.1f} mm, yaw {yaw:.1f} ± {syaw:.1f} degrees"),
+            ("object", pose_words(estimate.pose, sigma)),
         ]
     how = last.place.how if last else "-"
     age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"

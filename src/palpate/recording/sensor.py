@@ -137,3 +137,15 @@ Its gel is flat; the radius of 1 m, with which the pad falls back 0.05 mm at its
 
 POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
 """A sharp probe without images."""
+
+SENSORS = {"digit": DIGIT, "gelsight-mini": GELSIGHT_MINI, "point": POINT}
+"""Profiles by the names that users say."""
+
+
+def known_sensor(sensor: SensorProfile | str) -> SensorProfile:
+    """The profile itself, or the one of a known name; raises SettingError on a name that is not known."""
+    if isinstance(sensor, SensorProfile):
+        return sensor
+    if not isinstance(sensor, str) or sensor.lower() not in SENSORS:
+        raise SettingError(f"sensor is {sensor!r}; allowed are {', '.join(SENSORS)}, or a SensorProfile")
+    return SENSORS[sensor.lower()]

@@ -10,17 +10,15 @@ from typing import TypeVar
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.geometry.shapes import Shape
+from palpate.locks import held_folder, remove_parts
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
 from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
-from palpate.simulation.recordings import simulate_recording, simulated_source
+from palpate.simulation.recordings import COUNT, simulate_recording, simulated_source
 from palpate.simulation.scene import load_mujoco
 
 Item = TypeVar("Item")
-
-COUNT = 100_000
-"""Most recordings of one object; recordings of one seed and of the next have no seed in common."""
 
 
 @dataclass(frozen=True)
@@ -118,21 +116,22 @@ def fill_folder(
     """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
-    there = _opened(folder, resume)
-    kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}
-    todo = [(name, item) for name, item in items.items() if name not in kept]
-    made: list[str] = []
-    failed: dict[str, str] = {}
-    with closing(spread(partial(_made, make=make), todo, workers, dask)) as results:
-        for name, result in results:
-            if isinstance(result, str):
-                failed[name] = result
-            else:
-                write_recording(result, folder / name, overwrite=True)
-                made.append(name)
-            if progress:
-                progress(len(kept) + len(made) + len(failed))
-    return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
+    with held_folder(folder, "a folder of recordings"):
+        there = _opened(folder, resume)
+        kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}
+        todo = [(name, item) for name, item in items.items() if name not in kept]
+        made: list[str] = []
+        failed: dict[str, str] = {}
+        with closing(spread(partial(_made, make=make), todo, workers, dask)) as results:
+            for name, result in results:
+                if isinstance(result, str):
+                    failed[name] = result
+                else:
+                    write_recording(result, folder / name, overwrite=True)
+                    made.append(name)
+                if progress:
+                    progress(len(kept) + len(made) + len(failed))
+        return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
 
 
 def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[str, Recording | str]:
@@ -149,21 +148,16 @@ def _simulate(job: Job, seconds: float, images: bool) -> Recording:
 
 
 def _opened(folder: Path, resume: bool) -> set[str]:
-    """Make a folder if it is not there and return the names of the recordings in it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        there = {path.name for path in folder.glob("*.h5")}
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be a folder of recordings ({error.strerror})") from error
+    """Return the names of the recordings in a folder."""
+    there = {path.name for path in folder.glob("*.h5")}
     if there and not resume:
         raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
-    for part in folder.glob(".*.h5.*.part"):  # of a process that was killed in the middle of writing
-        part.unlink(missing_ok=True)
+    remove_parts(folder, ".*.h5*.part")
     return there
 
 
 def _is_whole(path: Path, wanted: str) -> bool:
-    """Say whether a file is the recording of this source; raises SettingError if it is another one."""
+    """Say whether a file is the recording of this source, undamaged; raises SettingError if it is another one."""
     try:
         found = source_of(path)
     except FileError:  # cut off by a broken copy or a failed disk

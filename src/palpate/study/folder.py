@@ -13,6 +13,7 @@ from typing import Any
 import palpate
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
+from palpate.locks import remove_parts
 from palpate.study.job import Job, Outcome, StudySettings
 from palpate.study.trial import Method, Trial, read_trial, write_trial
 from palpate.touch.model import TouchModel
@@ -24,9 +25,9 @@ class StudyFolder:
     """The folder of a study; all files in it are whole at any time."""
 
     def __init__(self, path: Path, settings: StudySettings, model: TouchModel, resume: bool = False) -> None:
-        """Open a new folder or, with `resume`, one with trials that were made with the same settings.
+        """Take an empty folder or, with `resume`, one with trials that were made with the same settings.
 
-        Raises FileError where that is not possible, SettingError where they were made with others.
+        Raises FileError where it holds something else, SettingError where they were made with others.
         """
         self.path = path
         made_with = {
@@ -38,12 +39,9 @@ class StudyFolder:
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
         self._recordings: dict[str, dict[str, Any]] = {}
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
-                self._go_on(resume)
-        except OSError as error:
-            raise FileError(f"{path}: cannot be the folder of a study ({error.strerror})") from error
+        remove_parts(path, ".study.json*.part")  # of a process that was killed before it had written one
+        if any(path.iterdir()):
+            self._go_on(resume)
 
     def kept(self, job: Job) -> dict[Method, Trial]:
         """Return the trials of a job that are there already; SettingError if its recording has changed since."""
@@ -84,8 +82,7 @@ class StudyFolder:
         if different := next(_differences(earlier["made_with"], self._made_with), None):
             raise SettingError(f"{self.path}: was made with other settings ({different}); take another folder")
         self._recordings = earlier["recordings"]
-        for part in self.path.rglob(".*.part"):  # of a process that was killed in the middle of writing
-            part.unlink(missing_ok=True)
+        remove_parts(self.path, "**/.*.part")
 
     def _write(self) -> None:
         content = {"format": FORMAT, "version": VERSION, "made_with": self._made_with, "recordings": self._recordings}

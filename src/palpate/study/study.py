@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import SettingError
+from palpate.locks import held_folder
 from palpate.parallel import spread
 from palpate.study.folder import StudyFolder
 from palpate.study.job import Job, Outcome, StudySettings, do_job
@@ -67,31 +68,32 @@ def run_study(
     if settings.first_pose is not None and not all(map(math.isfinite, settings.first_pose)):
         raise SettingError(f"first pose is {settings.first_pose}; it must be three finite numbers [m, m, rad]")
     model = model or TouchModel(SHIPPED)
-    folder = StudyFolder(out, settings, model, resume)
-    trials: dict[tuple[str, Method], Trial] = {}
-    todo: list[Job] = []
-    for name, path in files.items():
-        job = Job(name, path.resolve(), settings.methods)
-        there = folder.kept(job)
-        trials |= {(name, method): trial for method, trial in there.items()}
-        if rest := tuple(method for method in settings.methods if method not in there):
-            todo.append(replace(job, methods=rest))
-    kept = done = len(trials)
-    skipped: dict[tuple[str, Method], str] = {}
-    failed: dict[tuple[str, Method], str] = {}
-    broken: dict[str, str] = {}
-    with closing(_outcomes(partial(do_job, settings=settings, model=model), todo, workers, dask)) as outcomes:
-        for outcome in outcomes:
-            name = outcome.job.name
-            folder.add(outcome)
-            trials |= {(name, trial.method): trial for trial in outcome.trials}
-            skipped |= {(name, method): why for method, why in outcome.skipped.items()}
-            failed |= {(name, method): why for method, why in outcome.failed.items()}
-            if outcome.broken is not None:
-                broken[name] = outcome.broken
-            done += len(outcome.job.methods)
-            if progress:
-                progress(done)
+    with held_folder(out, "the folder of a study"):
+        folder = StudyFolder(out, settings, model, resume)
+        trials: dict[tuple[str, Method], Trial] = {}
+        todo: list[Job] = []
+        for name, path in files.items():
+            job = Job(name, path.resolve(), settings.methods)
+            there = folder.kept(job)
+            trials |= {(name, method): trial for method, trial in there.items()}
+            if rest := tuple(method for method in settings.methods if method not in there):
+                todo.append(replace(job, methods=rest))
+        kept = done = len(trials)
+        skipped: dict[tuple[str, Method], str] = {}
+        failed: dict[tuple[str, Method], str] = {}
+        broken: dict[str, str] = {}
+        with closing(_outcomes(partial(do_job, settings=settings, model=model), todo, workers, dask)) as outcomes:
+            for outcome in outcomes:
+                name = outcome.job.name
+                folder.add(outcome)
+                trials |= {(name, trial.method): trial for trial in outcome.trials}
+                skipped |= {(name, method): why for method, why in outcome.skipped.items()}
+                failed |= {(name, method): why for method, why in outcome.failed.items()}
+                if outcome.broken is not None:
+                    broken[name] = outcome.broken
+                done += len(outcome.job.methods)
+                if progress:
+                    progress(done)
     order = [(name, method) for name in files for method in settings.methods]
     return Study(
         trials=tuple(trials[each] for each in order if each in trials),

@@ -13,7 +13,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import existing_file, read_json
+from palpate.files import existing_file, read_json, whole_file
 from palpate.touch.difference import Difference
 
 Array = NDArray[np.float64]
@@ -133,13 +133,24 @@ class TouchModel:
         return session(self.networks["keypoint"])
 
 
+@cache
+def shipped_model() -> TouchModel:
+    """Return the model of the DIGIT that comes with palpate, opened once."""
+    return TouchModel(SHIPPED)
+
+
 def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, bytes]) -> None:
-    """Write the files of a model into an existing folder; `networks` are the ONNX files by name."""
+    """Write the files of a model into an existing folder; `networks` are the ONNX files by name.
+
+    `model.json` comes last, so that a folder with one holds a whole model.
+    """
     plain = json.loads(json.dumps(asdict(settings)))
     for name in NETWORKS:
-        (folder / f"{name}.onnx").write_bytes(networks[name])
+        with whole_file(folder / f"{name}.onnx", overwrite=True) as part:
+            part.write_bytes(networks[name])
     written = {"format": FORMAT, "version": VERSION, "hash": fingerprint(plain, networks), "settings": plain}
-    (folder / "model.json").write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
+    with whole_file(folder / "model.json", overwrite=True) as part:
+        part.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
 
 
 def fingerprint(settings: Any, networks: Mapping[str, bytes]) -> str:

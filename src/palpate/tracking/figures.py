@@ -2,15 +2,17 @@
 
 import textwrap
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import se2
-from palpate.tracking.findings import contact_runs, flag_runs, time_gaps
+from palpate.tracking.above import ESTIMATE, draw_above, draw_number, known_truth
+from palpate.tracking.findings import time_gaps
 from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
+from palpate.tracking.poses import pose_words
 from palpate.tracking.run import Run
+from palpate.tracking.truth import flag_runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,9 +20,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's colours, which people with any colour vision tell apart.
-TRUTH, ESTIMATE, SENSOR = "#000000", "#0072B2", "#D55E00"
-CONTACT, UNKNOWN = "#E69F00", "#999999"
+ERROR, CONTACT, UNKNOWN = "#000000", "#E69F00", "#999999"
 INSTANTS = 3
 """Frames of contact that are shown from above and, where there are images, as the sensor saw them."""
 
@@ -39,12 +39,12 @@ def run_figure(run: Run) -> "Figure":
     above = figure.add_subplot(grid[:, 0])
     translation = figure.add_subplot(grid[-2, 1])
     rotation = figure.add_subplot(grid[-1, 1], sharex=translation)
-    _draw_above(above, run, instants)
-    _draw_errors(translation, rotation, run, instants)
+    draw_above(above, run, instants)
+    draw_errors(translation, rotation, run, instants)
     if felt:
         strip = grid[0, 1].subgridspec(1, len(instants))
-        _draw_touch([figure.add_subplot(place) for place in strip], run, instants)
-    figure.suptitle(_title(run), fontsize=11)
+        _draw_strip([figure.add_subplot(place) for place in strip], run, instants)
+    figure.suptitle(_title(run), fontsize=11, parse_math=False)
     handles = {}
     for axes in (above, translation):
         found, labels = axes.get_legend_handles_labels()
@@ -61,8 +61,12 @@ def run_figure(run: Run) -> "Figure":
 
 
 def shown_instants(run: Run) -> list[int]:
-    """Frames in the middle of the longest contacts; where contacts are too few, the longest are cut into parts."""
-    parts = sorted(contact_runs(run.recording), key=_length)[-INSTANTS:]
+    """Frames in the middle of the longest contacts, as tracking found them.
+
+    Where contacts are too few, the longest are cut into parts.
+    """
+    contact = run.online.contact
+    parts = sorted([] if contact is None else flag_runs(contact), key=_length)[-INSTANTS:]
     while parts and len(parts) < INSTANTS and _length(parts[-1]) > 1:
         first, last = parts.pop()
         middle = (first + last) // 2
@@ -76,94 +80,58 @@ def _length(part: tuple[int, int]) -> int:
 
 def _title(run: Run) -> str:
     summary, file = run.summary, run.recording.file
-    name = file.name if file else textwrap.shorten(run.recording.source, 120, placeholder=" ...") or "recording"
-    how = f"tactile {summary['tactile']}, {summary['smoother']}"
-    if summary["scored_frames"] == 0:
-        return f"{name}\n{how}: no ground truth"
-    return (
-        f"{name}\n{how}: final error {summary['final_translation_error_mm']:.1f} mm and "
-        f"{summary['final_rotation_error_deg']:.1f}°"
-    )
+    # A file's name may hold bytes that are no text.
+    name = file.name.encode("utf-8", "replace").decode() if file else run.recording.source or "recording"
+    pose = pose_words(summary["final_pose"], summary["final_sigma"])
+    lines = [
+        textwrap.shorten(name, 120, placeholder=" ..."),
+        f"tactile {summary['tactile']}, {summary['smoother']}; final pose {pose} (1 sigma)",
+        "no ground truth",
+    ]
+    if summary["scored_frames"]:
+        when = summary["final_scored_time_s"] - run.online.time[0]
+        lines[-1] = (
+            f"final error {summary['final_translation_error_mm']:.1f} mm and "
+            f"{summary['final_rotation_error_deg']:.1f}°, at {when:.1f} s"
+        )
+    return "\n".join(lines)
 
 
-def _draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
-    known = _known_truth(run)
-    final = len(run.online) - 1 if known is None else int(np.flatnonzero(known)[-1])
-    outline = run.recording.shape.outline(100)
-    closed = np.concatenate([outline, outline[:1]])
-    estimate = run.online.pose
-
-    def place(pose: Array, **style: Any) -> None:
-        axes.plot(*(se2.transform(pose, closed) * 1e3).T, **style)
-
-    def place_both(index: int, width: float, alpha: float) -> None:
-        if run.truth is not None and known is not None and known[index]:
-            axes.fill(*(se2.transform(run.truth[index], closed) * 1e3).T, color=TRUTH, alpha=0.05, lw=0)
-            place(run.truth[index], color=TRUTH, lw=1.3 * width, alpha=alpha)
-        place(estimate[index], color=ESTIMATE, lw=width, ls="--")
-
-    place(run.first_pose, color=UNKNOWN, lw=1.0, ls=":", label="start")
-    if run.truth is not None and known is not None:
-        axes.plot(*(run.truth[:, :2] * 1e3).T, color=TRUTH, lw=2.5, label="truth")
-    axes.plot(*(estimate[:, :2] * 1e3).T, color=ESTIMATE, lw=1.4, ls="--", label="estimate")
-    for index in instants:
-        place_both(index, 1.0, 0.4)
-    place_both(final, 1.6, 1.0)
-    sensor = run.recording.sensor_pose
-    axes.plot(*(sensor[:, :2] * 1e3).T, color=SENSOR, lw=0.8, ls=":")
-    contact = np.zeros(len(sensor), np.bool_) if run.online.contact is None else run.online.contact
-    touching = np.where(contact[:, None], sensor[:, :2] * 1e3, np.nan)
-    axes.plot(*touching.T, color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
-    for index in [*instants, len(sensor) - 1]:
-        for pad in run.recording.sensor.pads:
-            axes.fill(*(se2.transform(sensor[index], pad) * 1e3).T, color=SENSOR, alpha=0.8, lw=0)
-    for number, index in enumerate(instants, 1):
-        away = -32.0 * np.array([np.cos(sensor[index, 2]), np.sin(sensor[index, 2])])
-        _number(axes, number, sensor[index, :2] * 1e3, away)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.grid(alpha=0.25)
+def _seconds(run: Run) -> Array:
+    """Times (N,) [s] since the first frame."""
+    return run.online.time - run.online.time[0]
 
 
-def _number(axes: "Axes", number: int, place: Any, away: Any = (0.0, 0.0), coordinates: Any = "data") -> None:
-    """Write a number in a circle at a place, or so many points away from it."""
-    axes.annotate(
-        str(number),
-        place,
-        away,
-        coordinates,
-        "offset points",
-        ha="center",
-        va="center",
-        fontsize=9,
-        bbox={"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": SENSOR},
-        zorder=5,
-    )
-
-
-def _draw_touch(strip: list["Axes"], run: Run, instants: list[int]) -> None:
-    """Draw touch images, upright and in millimetres of the pad."""
-    sensor = run.recording.sensor
+def _draw_strip(strip: list["Axes"], run: Run, instants: list[int]) -> None:
     for number, (axes, index) in enumerate(zip(strip, instants, strict=True), 1):
-        image = run.recording[index].image
-        assert image is not None
-        right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
-        up = right * sensor.image_height / sensor.image_width
-        axes.imshow(image, extent=(-right, right, -up, up))
-        axes.set(xlabel="y on the pad [mm]")
-        axes.set_title(f"touch at {run.online.time[index]:.1f} s", fontsize=10)
-        axes.locator_params(nbins=6)
+        draw_touch(axes, run, index)
         axes.tick_params(labelleft=number == 1)
-        _number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
+        draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
     strip[0].set_ylabel("z on the pad [mm]")
 
 
-def _draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
+def draw_touch(axes: "Axes", run: Run, index: int) -> None:
+    """Draw the touch image of a frame, upright and in millimetres of the pad."""
+    sensor, image = run.recording.sensor, run.recording[index].image
+    assert image is not None
+    right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
+    up = right * sensor.image_height / sensor.image_width
+    axes.imshow(image, extent=(-right, right, -up, up))
+    axes.set(xlabel="y on the pad [mm]")
+    axes.set_title(f"touch at {_seconds(run)[index]:.1f} s", fontsize=10)
+    axes.locator_params(nbins=6)
+
+
+def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
+    """Draw the errors of translation and rotation over time with their sigma, or sigma alone where no truth is known.
+
+    The instants are numbered.
+    """
     assert run.online.covariance is not None
     distance, angle = deviations(run.online.covariance)
     distance, angle = distance * 1e3, np.degrees(angle)
     errors: list[Array | None] = [None, None]
-    if run.truth is not None and _known_truth(run) is not None:
+    if run.truth is not None and known_truth(run) is not None:
         errors = [
             translation_errors(run.online.pose, run.truth) * 1e3,
             np.degrees(rotation_errors(run.online.pose, run.truth)),
@@ -172,7 +140,7 @@ def _draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list
     _draw_error(translation, run, errors[0], np.zeros_like(distance), distance)
     _draw_error(rotation, run, errors[1], -angle, angle)
     for number, index in enumerate(instants, 1):
-        _number(translation, number, (run.online.time[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
+        draw_number(translation, number, (_seconds(run)[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
     translation.set(ylabel=f"translation {words} [mm]")
     translation.tick_params(labelbottom=False)
     rotation.axhline(0.0, color=UNKNOWN, lw=0.8)
@@ -180,12 +148,12 @@ def _draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list
 
 
 def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
-    time = run.online.time
+    time = _seconds(run)
     _shade(axes, run)
     times, low, high = _with_gaps(time, below, above)
     axes.fill_between(times, low, high, color=ESTIMATE, alpha=0.3, lw=0, label="1 sigma of the estimate")
     if error is not None:
-        axes.plot(*_with_gaps(time, error), color=TRUTH, lw=1.3, label="error")
+        axes.plot(*_with_gaps(time, error), color=ERROR, lw=1.3, label="error")
     _limit(axes, error, above, signed=bool((below < 0).any()))
     axes.grid(alpha=0.25)
     axes.set_xlim(time[0], time[-1] if len(time) > 1 else time[0] + 1.0)
@@ -193,7 +161,7 @@ def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above
 
 def _shade(axes: "Axes", run: Run) -> None:
     """Shade contact, and hatch where truth is not known."""
-    time, known = run.online.time, _known_truth(run)
+    time, known = _seconds(run), known_truth(run)
     spans = []
     if run.online.contact is not None:
         spans.append((run.online.contact, {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}))
@@ -215,14 +183,6 @@ def _shade(axes: "Axes", run: Run) -> None:
             cuts = [first, *(gaps[(gaps >= first) & (gaps < last)] + 1), last + 1]
             for start, end in pairwise(cuts):
                 axes.axvspan(float(time[start]), float(ends[end - 1]), **style)
-
-
-def _known_truth(run: Run) -> NDArray[np.bool_] | None:
-    """The frames (N,) with ground truth, None if there are none."""
-    if run.truth is None:
-        return None
-    known = np.isfinite(run.truth[:, 0])
-    return known if known.any() else None
 
 
 def _with_gaps(time: Array, *columns: Array) -> list[Array]:

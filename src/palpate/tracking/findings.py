@@ -3,8 +3,9 @@
 Limits follow from physics and from how well robot and motion capture agree in undisturbed real runs.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -15,6 +16,8 @@ from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.recording import derived
 from palpate.recording.recording import Recording
+from palpate.tracking.knocks import FASTER, knocked_frames
+from palpate.tracking.truth import flag_runs, trusted_truth
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -41,14 +44,9 @@ together."""
 MERGE = 0.2
 """[s] between two findings of a kind below which they are one: as long as a hand acts or a marker
 flickers."""
-FASTER = 2.0
-"""Times the sensor's motion from which on a push does not explain the object's. A quasi-static push by a
-force at distance d from the centre moves no point faster than (R d + c^2) / (d^2 + c^2) times the contact,
-where R is the farthest point of the outline and c the friction radius. Its largest value over d, (1 + sqrt(1
-+ (R/c)^2)) / 2, is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
 NOISE = 1e-3
-"""[m] more than that in one interval count as motion; a camera makes less than 0.9 mm of an object at
-rest."""
+"""[m] more than that in one interval of a knock count as part of it; a camera makes less than 0.9 mm of an object
+at rest."""
 MOVED = 3e-3
 """[m] Motion without cause that something else must have made: twice the 1.4 mm by which robot and motion
 capture disagree in undisturbed runs."""
@@ -59,6 +57,8 @@ RETREAT = 1e-3
 MISFIT = 2e-3
 """[m] Gap or overlap in contact that is worth a word: undisturbed runs keep within 1.4 mm."""
 MISFIT_FRAMES = 3
+LISTED = 5
+"""Findings of a kind that are told one by one; more are counted."""
 
 
 @dataclass(frozen=True)
@@ -74,20 +74,6 @@ class Finding:
     """What it is, for people."""
     breaks: bool = False
     """Whether motion capture or contact is broken by it."""
-
-
-def trusted_truth(recording: Recording) -> Flags:
-    """The frames (N,) whose ground truth is known and does not jump away and back."""
-    if recording.object_pose is None:
-        return np.zeros(len(recording), np.bool_)
-    return np.isfinite(recording.object_pose[:, 0]) & ~derived.spikes(recording.object_pose)
-
-
-def known_truth(recording: Recording) -> Array | None:
-    """Ground truth (N, 3) where it can be trusted, NaN elsewhere; None if there is none."""
-    if recording.object_pose is None:
-        return None
-    return np.where(trusted_truth(recording)[:, None], recording.object_pose, np.nan)
 
 
 def contact_runs(recording: Recording) -> list[tuple[int, int]]:
@@ -115,7 +101,21 @@ def find_all(recording: Recording) -> list[Finding]:
         _misfits,
     )
     found = [finding for search in searches for finding in search(recording)]
-    return sorted(found, key=lambda finding: (finding.start, finding.end))
+    return sorted(found, key=_when)
+
+
+def counted(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings as people read them: where there are more of a kind than LISTED, one that counts them."""
+    told: list[Finding] = []
+    for kind, number in Counter(finding.kind for finding in findings).items():
+        several = [finding for finding in findings if finding.kind == kind]
+        if number > LISTED:
+            end = max(finding.end for finding in several)
+            sentence = f"{number} times; first: {several[0].sentence}"
+            breaks = any(finding.breaks for finding in several)
+            several = [replace(several[0], end=end, sentence=sentence, breaks=breaks)]
+        told += several
+    return sorted(told, key=_when)
 
 
 def _rate(recording: Recording) -> Iterator[Finding]:
@@ -167,7 +167,7 @@ def _jumps(recording: Recording) -> Iterator[Finding]:
 
 
 def _knocks(recording: Recording) -> Iterator[Finding]:
-    """Motion in contact that pushing does not explain.
+    """Motion in contact that pushing does not explain, by `knocked_frames`.
 
     A hand takes several frames to move an object: that is a knock. All of it between two neighbouring frames
     is a jump of the motion capture.
@@ -182,11 +182,12 @@ def _knocks(recording: Recording) -> Iterator[Finding]:
     tips = np.array(recording.sensor.tips)
     path = np.append(0.0, np.cumsum(_step_lengths(recording.sensor_pose, tips)))
     excess = motion - FASTER * np.diff(path[known])
-    fast = touched & (excess > NOISE)
-    starts = recording.time[known[:-1]]
-    for first, last in _merged(starts, flag_runs(fast)):
-        if excess[first : last + 1][fast[first : last + 1]].sum() < MOVED:
+    for start, end in flag_runs(knocked_frames(recording)):
+        steps = np.flatnonzero(touched & (known[1:] >= start) & (known[:-1] <= end))
+        fast = steps[excess[steps] > NOISE]
+        if not len(steps):
             continue
+        first, last = (fast if len(fast) else steps)[[0, -1]]
         before, after = int(known[first]), int(known[last + 1])
         moved = _motion(recording.object_pose[before], recording.object_pose[after])
         pushed = f"while the sensor moves {(path[after] - path[before]) * 1e3:.1f} mm"
@@ -244,6 +245,10 @@ def _misfits(recording: Recording) -> Iterator[Finding]:
                 yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
 
 
+def _when(finding: Finding) -> tuple[float, float]:
+    return finding.start, finding.end
+
+
 def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
     return Finding(kind, float(recording.time[first]), float(recording.time[last]), sentence, breaks)
 
@@ -252,12 +257,6 @@ def time_gaps(time: Array) -> NDArray[np.intp]:
     """The frames after which others are missing, from times (N,) [s]."""
     step = np.diff(time)
     return np.flatnonzero(step > GAP * np.median(step)) if len(step) else np.empty(0, np.intp)
-
-
-def flag_runs(flags: Flags) -> list[tuple[int, int]]:
-    """First and last index of each run of true flags (N,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
-    return [(int(start), int(end) - 1) for start, end in edges.reshape(-1, 2)]
 
 
 def _merged(time: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -12,14 +12,23 @@ from numpy.typing import NDArray
 from palpate.estimation.contact_model import contact_model
 from palpate.geometry import se2
 from palpate.recording.recording import Recording
-from palpate.tracking.findings import FASTER, flag_runs, trusted_truth
+from palpate.tracking.truth import flag_runs, trusted_truth
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+FASTER = 2.0
+"""Times the sensor's motion from which on a push does not explain the object's. A quasi-static push by a
+force at distance d from the centre moves no point faster than (R d + c^2) / (d^2 + c^2) times the contact,
+where R is the farthest point of the outline and c the friction radius. Its largest value over d, (1 + sqrt(1
++ (R/c)^2)) / 2, is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
 SPEED = 0.05
 """[m/s] Unexplained speed that is a knock. In undisturbed real pushes noise and what is not known of friction make
 0.022 m/s at most, and a contact flag that comes late 0.043; hands made 0.12 m/s and more."""
+NOISES = 4.0
+"""Median distances of a pose from the middle between its neighbours that noise of the capture moves an object by.
+Of normal noise, one step in ten thousand is longer: sqrt(4 / 3) for the difference of two poses, times sqrt(ln 10^4 /
+ln 2) for the tail."""
 WINDOW = 0.1
 """[s] over which speeds are averaged: as long as a hand acts, and three frames of noise at 30 Hz."""
 SHORT = 0.3
@@ -30,8 +39,8 @@ def knocked_frames(recording: Recording) -> Flags:
     """Return the frames (N,) in which something else than the sensor moves the object.
 
     They are those that `extra["knocked"]` (N,) tells or, without it, those around which the object moves faster than
-    the sensor explains. Where truth is not known nothing is a knock but what lies within one; without contact flags
-    nothing is.
+    the sensor and the noise of the capture explain. Where truth is not known nothing is a knock but what lies within
+    one; without contact flags nothing is.
     """
     told = recording.extra.get("knocked")
     if told is not None and told.shape == recording.time.shape:
@@ -40,7 +49,8 @@ def knocked_frames(recording: Recording) -> Flags:
     known = np.flatnonzero(trusted_truth(recording))
     if len(known) < 2 or recording.contact is None:
         return knocked
-    knocked[known] = unexplained_speed(recording, known) > SPEED
+    limit = np.maximum(SPEED, noise_speed(recording, known))
+    knocked[known] = unexplained_speed(recording, known) > limit
     for first, last in flag_runs(~knocked):
         inner = first > 0 and last + 1 < len(knocked)
         if inner and recording.time[last + 1] - recording.time[first - 1] < SHORT:
@@ -55,12 +65,8 @@ def unexplained_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
     `WINDOW` or, where that holds too few known frames, from the one before to the one after; 0 where that is too long.
     """
     assert recording.object_pose is not None and recording.contact is not None
-    time, contact = recording.time[known], recording.contact[known]
+    contact, (before, after) = recording.contact[known], _windows(recording.time[known])
     objects, sensors = recording.object_pose[known], recording.sensor_pose[known]
-    frame = np.arange(len(known))
-    before = np.minimum(np.searchsorted(time, time - 0.5 * WINDOW), np.maximum(frame - 1, 0))
-    after = np.searchsorted(time, time + 0.5 * WINDOW, side="right") - 1
-    after = np.maximum(after, np.minimum(frame + 1, frame[-1]))
 
     def farthest(pose: Array, points: Array) -> Array:
         """The farthest (M,) [m] that any of points (P, 2) [m] on the body moves from before to after."""
@@ -74,8 +80,29 @@ def unexplained_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
         held = contact[before] & contact & contact[after]
         at_tip = _unexplained_at_tip(recording, objects, sensors, before, after)
         unexplained = np.where(held, np.maximum(unexplained, at_tip), unexplained)
-    seconds = time[after] - time[before]
+    seconds = recording.time[known][after] - recording.time[known][before]
     return np.where(seconds < SHORT + WINDOW, np.maximum(unexplained, 0.0), 0.0) / seconds
+
+
+def noise_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
+    """Return how fast (M,) [m/s] noise of the capture may make an object seem, around each of M known frames.
+
+    Noise is what a pose is off the middle between its neighbours, in the median, so that knocks do not count.
+    """
+    assert recording.object_pose is not None
+    points = se2.transform(recording.object_pose[known][:, None], recording.shape.outline(40))
+    off = np.linalg.norm(points[1:-1] - 0.5 * (points[:-2] + points[2:]), axis=-1).max(axis=-1)
+    time = recording.time[known]
+    before, after = _windows(time)
+    return NOISES * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
+
+
+def _windows(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The first and the last frame of the window around each of two or more frames at times (M,) [s]."""
+    frame = np.arange(len(time))
+    before = np.minimum(np.searchsorted(time, time - 0.5 * WINDOW), np.maximum(frame - 1, 0))
+    after = np.searchsorted(time, time + 0.5 * WINDOW, side="right") - 1
+    return before, np.maximum(after, np.minimum(frame + 1, frame[-1]))
 
 
 def _unexplained_at_tip(

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.recording.trajectory import Trajectory
+from palpate.tracking.poses import world_sigma
 from palpate.tracking.recovery import is_far, recovery
 
 Array = NDArray[np.float64]
@@ -81,9 +82,10 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the content of `summary.json`.
 
-    `truth` (N, 3) is NaN where it is not known or not trusted. Final errors are those of the last frame with
-    truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None. `coverage`
-    says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,).
+    `truth` (N, 3) is NaN where it is not known or not trusted. `final_pose` is world_T_object of the last frame [m, m,
+    rad], and `final_sigma` its standard deviations along the world's axes. Final errors are those of the last frame
+    with truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None.
+    `coverage` says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,).
     `silently_wrong_share` is of the frames since the first contact, as they are: those that `is_far` and that are
     outside the 95 % region while their status is one of CONTENT.
     """
@@ -93,9 +95,9 @@ def summarise(
     rotation = np.degrees(rotation_errors(trajectory.pose, truth))
     scored = np.flatnonzero(np.isfinite(translation))
     last = int(scored[-1]) if len(scored) else None
-    squared = np.full(len(trajectory), np.nan)
-    if trajectory.covariance is not None:
-        squared = nees(trajectory.pose, trajectory.covariance, truth)
+    squared, covariance = np.full(len(trajectory), np.nan), trajectory.covariance
+    if covariance is not None:
+        squared = nees(trajectory.pose, covariance, truth)
     consistency = _known(squared)
     contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
     wrong = is_far(translation, rotation) & ~inside_95(squared)
@@ -110,6 +112,8 @@ def summarise(
         "smoother": smoother,
         "wall_s": float(wall_s),
         "step_ms": percentiles(step_ms),
+        "final_pose": trajectory.pose[-1].tolist(),
+        "final_sigma": None if covariance is None else world_sigma(trajectory.pose[-1], covariance[-1]).tolist(),
         "translation_rmse_mm": rms(translation),
         "rotation_rmse_deg": rms(rotation),
         "final_translation_error_mm": None if last is None else float(translation[last]),

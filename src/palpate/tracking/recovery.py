@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.recording.trajectory import Trajectory
-from palpate.tracking.findings import flag_runs
+from palpate.tracking.truth import flag_runs
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -1,8 +1,8 @@
 """The folder that a tracking run leaves."""
 
 import json
-import shutil
-import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,10 @@ from typing import Any
 import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
+from palpate.files import whole_folder
 from palpate.formats import estimates_csv, palpate_h5, tum
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
-from palpate.formats.bags.plane import Plane
+from palpate.recording.plane import Plane
 from palpate.tracking import details
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
@@ -32,34 +33,40 @@ RECORDING, PAGE, MCAP = "recording.h5", "page.html", "estimates.mcap"
 
 
 def write_run(run: Run, folder: Path | str, force: bool = False, mcap: Plane | None = None) -> None:
-    """Write the folder of a run, whole or not at all: FILES and, with the plane in space that `mcap` is, MCAP.
+    """Write the folder of a run, whole or not at all; see `new_run` and `write_files`."""
+    with new_run(Path(folder), force) as part:
+        write_files(run, part, mcap)
+
+
+@contextmanager
+def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
+    """A temporary folder for the files of a run, which becomes `folder` when the block ends well.
+
+    Until then no other process can begin a run there. Raises FileError where one has, or if the folder exists; with
+    `force` an earlier run in it is replaced once the new one is whole.
+    """
+    with whole_folder(folder) as part:
+        check_folder(folder, force)
+        yield part
+
+
+def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
+    """Write FILES to a folder and, with the plane in space that `mcap` is, MCAP.
 
     `estimates.csv`, `estimates.mcap` and `summary.json` are of the online estimates, `trajectory.tum` holds the
     smoothed ones. A recording that is in no file is kept as RECORDING, so that the run can be looked at again.
-    Raises FileError if the folder exists; with `force` an earlier run in it is replaced once the new one is
-    whole.
     """
-    folder = Path(folder)
-    check_folder(folder, force)
-    part = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.part")
-    try:
-        part.mkdir(parents=True)
-        _write_json(part / "settings.json", settings_dict(run))
-        tum.write(run.smoothed, part / "trajectory.tum")
-        estimates_csv.write(run.online, part / "estimates.csv")
-        details.write_answers(run.online.time, run.answers, part / "answers.csv")
-        details.write_friction(run.online.time, run.friction, part / "friction.csv")
-        if mcap is not None:
-            write_estimates_mcap(run.online, part / MCAP, plane=mcap)
-        _write_json(part / "summary.json", run.summary)
-        run_figure(run).savefig(part / "figure.png", dpi=150)
-        if run.recording.file is None:
-            palpate_h5.write_recording(run.recording, part / RECORDING)
-        _replace(folder, part)
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be written ({error})") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    _write_json(folder / "settings.json", settings_dict(run))
+    tum.write(run.smoothed, folder / "trajectory.tum")
+    estimates_csv.write(run.online, folder / "estimates.csv")
+    details.write_answers(run.online.time, run.answers, folder / "answers.csv")
+    details.write_friction(run.online.time, run.friction, folder / "friction.csv")
+    if mcap is not None:
+        write_estimates_mcap(run.online, folder / MCAP, plane=mcap)
+    _write_json(folder / "summary.json", run.summary)
+    run_figure(run).savefig(folder / "figure.png", dpi=150)
+    if run.recording.file is None:
+        palpate_h5.write_recording(run.recording, folder / RECORDING)
 
 
 def check_folder(folder: Path, force: bool = False) -> None:
@@ -95,21 +102,6 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
         "noise": asdict(noise),
     }
-
-
-def _replace(folder: Path, part: Path) -> None:
-    """Move `part` to `folder`; what is there goes once the new one is in its place."""
-    if not folder.exists():
-        part.rename(folder)
-        return
-    old = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.old")
-    folder.rename(old)
-    try:
-        part.rename(folder)
-    except OSError:
-        old.rename(folder)
-        raise
-    shutil.rmtree(old)
 
 
 def _write_json(path: Path, data: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from palpate.files import whole_file
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS, Spread
 from palpate.training.features import Features, PairModels, kind_of_pairs
@@ -31,9 +32,14 @@ def training_figures(
     folder: Path,
 ) -> None:
     """Write keypoints.png, turns.png and calibration.png to a folder."""
-    keypoint_figure(samples, seen).savefig(folder / "keypoints.png", dpi=110)
-    turn_figure(samples, seen, models).savefig(folder / "turns.png", dpi=110)
-    calibration_figure(samples, seen, touch, spread).savefig(folder / "calibration.png", dpi=110)
+    figures = {
+        "keypoints": keypoint_figure(samples, seen),
+        "turns": turn_figure(samples, seen, models),
+        "calibration": calibration_figure(samples, seen, touch, spread),
+    }
+    for name, figure in figures.items():
+        with whole_file(folder / f"{name}.png", overwrite=True) as part:
+            figure.savefig(part, format="png", dpi=110)
 
 
 def keypoint_figure(samples: Samples, seen: Features) -> Figure:

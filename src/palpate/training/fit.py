@@ -1,6 +1,7 @@
 """Gradient descent: one loop for all networks, with log, early stop, and a checkpoint to go on from."""
 
 import csv
+import io
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -60,7 +61,9 @@ def fit(
     best, waited, begin = math.inf, 0, 0
     best_state = {key: value.clone() for key, value in network.state_dict().items()}
     if checkpoint.exists():
-        saved = _load(checkpoint, seed, {"network": network, "optimiser": optimiser, "schedule": schedule})
+        saved = _load(
+            checkpoint, seed, settings.steps, {"network": network, "optimiser": optimiser, "schedule": schedule}
+        )
         best, waited, begin, best_state = (saved[key] for key in ("best", "waited", "step", "best_state"))
     with _log(folder / f"{name}.csv", begin) as write:
         for step in range(begin, settings.steps):
@@ -92,30 +95,40 @@ def fit(
                     best_state = {key: value.clone() for key, value in network.state_dict().items()}
                 state = {"network": network.state_dict(), "optimiser": optimiser.state_dict()}
                 state |= {"schedule": schedule.state_dict(), "best": best, "best_state": best_state}
-                with whole_file(checkpoint, overwrite=True) as temporary:
-                    torch.save(state | {"waited": waited, "step": step + 1, "seed": seed}, temporary)
+                _save(state | {"waited": waited, "step": step + 1, "seed": seed}, checkpoint)
                 if progress:
                     progress(step + 1, ", ".join(f"{key} {value:.3g}" for key, value in checked.items()))
     network.load_state_dict(best_state)
     network.eval()
 
 
-def _load(checkpoint: Path, seed: int, states: Mapping[str, Any]) -> dict[str, Any]:
+def _save(state: Mapping[str, Any], path: Path) -> None:
+    data = io.BytesIO()  # in memory first: on a full disk torch raises an error that says nothing of it
+    torch.save(state, data)
+    with whole_file(path, overwrite=True) as part:
+        part.write_bytes(data.getvalue())
+
+
+def _load(checkpoint: Path, seed: int, steps: int, states: Mapping[str, Any]) -> dict[str, Any]:
     try:
         saved = torch.load(checkpoint, weights_only=True)
-        begun = saved.get("seed", seed)
+        begun = {"seed": saved.get("seed", seed), "steps": saved["schedule"]["total_steps"]}
         for name, what in states.items():
             what.load_state_dict(saved[name])
     except Exception as error:  # torch raises many kinds, from zip files to unpickling and weights that do not fit
         raise FileError(f"{checkpoint}: is not a checkpoint that can be gone on from ({error})") from error
-    if begun != seed:  # which recordings are held out depends on it
-        raise FileError(f"{checkpoint}: was begun with seed {begun}, going on with seed {seed} would mix the two")
+    # Which recordings are held out depends on the seed, and how the rate falls on the steps.
+    for what, wanted in (("seed", seed), ("steps", steps)):
+        if begun[what] != wanted:
+            raise FileError(
+                f"{checkpoint}: was begun with {what} {begun[what]}, going on with {what} {wanted} would mix the two"
+            )
     return saved
 
 
 def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch, path: Path) -> None:
     chosen, seen = batch
-    torch.save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
+    _save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
     losses = ", ".join(f"{key} {float(value.detach()):g}" for key, value in found.items())
     raise EstimationError(
         f"training of {name} at step {step}: {losses}; losses must be finite. The batch and the network before "
@@ -125,8 +138,14 @@ def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch,
 
 @contextmanager
 def _log(path: Path, begin: int) -> Iterator[Callable[[int, Mapping[str, float], Mapping[str, float]], None]]:
-    """Open the log: a row for each look, with the losses of its batch and of the held-out recordings."""
-    with path.open("a" if begin else "w", newline="", encoding="utf-8") as file:
+    """Open the log: a row for each look, with the losses of its batch and of the held-out recordings.
+
+    Of a run that goes on at a step, the rows up to that step stay.
+    """
+    rows = _rows(path, begin)
+    with whole_file(path, overwrite=True) as part, part.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)
+    with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
 
         def write(step: int, batch: Mapping[str, float], held_out: Mapping[str, float]) -> None:
@@ -136,3 +155,12 @@ def _log(path: Path, begin: int) -> Iterator[Callable[[int, Mapping[str, float],
             file.flush()
 
         yield write
+
+
+def _rows(path: Path, last: int) -> list[list[str]]:
+    """The head and the rows of a log up to a step; none where the run begins."""
+    if not last or not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    return [head, *(row for row in rows if len(row) == len(head) and int(row[0]) <= last)]

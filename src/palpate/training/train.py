@@ -11,6 +11,8 @@ import numpy as np
 import torch
 
 from palpate.errors import FileError, SettingError
+from palpate.files import whole_file
+from palpate.locks import held_folder
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.model import ModelSettings, TouchModel, write_model
 from palpate.training import figures
@@ -43,8 +45,14 @@ class TrainSettings:
     """The auto-encoder's descent."""
     touch: FitSettings = TOUCH
     """The descent of what images and pairs of them say."""
+    steps: int | None = None
+    """Most steps of each descent; None is as many as each is made for."""
     workers: int = 1
     """Processes that read recordings."""
+
+    def __post_init__(self) -> None:
+        if self.steps is not None and self.steps < 1:
+            raise SettingError(f"steps is {self.steps}; allowed is 1 or more")
 
 
 def train(
@@ -64,8 +72,20 @@ def train(
     With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a
     total. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
+    with held_folder(out, "the folder of a model"):
+        return _train(files, out, _free(out, resume), settings, bar, start, test)
+
+
+def _train(
+    files: Sequence[Path],
+    out: Path,
+    work: Path,
+    settings: TrainSettings,
+    bar: Bar,
+    start: Path | None,
+    test: Sequence[Path],
+) -> dict[str, Any]:
     base = None if start is None else TouchModel(start)
-    work = _free(out, resume)
     with bar("reading recordings", len(files) + len(test)) as progress:
         samples, sensor, failed = read_samples(files, settings.workers, progress)
         tested = read_samples(test, settings.workers, lambda done: progress(len(files) + done)) if test else None
@@ -81,10 +101,16 @@ def train(
     del samples, rest  # they hold images, a gigabyte for every 40 000
     for part in (learned, held_out, judged):
         draw_pairs(part, 1, np.random.default_rng(0))  # raises now what it would after an hour of training
-    work.mkdir(parents=True, exist_ok=True)
+    work.mkdir(exist_ok=True)
     torch.manual_seed(settings.seed)
     keypoints, touch = Keypoints(), Touch()
-    descent = settings.touch
+    settings = replace(settings, touch=settings.touch if base is None else FINE)
+    if settings.steps is not None:
+        settings = replace(
+            settings,
+            keypoint=replace(settings.keypoint, steps=settings.steps),
+            touch=replace(settings.touch, steps=settings.steps),
+        )
     if base is None:
         with bar("key points", settings.keypoint.steps) as progress:
             learn_keypoints(keypoints, learned, held_out, settings.seed, work, settings.keypoint, progress)
@@ -93,9 +119,8 @@ def train(
         restore(keypoints.encoder, networks["keypoint"])
         restore(touch.image, networks["touch"])
         restore(touch.pair, networks["pair"])
-        descent = FINE
-    with bar("touch", descent.steps) as progress:
-        learn_touch(touch, learned, held_out, settings.seed, work, descent, progress)
+    with bar("touch", settings.touch.steps) as progress:
+        learn_touch(touch, learned, held_out, settings.seed, work, settings.touch, progress)
     with bar("scores", 3) as progress:
         models = fit_pair_models(learned, features_of(learned, keypoints, touch), touch, settings.seed)
         progress(1)
@@ -119,11 +144,12 @@ def train(
         image_width=sensor.image_width,
         spread=spread,
         linear=base.settings.linear if base else tuple((float(column), float(row)) for column, row in models.linear),
-        training={**asdict(replace(settings, touch=descent)), "frames": len(learned), "from": str(start or "")},
+        training={**asdict(settings), "frames": len(learned), "from": str(start or "")},
     )
-    write_model(out, model, exported(keypoints, touch))
-    (work / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    with whole_file(work / "results.json", overwrite=True) as part:
+        part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     figures.training_figures(judged, seen, models, touch, spread, work)
+    write_model(out, model, exported(keypoints, touch))  # at last: where it is, nothing is left to go on with
     return results
 
 
@@ -161,6 +187,4 @@ def _free(out: Path, resume: bool) -> Path:
         raise FileError(f"{out}: holds a model already; take another folder")
     if work.exists() and not resume:
         raise FileError(f"{out}: holds a training that was cut off; --resume goes on with it, or take another folder")
-    if out.exists() and not out.is_dir():
-        raise FileError(f"{out}: is a file, expected the name of a folder")
     return work

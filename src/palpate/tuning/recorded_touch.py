@@ -23,7 +23,7 @@ from palpate.touch.detector import detector_for
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.modes import Tactile, make_touch
 from palpate.tracker import Tracker, TrackerSettings
-from palpate.tracking.findings import trusted_truth
+from palpate.tracking.truth import trusted_truth
 
 Array = NDArray[np.float64]
 Said = tuple[Measurement, ...]

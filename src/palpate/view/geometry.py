@@ -1,38 +1,13 @@
-"""The lines and points that a view draws, in world coordinates [m]."""
+"""The points that a view draws, in world coordinates [m]."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
 
 Array = NDArray[np.float64]
-
-_INSIDE_95 = 5.991  # chi squared of two degrees of freedom: the square of the radius in standard deviations
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)
-
-
-def closed_outline(shape: Shape) -> Array:
-    """Return the outline (P, 2) in the object frame, its last point the first again."""
-    outline = shape.outline(80)
-    return np.concatenate((outline, outline[:1]))
-
-
-def half_axes_95(covariance: ArrayLike) -> Array:
-    """Return the half axes (N, 2, 2), in columns, of the ellipses that hold the objects' origins with 95 % probability.
-
-    They are in the frame of the pose that covariances (N, 3, 3) are of: tangent space there, right, body frame.
-    """
-    values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[..., :2, :2])
-    return vectors * np.sqrt(_INSIDE_95 * np.maximum(values, 0.0))[..., None, :]
-
-
-def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
-    """Return these ellipses about poses (N, 3) as closed lines (N, P, 2)."""
-    points = half_axes_95(covariance) @ np.stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
-    return se2.transform(np.asarray(pose)[..., None, :], np.swapaxes(points, -1, -2))
 
 
 def contact_points(

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from palpate.files import whole_file
 from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.lines import closed_outline, half_axes_95
 from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.tracking.run import Run
 from palpate.view import colours
-from palpate.view.geometry import closed_outline, contact_points, half_axes_95
+from palpate.view.geometry import contact_points
 from palpate.view.images import jpeg, views
 from palpate.web_page import picture_uri, rendered_page
 

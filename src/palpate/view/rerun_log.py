@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.lines import closed_outline, ellipses_95
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
 from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.view import colours
-from palpate.view.geometry import closed_outline, contact_points, ellipses_95
+from palpate.view.geometry import contact_points
 from palpate.view.scene import Scene
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from palpate.recording.trajectory import Trajectory
 from palpate.touch.calibration import Calibration, load_calibration
 from palpate.tracking import details
 from palpate.tracking.details import Answers
-from palpate.tracking.findings import known_truth
 from palpate.tracking.run import Run
+from palpate.tracking.truth import known_truth
 
 Array = NDArray[np.float64]
 

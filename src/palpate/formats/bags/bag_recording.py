@@ -6,28 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from palpate.errors import FileError
 from palpate.formats.bags.choices import BagChoices, Mapping, mapping, written
 from palpate.formats.bags.clocks import check_stamps
 from palpate.formats.bags.contents import Contents, contents
-from palpate.formats.bags.motion import Placed
-from palpate.formats.bags.plane import Plane, into_plane, plane_across, plane_through
 from palpate.formats.bags.streams import Streams, placed_at, read_streams
 from palpate.geometry.shapes import Shape
 from palpate.recording.images import decode_image
+from palpate.recording.motion import Placed
+from palpate.recording.plane import Plane, chosen_plane, planar
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT, SensorProfile
 
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
-
-STEEPEST = np.radians(20.0)
-"""The most that an x axis may point out of the plane [rad]; beyond, its yaw says little."""
-TOLD = np.radians(2.0)
-"""Angle out of the plane [rad] from which on it is warned of."""
 
 
 class BagReading(NamedTuple):
@@ -74,21 +68,10 @@ def _recording(
         decode_image(images[0], streams.codec, (sensor.image_height, sensor.image_width))
     except FileError as error:
         raise FileError(f"{chosen.images}: an image: {error}") from error
-    if choices.plane == "fit":
-        plane = plane_through(frame, placed.position)
-        normal = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
-        logger.warning("%s: the sensor moves in the %s, normal (%s)", found.path, _words(plane), normal)
-    else:
-        plane = plane_across(frame, np.array(choices.plane, np.float64), placed.position)
-    sensor_pose = _planar(f"the sensor ({written(chosen.sensor)})", plane, time, placed, choices)
-    if (Rotation.from_quat(placed.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
-        logger.warning(
-            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
-            "frame is turned about x",
-            found.path,
-        )
+    plane = chosen_plane(str(found.path), choices.plane, frame, placed)
+    sensor_pose = planar(f"the sensor ({written(chosen.sensor)})", plane, time, placed, choices.off_plane)
     object_pose = _truth(found, chosen, choices, streams, plane, time)
-    frames = {"sensor_pose": f"{written(chosen.sensor)} in {frame!r}, between its messages; {_words(plane)}"}
+    frames = {"sensor_pose": f"{written(chosen.sensor)} in {frame!r}, between its messages; {plane}"}
     if chosen.object is not None:
         frames["object_pose"] = f"{written(chosen.object)}, likewise"
     recording = Recording(
@@ -134,33 +117,5 @@ def _truth(
         )
     known, what = placed.known, f"the object ({written(chosen.object)})"
     pose = np.full((len(time), 3), np.nan)
-    pose[known] = _planar(what, plane, time[known], placed[known], choices)
+    pose[known] = planar(what, plane, time[known], placed[known], choices.off_plane)
     return pose
-
-
-def _planar(what: str, plane: Plane, time: NDArray[np.int64], placed: Placed, choices: BagChoices) -> Array:
-    """Poses in the plane (N, 3); FileError where one is off it or too steep, a warning where some are tilted."""
-    pose, height, angle = into_plane(plane, placed.position, placed.rotation)
-    if not len(pose):
-        return pose
-    off = np.abs(height - np.median(height))
-    if off.max() > choices.off_plane:
-        worst = int(np.argmax(off > choices.off_plane))
-        raise FileError(
-            f"{what} is {off[worst] * 1e3:.1f} mm off the plane at {time[worst] * 1e-9:.3f} s, allowed are "
-            f"{choices.off_plane * 1e3:g} mm; --off-plane METRES allows more, --plane names another or fits one"
-        )
-    steepest = int(np.argmax(np.abs(angle)))
-    degrees = float(np.degrees(angle[steepest]))
-    if abs(angle[steepest]) > STEEPEST:
-        raise FileError(
-            f"{what} has its x axis {degrees:.1f} degrees out of the plane at {time[steepest] * 1e-9:.3f} s, allowed "
-            f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane"
-        )
-    if abs(angle[steepest]) > TOLD:
-        logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(degrees))
-    return pose
-
-
-def _words(plane: Plane) -> str:
-    return f"plane {np.degrees(plane.tilt):.1f} degrees off its xy plane at {plane.height * 1e3:.1f} mm"

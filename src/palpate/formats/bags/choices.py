@@ -8,6 +8,7 @@ from palpate.errors import FileError, SettingError
 from palpate.formats.bags.contents import Contents, Topic
 from palpate.formats.bags.frames import single_chain
 from palpate.formats.bags.messages import IMAGE_TYPES, POSE_TYPES, TRANSFORM_TYPES
+from palpate.recording.plane import Normal, check_plane
 
 PoseSource = str | tuple[str, str]
 """A topic of poses, or the parent and the child frame that transforms lead from and to."""
@@ -27,7 +28,7 @@ class BagChoices:
     """Which time counts: that in the messages' headers, or when they were recorded."""
     time_offset: float = 0.0
     """Added to the times of the images [s]: negative where they are stamped late."""
-    plane: tuple[float, float, float] | Literal["fit"] = (0.0, 0.0, 1.0)
+    plane: Normal = (0.0, 0.0, 1.0)
     """Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's way."""
     off_plane: float = 0.01
     """How far poses may be off the plane [m]."""
@@ -35,10 +36,7 @@ class BagChoices:
     def __post_init__(self) -> None:
         if self.clock not in ("header", "log"):
             raise SettingError(f"clock is {self.clock!r}; allowed are header, log")
-        if self.plane != "fit" and (isinstance(self.plane, str) or len(self.plane) != 3):
-            raise SettingError(f"plane is {self.plane!r}; allowed are fit, or three numbers: its normal")
-        if not self.off_plane > 0.0:
-            raise SettingError(f"off_plane is {self.off_plane!r}; allowed is a length above 0 [m]")
+        check_plane(self.plane, self.off_plane)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from palpate.errors import FileError
-from palpate.formats.bags.motion import Placed
+from palpate.recording.motion import Placed
 
 
 def chain(parents: Mapping[str, str], parent: str, child: str) -> tuple[list[str], list[str]]:

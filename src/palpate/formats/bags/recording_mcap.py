@@ -16,10 +16,10 @@ from palpate.formats.bags.contents import warn_of_cut
 from palpate.formats.bags.mcap_file import leading_attachments
 from palpate.formats.bags.mcap_writer import nanoseconds, new_mcap
 from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE, decoded
-from palpate.formats.bags.plane import flat, out_of_plane
 from palpate.formats.bags.raw import CutShort
 from palpate.formats.palpate_h5 import recording_from_bytes, recording_to_bytes
 from palpate.recording.images import Codec
+from palpate.recording.plane import flat, out_of_plane
 from palpate.recording.recording import Recording
 
 ATTACHMENT, MEDIA_TYPE = "palpate-recording.h5", "application/x-hdf5"

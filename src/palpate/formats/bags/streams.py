@@ -13,9 +13,9 @@ from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.contents import Contents
 from palpate.formats.bags.frames import chain, compose_chain
 from palpate.formats.bags.messages import TRANSFORM_TYPES, Pose, decoded, image_of, is_read, poses_of, stamp_of
-from palpate.formats.bags.motion import Placed, Poses, always, at_times, poses_in_time
 from palpate.formats.bags.raw import CutShort
 from palpate.recording.images import Codec
+from palpate.recording.motion import Placed, Poses, always, at_times, poses_in_time
 
 logger = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ def read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> Strea
         pass  # `contents` has warned of it
     if repeated := count - len(streams.images):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
-    streams.poses = {name: poses_in_time(name, *rows) for name, rows in gathered.items()}
+    streams.poses = {name: _in_time(name, *rows) for name, rows in gathered.items()}
     return streams
 
 
@@ -88,6 +88,13 @@ def _names(found: Contents, source: PoseSource | None) -> list[str]:
         return [] if source is None else [source]
     up_parent, up_child = chain(found.parents, *source)
     return [*up_parent, *up_child]
+
+
+def _in_time(name: str, poses: list[Pose], times: list[int]) -> Poses:
+    """Poses of a topic or frame with their times [ns]; FileError that names it where they are in several frames."""
+    if frames := sorted({pose.frame for pose in poses} - {poses[0].frame}):
+        raise FileError(f"{name}: poses are given in several frames, {poses[0].frame!r} and {frames[0]!r}")
+    return poses_in_time(name, poses[0].frame, np.array(times, np.int64), np.array([pose.numbers for pose in poses]))
 
 
 def _add_image(streams: Streams, topic: str, message: Any, log_time: int | None) -> None:

@@ -1,6 +1,5 @@
 """Poses in space over time, and where they were at other times."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.errors import FileError
-from palpate.formats.bags.messages import Pose
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -58,28 +56,24 @@ class Placed:
         return Placed(-back.apply(self.position), back.as_quat(), self.known)
 
 
-def poses_in_time(name: str, poses: Sequence[Pose], times: Sequence[int]) -> Poses:
-    """Poses with their times [ns], sorted; of several at one time the last counts.
+def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
+    """Poses at times (N,) [ns], positions and quaternions x, y, z, w in rows (N, 7).
 
-    Raises FileError that names the topic or frame where numbers are not finite, a quaternion has not length 1, or
-    poses are given in several frames.
+    They are sorted; of several at one time the last counts. Raises FileError that names them by `name` where numbers
+    are not finite or a quaternion has not length 1.
     """
-    if frames := sorted({pose.frame for pose in poses} - {poses[0].frame}):
-        raise FileError(f"{name}: poses are given in several frames, {poses[0].frame!r} and {frames[0]!r}")
-    numbers = np.array([pose.numbers for pose in poses])
     length = np.linalg.norm(numbers[:, 3:], axis=1)
     good = np.isfinite(numbers).all(axis=1) & (np.abs(length - 1.0) < 1e-2)
     if not good.all():
         wrong = int(np.argmin(good))
         raise FileError(
-            f"{name}: pose {wrong} at {times[wrong] * 1e-9:.9f} s is {numbers[wrong].tolist()}, allowed are a finite "
+            f"{name}: pose {wrong} at {time[wrong] * 1e-9:.9f} s is {numbers[wrong].tolist()}, allowed are a finite "
             "position and a quaternion of length 1"
         )
-    time = np.array(times, np.int64)
     order = np.argsort(time, kind="stable")
     time, numbers = time[order], numbers[order]
     last = np.append(np.diff(time) > 0, True)
-    return Poses(poses[0].frame, time[last], numbers[last, :3], numbers[last, 3:])
+    return Poses(frame, time[last], numbers[last, :3], numbers[last, 3:])
 
 
 def at_times(poses: Poses, time: Times) -> Placed:

@@ -1,0 +1,58 @@
+import io
+
+import pytest
+
+from palpate.cli import console
+
+
+class Terminal(io.StringIO):
+    """Standard error that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def work() -> None:
+    with console.busy("reading"):
+        pass
+    with console.progress_bar("touch", 3) as show:
+        show(1)
+        show(2, "loss 0.5")
+        show(3)
+
+
+@pytest.fixture(autouse=True)
+def _colourful(monkeypatch):
+    """FORCE_COLOR, as build servers set it: it is no reason to write bars into a log."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+
+
+def test_a_log_gets_plain_lines_of_progress(capsys, monkeypatch):
+    monkeypatch.setattr(console, "LINE_EVERY", 0.0)
+    work()
+    said = "palpate: touch: 1 of 3\npalpate: touch: 2 of 3, loss 0.5\npalpate: touch: 3 of 3\n"
+    assert capsys.readouterr() == ("", said)
+
+
+def test_what_is_quick_says_nothing(capsys):
+    work()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_line_comes_every_half_minute(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.progress_bar("touch", 5) as show:
+        for done, now[0] in enumerate((110.0, 130.0, 140.0, 159.0, 160.0), 1):
+            show(done)
+    assert capsys.readouterr().err == "palpate: touch: 2 of 5\npalpate: touch: 5 of 5\n"
+
+
+@pytest.mark.parametrize(("term", "bars"), [("xterm", True), ("dumb", False)])
+def test_a_terminal_gets_bars_if_it_can_draw_them(monkeypatch, term, bars):
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", term)
+    work()
+    assert ("touch" in terminal.getvalue() and "\r" in terminal.getvalue()) == bars
