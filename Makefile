@@ -11,7 +11,7 @@ BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 
-.PHONY: demo test lint bench faults docs check-numbers study-report clean
+.PHONY: demo test lint bench faults docs check-numbers study-report clean fuzz
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -32,6 +32,11 @@ faults: $(READY_DEV)
 	rm -rf faults-run
 	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1664 --seconds 12 --workers 2
 	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
+
+# Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.
+COUNT ?= 100000
+fuzz: $(READY_DEV)
+	cd tests && nice ../$(BIN)/python -m fuzzing --count $(COUNT) --found ../fuzz-found
 
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html

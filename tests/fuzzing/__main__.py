@@ -35,7 +35,8 @@ def fuzz(name: str, first: int, count: int, found: Path, folder: Path) -> tuple[
         command = [sys.executable, "-m", "fuzzing.worker", name, str(at), str(stop), str(folder)]
         env = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, env=env, check=False)
-        for line in done.stdout.splitlines():
+        # Libraries say things, too.
+        for line in (each for each in done.stdout.splitlines() if each.startswith('{"')):
             said = json.loads(line)
             if "fault" in said:
                 faults.setdefault(

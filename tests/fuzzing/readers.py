@@ -22,11 +22,11 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.settings_file import read_noise, write_noise
 from palpate.formats.bags.bag_recording import read_bag
 from palpate.formats.bags.contents import contents
+from palpate.formats.outlines.load import load_shape
 from palpate.geometry.shapes import Disc, Rectangle
 from palpate.live.udp import pose_in
 from palpate.recording.images import decode_image, encode_image
 from palpate.recording.recording import Recording
-from palpate.simulation.objects import find_shape
 from palpate.study.comparison import read_scores
 from palpate.study.trial import Method, read_trial, write_trial
 from palpate.touch.background import Background
@@ -214,7 +214,7 @@ def read_model(path: Path) -> None:
     for name, network in networks.items():
         (folder / f"{name}.onnx").write_bytes(network)
     model = TouchModel(folder)
-    descriptor = np.zeros((2, 32), np.float32)
+    descriptor = np.zeros((2, 16), np.float32)
     model.compare(descriptor, descriptor[0])
 
 
@@ -235,7 +235,26 @@ def read_outline(path: Path) -> None:
     """Read an outline by the kind of file that it is."""
     kind = path.with_suffix(".json" if path.read_bytes().lstrip()[:1] == b"{" else ".txt")
     path.replace(kind)
-    find_shape(str(kind))
+    load_shape(kind)
+
+
+def svgs(folder: Path) -> list[Path]:
+    """A drawing of a rounded outline, in groups with transforms."""
+    drawn = '<g transform="translate(10,10) rotate(5)"><path d="M0,0 L60,0 C80,10 80,30 60,40 L0,40 Z"/></g>'
+    page = f'<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="100mm" viewBox="0 0 100 100">{drawn}</svg>'
+    (folder / "a.svg").write_text(page)
+    return [folder / "a.svg"]
+
+
+def dxfs(folder: Path) -> list[Path]:
+    """A drawing of one closed line, of the version that has the fewest words."""
+    import ezdxf
+
+    drawing = ezdxf.new("R12")  # pyright: ignore[reportPrivateImportUsage]
+    drawing.header["$INSUNITS"] = 4
+    drawing.modelspace().add_polyline2d([(0, 0), (60, 0), (60, 40), (0, 40)], close=True)
+    drawing.saveas(folder / "a.dxf")
+    return [folder / "a.dxf"]
 
 
 def images(folder: Path) -> list[Path]:
@@ -313,6 +332,8 @@ READERS = {
     "model": Reader(models, read_model),
     "noise": Reader(noises, read_noise),
     "outline": Reader(outlines, read_outline),
+    "svg": Reader(svgs, load_shape, ".svg"),
+    "dxf": Reader(dxfs, lambda path: load_shape(path, "mm"), ".dxf"),
     "image": Reader(images, lambda path: decode_image(path.read_bytes(), "png", (12, 8))),
     "presses": Reader(presses, read_presses),
     "details": Reader(details, read_details),

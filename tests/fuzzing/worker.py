@@ -1,7 +1,7 @@
-"""A process that tries changed files on a reader until one ends it: python -m fuzzing.worker READER FIRST END FOLDER.
+"""Tries changed files on a reader until one ends the process: python -m fuzzing.worker READER FIRST END FOLDER.
 
-Says what it found on standard output, a line of JSON each. In its folder, `file`, with the suffix of its kind, is what it tries, `at` the number of
-that, and a file that was neither read nor refused has its number for a name.
+Says what it found on standard output, a line of JSON each. In its folder `file`, with the suffix of its kind, is what
+it tries, `at` is the number of that, and a file that was neither read nor refused has its number for a name.
 """
 
 import json
