@@ -10,7 +10,7 @@ BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench kills test-matrix clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -25,6 +25,13 @@ lint: $(READY_DEV)
 
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
+
+kills: $(READY_DEV)
+	$(BIN)/python scripts/kill_commands.py
+
+test-matrix: $(READY_DEV)
+	$(BIN)/python -m pip install --quiet uv
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
 
 clean:
 	rm -rf .venv demo-run
