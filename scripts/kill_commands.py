@@ -161,7 +161,7 @@ def content(name: str, path: Path) -> Any:
     elif path.suffix == ".json":
         json.loads(data)
     else:
-        ends = {".html": b"</html>\n", ".csv": b"\n", ".tum": b"\n"}
+        ends = {".html": (b"</html>", b"</html>\n"), ".csv": b"\n", ".tum": b"\n"}
         assert not data or data.endswith(ends.get(path.suffix, b"")), f"{name} is cut"
     return None if name.endswith(TIMED) else data
 
