@@ -1,4 +1,5 @@
-# Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make bench`.
+# Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make bench`,
+# `make docs`, `make check-numbers`, `make study-report`.
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
@@ -10,7 +11,7 @@ BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 
-.PHONY: demo test lint bench kills test-matrix clean
+.PHONY: demo test lint bench faults kills test-matrix docs check-numbers study-report clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -26,15 +27,35 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
+# Fifty kills of every command, at random times.
 kills: $(READY_DEV)
 	$(BIN)/python scripts/kill_commands.py
 
+# Everything anew in empty environments; outside CI's time.
 test-matrix: $(READY_DEV)
 	$(BIN)/python -m pip install --quiet uv
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
 
+# Nine recordings of nine sensor units that nothing was chosen on, each broken in every way; about a quarter of an hour.
+faults: $(READY_DEV)
+	rm -rf faults-run
+	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1664 --seconds 12 --workers 2
+	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
+
+docs: $(READY_DEV)
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
+	@echo 'the pages: docs/_build/html/index.html'
+
+# Whether every number in README and docs is that of a file in the repository.
+check-numbers: $(READY_DEV)
+	$(BIN)/python scripts/check_numbers.py
+
+# The pages of the reported studies, from their results.json and sequences.csv.
+study-report: $(READY_DEV)
+	$(BIN)/python scripts/study_report.py
+
 clean:
-	rm -rf .venv demo-run
+	rm -rf .venv demo-run faults-run docs/_build
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from view_samples import CAMERA
 
+from palpate.estimate import Estimate
 from palpate.live.clock import Clock
 from palpate.live.images import TouchImage
 from palpate.live.poses import Refused, TimedPose
 from palpate.live.session import Sources
 from palpate.live.state import LiveState
-from palpate.tracker import Estimate
 
 SIZE = (CAMERA.image_height, CAMERA.image_width)
 TURNED = (CAMERA.image_width, CAMERA.image_height)
@@ -23,6 +23,7 @@ class FakeTracker:
     """Takes each frame as what `step` makes of it, and says nothing of the object."""
 
     background = None
+    tactile, tactile_reason = "none", ""
 
     def __init__(self, step: Callable[[Any], None] = lambda frame: None) -> None:
         self.frames: list[Any] = []

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from push_samples import RADIUS, SHAPES, sensor, with_settings
 
+from palpate.estimate import Estimate
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
-from palpate.tracker import Estimate, Tracker, TrackerSettings
+from palpate.tracker import Tracker, TrackerSettings
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]

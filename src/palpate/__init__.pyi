@@ -4,12 +4,15 @@ from .errors import FrameError as FrameError
 from .errors import PalpateError as PalpateError
 from .errors import SettingError as SettingError
 from .errors import ShapeError as ShapeError
+from .estimate import Estimate as Estimate
 from .estimation.settings import PUBLISHED as PUBLISHED
 from .estimation.settings import NoiseSettings as NoiseSettings
 from .formats import load_recording as load_recording
 from .formats.bags.bag_recording import BagReading as BagReading
 from .formats.bags.bag_recording import read_bag as read_bag
 from .formats.bags.choices import BagChoices as BagChoices
+from .formats.outlines.load import load_shape as load_shape
+from .formats.outlines.scan import shape_of_scan as shape_of_scan
 from .formats.palpate_h5 import read_recording as read_recording
 from .formats.palpate_h5 import write_recording as write_recording
 from .geometry.shapes import Disc as Disc
@@ -30,7 +33,6 @@ from .touch.background import Background as Background
 from .touch.calibration import Calibration as Calibration
 from .touch.calibration import load_calibration as load_calibration
 from .touch.model import TouchModel as TouchModel
-from .tracker import Estimate as Estimate
 from .tracker import Tracker as Tracker
 from .tracker import TrackerSettings as TrackerSettings
 

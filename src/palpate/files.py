@@ -1,5 +1,7 @@
 """What readers and writers share: files that exist, files written whole, and checks of fields."""
 
+import csv
+import io
 import json
 import shutil
 from collections.abc import Iterator
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
+from palpate.limits import FARTHEST, LONGEST, TEXT
 from palpate.locks import held, part_of, remove_empty
 
 # The kinds of NumPy types a field may come in, and what to call them in an error.
@@ -134,33 +137,64 @@ def check_increasing(time: NDArray[np.float64]) -> None:
             f"time: frame {index} {verb} {time[index]:.17g} s after {time[index - 1]:.17g} s, "
             "allowed are strictly increasing times"
         )
+    # Not by a difference, which may be beyond all floating-point numbers.
+    if len(time) and time[-1] > time[0] + LONGEST:
+        raise FileError(f"time: runs from {time[0]:.17g} to {time[-1]:.17g} s, allowed are {LONGEST:g} s at most")
+
+
+def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether each number is finite and such as a position or a length [m] can be."""
+    return np.abs(values) <= FARTHEST
 
 
 def read_text(path: Path | str) -> str:
-    """The text of a UTF-8 file, or of a gzipped one; FileError if it is neither."""
+    """The text of a UTF-8 file, or of a gzipped one; FileError if it is neither, or larger than `limits.TEXT`."""
     import gzip
     import zlib
 
     path = existing_file(path)
-    data = path.read_bytes()
+    most = TEXT.value
     try:
-        if data.startswith(b"\x1f\x8b"):
-            data = gzip.decompress(data)
-        return data.decode("utf-8")
+        with path.open("rb") as file:
+            gzipped = file.read(2) == b"\x1f\x8b"
+        with gzip.open(path) if gzipped else path.open("rb") as file:
+            data = file.read(most + 1)
+        text = data.decode("utf-8")
     except (OSError, EOFError, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({error})") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: is not a text file") from error
+    if len(data) > most:
+        raise FileError(f"{path}: is a text of more than {most / TEXT.unit:g} MB, {TEXT.words}")
+    return text
+
+
+def read_csv(path: Path | str) -> list[list[str]]:
+    """The rows of a CSV file, gzipped or plain; FileError if it is none."""
+    return csv_rows(read_text(path), path)
+
+
+def csv_rows(text: str, path: Path | str) -> list[list[str]]:
+    """The rows of a CSV text; errors name `path`. Raises FileError."""
+    try:
+        return list(csv.reader(io.StringIO(text)))
+    except csv.Error as error:
+        raise FileError(f"{path}: is not a CSV table ({error})") from error
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
     """The JSON object of a file, gzipped or plain; FileError if it holds none."""
+    return json_object(read_text(path), str(path))
+
+
+def json_object(text: str | bytes, name: str) -> dict[str, Any]:
+    """The JSON object that a text holds; errors name it `name`. Raises FileError if it holds none."""
     try:
-        value = json.loads(read_text(path))
-    except ValueError as error:
-        raise FileError(f"{path}: is not valid JSON ({error})") from error
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{name}: is not valid JSON ({error})") from error
     if not isinstance(value, dict):
-        raise FileError(f"{path}: found a JSON {type(value).__name__}, expected an object")
+        raise FileError(f"{name}: found a JSON {type(value).__name__}, expected an object")
     return value
 
 

@@ -3,30 +3,32 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checked_frame import checked_frame
 from palpate.errors import EstimationError, FrameError, SettingError
+from palpate.estimate import Estimate
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
-from palpate.estimation.diagnosis import Status
-from palpate.estimation.hypotheses import Answer, Hypotheses
+from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
-from palpate.geometry.shapes import Shape
+from palpate.geometry.shapes import PRESSURES, Shape
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import Measurement
+from palpate.recording.measurements import Measurement, finite_numbers
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, Calibration, view_of
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
-from palpate.touch.modes import Tactile, make_touch
+from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch
 
 Array = NDArray[np.float64]
@@ -39,8 +41,9 @@ _PAUSE = 10  # intervals without a frame after which a contact is a new one
 class TrackerSettings:
     """How to track; raises SettingError on a word that is not known."""
 
-    tactile: Tactile = "none"
-    """What touch says; see `touch.modes.Tactile`."""
+    tactile: TactileChoice = "auto"
+    """What touch says; see `touch.modes.Tactile`. auto is learnt where there are images that fit the model, else
+    none."""
     smoother: SmootherName = "fixed-lag"
     """How the graph of a contact is solved; see `estimation.smoother.SmootherName`."""
     noise: NoiseSettings = NoiseSettings()
@@ -51,33 +54,18 @@ class TrackerSettings:
     """How many answers are kept at most while touch cannot tell which is right; 1 keeps one whatever happens."""
 
     def __post_init__(self) -> None:
-        for name, allowed in (("tactile", get_args(Tactile)), ("smoother", get_args(SmootherName))):
+        for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):
             if (found := getattr(self, name)) not in allowed:
                 raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
-        if self.hypotheses < 1:
+        if not isinstance(self.noise, NoiseSettings):
+            raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
+        radius = None if isinstance(self.pressure, str) else finite_numbers(self.pressure, ())
+        if self.pressure not in PRESSURES and (radius is None or radius <= 0.0):
+            raise SettingError(
+                f"pressure is {self.pressure!r}; allowed are {', '.join(PRESSURES)} or a friction radius above 0 [m]"
+            )
+        if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is 1 or more")
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """The object's pose at one frame."""
-
-    time: float
-    """[s]"""
-    pose: Array
-    """world_T_object, (3,) [m, m, rad]."""
-    covariance: Array
-    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta; it spans all answers."""
-    contact: bool
-    """Whether the sensor touches the object."""
-    status: Status
-    """What to make of it; see `estimation.diagnosis.Status`."""
-    reason: str = ""
-    """Why the status is what it is, in words; empty where all is well."""
-    answers: tuple[Answer, ...] = ()
-    """All poses that may be the object's, the best first; one where nothing is doubtful."""
-    friction: tuple[float, float] = (math.nan, math.nan)
-    """Coulomb friction between sensor and object as learnt so far, with its standard deviation; by the best answer."""
 
 
 class Tracker:
@@ -106,37 +94,38 @@ class Tracker:
         half a second to load compiled code, and the very first of a machine some 20 s to compile it.
         """
         settings = settings or TrackerSettings()
-        pose = _pose(_ANYWHERE if first_pose is None else first_pose)
-        if pose is None:
-            raise SettingError(
-                f"first pose is {first_pose!r}; it must be three finite numbers x [m], y [m], theta [rad], or None"
-            )
-        if first_pose_sigma is None:
-            first_pose_sigma = _ANYWHERE_SIGMA if first_pose is None else settings.noise.first_pose.deviation
-        sigma = _pose(first_pose_sigma)
-        if sigma is None or not (sigma > 0.0).all():
-            raise SettingError(
-                f"first pose sigma is {first_pose_sigma!r}; it must be three numbers above 0: x [m], y [m], theta [rad]"
-            )
+        self._first = _first_pose(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
-        self._sensor = sensor
+        self._sensor, self._settings, self._model = sensor, settings, model
         self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
-        correction = calibration.direction if calibration else AS_TOLD
-        without_images = settings.noise.relative_pose
-        self._touch = touch or make_touch(
-            settings.tactile,
-            sensor,
-            without_images.oracle,
-            without_images.constant,
-            model,
-            self._known_background,
-            correction,
-        )
-        contact = contact_model(shape, sensor, settings.pressure)
-        noise = _with_offset(settings.noise, correction.offset_sigma)
-        self._estimator = Hypotheses(contact, noise, settings.smoother, pose, sigma, settings.hypotheses)
+        self._correction = calibration.direction if calibration else AS_TOLD
+        self._contact_model = contact_model(shape, sensor, settings.pressure)
+        self._tactile: TactileChoice = settings.tactile
+        self._tactile_reason = ""
+        self._is_touch_given = touch is not None
+        # Networks are opened now and not in a robot's loop, where images may come to them.
+        self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
+        self._begin()
+
+    def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
+        """Begin anew with the same sensor, settings and untouched gel, at whatever time the next frame has.
+
+        `pose` (3,) is world_T_object [m, m, rad] then, with standard deviations `sigma` (3,); by default the first pose
+        of this tracker again, as well known as it was.
+        """
+        if pose is not None or sigma is not None:
+            self._first = _first_pose(self._first[0] if pose is None else pose, sigma, self._settings)
+        self._touch.end_contact()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin with nothing known but the first pose."""
+        settings = self._settings
+        noise = _with_offset(settings.noise, self._correction.offset_sigma)
+        self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._last: Frame | None = None
-        self._interval = 1.0 / sensor.rate  # [s] between the last frames; sensors may be slower than they say
+        self._interval = 1.0 / self._sensor.rate  # [s] between the last frames; sensors may be slower than they say
+        self._touched_at = -math.inf  # [s] time of the last frame of contact
         self._times: list[float] = []
         self._contacts: list[bool] = []
 
@@ -144,40 +133,48 @@ class Tracker:
         """Take the next frame and return the estimate at its time.
 
         `measurements` are what others than touch say, beside those of the frame itself: a camera's `ObjectPose`, or
-        your own. Raises EstimationError where the frame cannot be used (no contact flag, time not after the last
-        frame's, a sensor pose that is not finite) or the graph cannot be solved even anew. A frame with an image is in
-        contact if the image says so, whatever its flag says.
+        your own. A frame with an image is in contact if the image says so, whatever its flag says.
+
+        Raises FrameError where the frame cannot be used: a time not after the last frame's, a pose that is not finite,
+        neither image nor contact flag, an image of another size, a measurement of a wrong kind. The frame is left out
+        then, and all is as if it had not come. Raises EstimationError, of which FrameError is a kind, where the graph
+        cannot be solved even anew: the contact is over, and the next frame begins another.
         """
-        frame, estimator = self._checked(frame), self._estimator
-        others = (*frame.measurements, *measurements)
+        frame, estimator = self._checked(frame, measurements), self._estimator
+        self._choose_touch(frame)
+        touch = self._touch
         if estimator.in_contact and (not frame.contact or self._paused(frame)):
             estimator.end_contact()
-            self._touch.end_contact()
+            touch.end_contact()
         if frame.contact:
-            said = (*self._touch.measure(frame), *others)
+            said = (*touch.measure(frame), *frame.measurements)
             try:
                 estimator.touch(frame.sensor_pose, said, frame.time)
             except EstimationError as error:
-                self._touch.end_contact()
-                said = (*self._touch.measure(frame), *others)
+                touch.end_contact()
+                said = (*touch.measure(frame), *frame.measurements)
                 estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
         else:
-            estimator.rest(frame.sensor_pose, others, frame.time)
+            estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
         if self._last is not None:
             self._interval = max(1.0 / self._sensor.rate, frame.time - self._last.time)
         self._last = frame
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
-        return Estimate(
-            frame.time,
-            estimator.known.pose.copy(),
-            estimator.covariance,
-            estimator.in_contact,
-            estimator.status,
-            estimator.reason,
-            estimator.answers,
-            _friction(estimator.known),
-        )
+        return self._estimate(frame.time)
+
+    @property
+    def tactile(self) -> TactileChoice:
+        """What touch says; of settings that say auto, what was chosen at the first frame.
+
+        It is auto before that, and where touch was given in place of what settings make.
+        """
+        return self._tactile
+
+    @property
+    def tactile_reason(self) -> str:
+        """Why that was chosen, in words; empty where the settings named it."""
+        return self._tactile_reason
 
     @property
     def frame(self) -> Frame:
@@ -195,6 +192,26 @@ class Tracker:
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
 
+    def _estimate(self, time: float) -> Estimate:
+        """What is known at the last frame, of this time [s]."""
+        estimator, touched = self._estimator, self._estimator.touched
+        if touched:
+            self._touched_at = time
+        return Estimate(
+            time,
+            estimator.known.pose.copy(),
+            estimator.covariance,
+            estimator.in_contact,
+            estimator.status,
+            estimator.reason,
+            estimator.answers,
+            _friction(estimator.known),
+            touched and touched.point,
+            touched and touched.normal,
+            touched.sliding if touched else math.nan,
+            time - self._touched_at,
+        )
+
     def _known_background(self) -> Background:
         """The untouched gel; it is known before the first contact that the detector finds."""
         assert self.background is not None
@@ -203,23 +220,52 @@ class Tracker:
     def _paused(self, frame: Frame) -> bool:
         return self._last is not None and frame.time - self._last.time > _PAUSE * self._interval
 
-    def _checked(self, frame: Frame) -> Frame:
-        """The frame with contact as its image tells, and a pose of its own, so that a sensor may reuse its buffers."""
+    def _checked(self, frame: Frame, measurements: Sequence[Measurement]) -> Frame:
+        """The frame as it is taken: its image as the profile's lie, contact as the image tells, all that is measured.
+
+        Raises FrameError, with nothing changed, where it cannot be used.
+        """
         last = -np.inf if self._last is None else self._last.time
-        if not last < frame.time < np.inf:
-            raise FrameError(f"frame at {frame.time:.3f} s follows one at {last:.3f} s; times must increase")
-        if frame.contact is None and frame.image is None:
-            raise FrameError(
-                f"frame at {frame.time:.3f} s has neither an image nor a contact flag; the tracker needs one of them"
-            )
-        pose = _pose(frame.sensor_pose)
-        if pose is None:
-            raise FrameError(
-                f"frame at {frame.time:.3f} s has sensor pose {frame.sensor_pose}; it must be three finite numbers"
-            )
-        image = None if frame.image is None else self._view.of(frame.image)
-        contact = frame.contact if image is None else self._detector.update(image)
-        return replace(frame, sensor_pose=pose, contact=contact, image=image)
+        frame = checked_frame(frame, measurements, last, len(self._sensor.tips))
+        if frame.image is None:
+            if frame.contact and self._tactile.startswith("learnt") and not self._is_touch_given:
+                raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
+            return frame
+        try:
+            image = self._view.of(frame.image)
+            contact = self._detector.update(image)
+        except (SettingError, IndexError) as error:  # the latter of an image without three channels
+            raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
+        return replace(frame, contact=contact, image=image)
+
+    def _choose_touch(self, frame: Frame) -> None:
+        """Settle what the settings leave open, at the first frame."""
+        if self._tactile == "auto" and not self._is_touch_given:
+            self._tactile, self._tactile_reason = chosen(frame.image, self._sensor, self._model)
+            if self._tactile == "none":
+                self._touch = self._make_touch("none")
+
+    def _make_touch(self, tactile: Tactile) -> Touch:
+        given = self._settings.noise.relative_pose
+        known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
+        return make_touch(tactile, *known)
+
+
+def _first_pose(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:
+    """The pose (3,) to begin with and how well it is known (3,); SettingError where they are not that."""
+    first = finite_numbers(_ANYWHERE if pose is None else pose, (3,))
+    if first is None:
+        raise SettingError(
+            f"first pose is {pose!r}; it must be three finite numbers x [m], y [m], theta [rad], or None"
+        )
+    if sigma is None:
+        sigma = _ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
+    deviation = finite_numbers(sigma, (3,))
+    if deviation is None or not (deviation > 0.0).all():
+        raise SettingError(
+            f"first pose sigma is {sigma!r}; it must be three numbers above 0: x [m], y [m], theta [rad]"
+        )
+    return first, deviation
 
 
 def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
@@ -232,12 +278,3 @@ def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
 def _friction(known: Prior) -> tuple[float, float]:
     place = IN_OBJECT[GRIP].start
     return float(known.values[place]), math.sqrt(known.covariance[3 + place, 3 + place])
-
-
-def _pose(given: object) -> Array | None:
-    """A copy of three finite numbers as an array (3,), or None if they are not that."""
-    try:
-        pose = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        return None
-    return pose if pose.shape == (3,) and np.isfinite(pose).all() else None

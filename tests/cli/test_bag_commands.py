@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -20,9 +20,12 @@ from recording_samples import pushed, tiny_recording
 from palpate import formats
 from palpate.cli import main
 from palpate.cli.bag_options import BAG_DEFAULTS
+from palpate.cli.options import ShapeUnit
 from palpate.formats.bags.choices import BagChoices
+from palpate.formats.outlines.load import Unit
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle
 from palpate.tracking import time_offset as offsets
 from palpate.tracking.run_folder import FILES
 from palpate.tracking.time_offset import TimeOffset
@@ -58,7 +61,9 @@ TRACK = ("track", "push.bag", "--shape", "disc", "--first-pose", "0.3", "0", "0"
 
 
 def test_options_are_the_choices_of_the_library():
-    assert {name: value for name, value in asdict(BAG_DEFAULTS).items() if name != "shape"} == asdict(BagChoices())
+    said = {name: value for name, value in asdict(BAG_DEFAULTS).items() if not name.startswith("shape")}
+    assert said == asdict(BagChoices())
+    assert get_args(ShapeUnit) == get_args(Unit)
 
 
 def test_info_lists_topics_and_says_what_would_be_read(capsys):
@@ -150,6 +155,9 @@ def test_what_is_said_of_bags_in_vain(capsys):
     line = failure(capsys, "track", "push.h5", "--time-offset", "-0.1", "--plane", "fit")
     assert "--time-offset, --plane can be used for bags only, with --shape" in line
     assert "shape is 'potato'" in failure(capsys, "track", "push.bag", "--shape", "potato")
+    Path("box.csv").write_text("0 0\n90 0\n90 60\n0 60\n")
+    assert "are these millimetres" in failure(capsys, "track", "push.bag", "--shape", "box.csv")
+    assert "are these millimetres" in failure(capsys, "convert", "push.bag", "a.h5", "--shape", "90x60")
     assert "--first-pose X Y THETA" in failure(capsys, "track", "push.bag", "--shape", "disc")
     assert "mm off the plane" in failure(capsys, *TRACK, "--plane", "0", "-1", "0")
     assert not Path("runs").exists()
@@ -161,6 +169,8 @@ def test_convert_names_what_would_be_lost(capsys):
     line = failure(capsys, "convert", "push.bag", "bag.h5", "--shape", "disc")
     assert "bag.h5 would lack poses between images, heights and tilts, topic /chatter; --lossy" in line
     assert not Path("push.tum").exists() and not Path("bag.h5").exists()
+    assert palpate("convert", "push.bag", "box.h5", "--shape", "90x60", "--shape-unit", "mm", "--lossy") == 0
+    assert formats.load_recording("box.h5").shape == Rectangle(0.09, 0.06)
     assert palpate("convert", "push.bag", "bag.h5", "--shape", "disc", "--lossy") == 0
     found: Any = formats.read("bag.h5")
     assert se2.between(found.sensor_pose, true_pose(image_times())) == pytest.approx(0.0, abs=1e-9)

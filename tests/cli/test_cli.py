@@ -1,4 +1,6 @@
+import io
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,6 +18,7 @@ from palpate.estimation.smoother import SmootherName
 from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import SensorProfile
+from palpate.touch.modes import Tactile, TactileChoice
 from palpate.tracker import TrackerSettings
 from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
@@ -210,6 +213,31 @@ def test_unknown_option_values_name_the_allowed_ones(capsys, option, names):
     assert "magic" in err and all(f"'{name}'" in err for name in names)
 
 
+def test_a_first_pose_that_is_none(capsys):
+    assert failure(capsys, "track", "push.h5", "--first-pose", "a", "0", "0") == (
+        "palpate: --first-pose is 'a 0 0'; it must be three numbers, x [m], y [m] and theta [rad]\n"
+    )
+    for option in ("--first-pose", "--first-pose-sigma"):
+        assert palpate("track", "push.h5", option, "1", "2") == 2
+        out, err = capsys.readouterr()
+        assert out == "" and f"Missing value for argument '{option}'. Expected 3 values." in err
+        assert "NoneType" not in err and "instantiated" not in err
+    assert palpate("track", "--first-pose", "0", "0", "-.5", "push.h5", "--json") == 0
+    assert json.loads(Path("runs/push/settings.json").read_text())["first_pose"] == [0.0, 0.0, -0.5]
+
+
+def test_what_touch_says_is_chosen_and_said(capsys):
+    assert palpate("track", "push.h5") == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.startswith("touch is none: there are no images\n")
+    assert "tactile none, fixed-lag" in out
+    assert json.loads(Path("runs/push/settings.json").read_text())["tactile"] == "none"
+    summary = json.loads(Path("runs/push/summary.json").read_text())
+    assert (summary["tactile"], summary["tactile_reason"]) == ("none", "there are no images")
+    assert palpate("track", "push.h5", "--tactile", "none", "--force") == 0
+    assert "touch is" not in capsys.readouterr().out
+
+
 def test_unknown_commands_and_options_fail(capsys):
     assert palpate("trak") == 2
     assert "info" in capsys.readouterr().err
@@ -219,7 +247,9 @@ def test_unknown_commands_and_options_fail(capsys):
 
 def test_option_values_are_those_of_the_library():
     annotations = TrackerSettings.__dataclass_fields__
-    assert annotations["tactile"].default in get_args(options.Tactile)
+    assert annotations["tactile"].default == "auto"
+    assert set(get_args(options.Tactile)) == set(get_args(Tactile))
+    assert set(get_args(options.TactileChoice)) == set(get_args(TactileChoice))
     assert set(get_args(options.SmootherName)) == set(get_args(SmootherName))
 
 
@@ -250,6 +280,17 @@ def test_info_shows_what_a_recording_holds(capsys):
     out = capsys.readouterr().out
     assert "rectangle, size x 200 mm, size y 100 mm" in out
     assert "40" in out and "30.0" in out and "unbroken" in out
+
+
+def test_a_file_name_that_is_no_text(monkeypatch):
+    odd = Path(os.fsdecode(b"push \xff.h5"))
+    write_recording(pushed(10), odd)
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # as a terminal is, where characters are strict
+    monkeypatch.setattr(sys, "stdout", out)
+    assert palpate("track", str(odd)) == 0
+    out.flush()
+    assert "run: runs/push \\udcff" in out.buffer.getvalue().decode()  # pyright: ignore[reportAttributeAccessIssue]
+    assert sorted(path.name for path in Path(os.fsdecode(b"runs/push \xff")).iterdir()) == sorted(FILES)
 
 
 def test_info_tells_times_from_the_first_frame_and_counts_what_is_found_often(capsys):
@@ -340,6 +381,8 @@ def test_demo_runs_twice_and_says_how_to_make_its_recording(capsys, monkeypatch)
     found, settings = json.loads(capsys.readouterr().out), json.loads(Path("demo-run/settings.json").read_text())
     assert (found["frames"], found["tactile"]) == (90, demo.TACTILE)
     (command,) = (line.split() for line in out.splitlines() if "palpate simulate" in line)
+    assert f"seed {demo.SEED}, recording 0" in settings["source"]  # the seed that the command and the README name
+    assert command[-2:] == ["--seed", str(demo.SEED)]
     assert palpate("simulate", "same", *command[3:], "--seconds", "3") == 0
     (recording,) = Path("same").iterdir()
     assert formats.load_recording(recording).source == settings["source"]

@@ -134,7 +134,7 @@ def test_all_modes_unless_told_and_what_lacks_images_is_no_failure(capsys):
 def test_images_are_felt():
     recordings = pytest.importorskip("palpate.simulation.recordings")
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
-    shapes = pytest.importorskip("palpate.simulation.objects").SHAPES
+    shapes = pytest.importorskip("palpate.geometry.objects").SHAPES
     made = recordings.simulate_recording(shapes["disc"], "disc", 3, 3.0)
     Path("images").mkdir()
     write_recording(made, "images/disc-3.h5")

@@ -243,5 +243,7 @@ def test_what_a_camera_needs(capsys):
     assert "either --camera with --poses, or --replay" in failure(capsys, "--camera", "0")
     assert "--first-pose X Y THETA say it" in failure(capsys, "--camera", "0", "--poses", "udp:9")
     object_ = ("--shape", "disc", "--first-pose", "0", "0", "0")
-    assert "only --shape is of use" in failure(capsys, "--camera", "0", "--poses", "udp:9", *object_, "--plane", "fit")
+    assert "only --shape and --shape-unit" in failure(
+        capsys, "--camera", "0", "--poses", "udp:9", *object_, "--plane", "fit"
+    )
     assert "there is no such device" in failure(capsys, "--camera", "/dev/video98", "--poses", "udp:9", *object_)

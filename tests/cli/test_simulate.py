@@ -13,11 +13,12 @@ from palpate.cli import main
 from palpate.errors import FileError, SettingError
 from palpate.formats.palpate_h5 import read_recording, write_recording
 from palpate.geometry import se2
+from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Disc, Polygon
 from palpate.parallel import spread
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.folder import plan, simulate_folder
-from palpate.simulation.objects import SHAPES, find_shape
+from palpate.simulation.objects import find_shape
 from palpate.simulation.places import kinds
 from palpate.simulation.recordings import simulate_recording
 from palpate.tracker import TrackerSettings
@@ -60,7 +61,7 @@ def test_a_recording_with_images():
     assert (len(made), made.sensor, made.shape) == (90, DIGIT, DISC)
     assert done == list(range(1, 91))
     assert made.contact is not None and made.image is not None and made.object_pose is not None
-    assert "simulated" in made.source and "seed 3" in made.source
+    assert "simulated" in made.source and "seed 0, recording 3," in made.source
     force, depth = made.extra["normal_force"], made.extra["indentation"]
     assert ((force > 0) <= made.contact).all() and (depth[~made.contact] == 0).all()
     # The noise of motion capture: 0.1 mm, 0.1 to 0.2 degrees.
@@ -218,7 +219,10 @@ def test_knocks(capsys):
         (("--shape", "cube"), "shape is 'cube'; allowed are disc, rectangle, ellipse, triangle, hexagon, t, butterfly"),
         (("--shape", "disc", "--shape", "disc"), "'disc' is given twice"),
         (("--shape", "bow.csv"), "bow.csv: polygon outline crosses or touches itself"),
-        (("--shape", "big.json"), "big.json: the outline is 100 m wide, allowed is 0.05 to 0.5 m"),
+        (
+            ("--shape", "big.json"),
+            "big.json: the outline is 100 m wide, allowed are 0.005 to 2 m: are these milli",
+        ),
         (("--shape", "words.txt"), "words.txt: is no table of numbers"),
         (("--count", "0"), "count is 0; allowed is 1 to 100000"),
         (("--count", "100001"), "count is 100001; allowed is 1 to 100000"),

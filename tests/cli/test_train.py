@@ -40,7 +40,6 @@ def small():
     """Descents, batches and judgements of a few; `spread` keeps all else as it is."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(train, "TrainSettings", partial(train.TrainSettings, keypoint=SHORT, touch=SHORT))
-        patch.setattr(train, "FINE", SHORT)
         for module, name, value in (
             (learn, "_GROUPS", 4),
             (learn, "_IMAGES", 16),
@@ -253,7 +252,7 @@ def test_fine_tuning_leaves_key_points_alone(trained, model, networks, no_export
     for seed in range(4):
         shutil.copy(recordings / f"push-{seed}.h5", some)
     words = ("train", some, "--from", trained.folder, "--out", tmp_path / "fine", "--test", recordings)
-    assert palpate(*words) == 3  # of the recordings to judge by, one has no images
+    assert palpate(*words, "--steps", 4) == 3  # of the recordings to judge by, one has no images
     out, error = capsys.readouterr()
     assert "mean square error of sin(yaw)" in out and f"model: {tmp_path / 'fine'}" in out
     assert error == f"palpate: left out: {recordings / 'bare.h5'}: has no image; learning needs them\n"
@@ -272,6 +271,7 @@ def test_fine_tuning_leaves_key_points_alone(trained, model, networks, no_export
     assert settings.spread["linear"] == model.settings.spread["linear"]  # of the key points, which stay
     assert settings.spread["turn"] != model.settings.spread["turn"]  # measured anew
     assert settings.training["from"] == str(trained.folder)
+    assert settings.training["touch"] == dataclasses.asdict(dataclasses.replace(train.FINE, steps=4))
     assert not (tmp_path / "fine" / "training" / "keypoint.pt").exists()
     assert json.loads((tmp_path / "fine" / "training" / "results.json").read_text())["frames"] == 720
 
@@ -290,6 +290,8 @@ def test_a_training_that_was_cut_off_goes_on(trained, no_export, recordings, tmp
     assert palpate(*words) == 2
     assert "holds a training that was cut off; --resume goes on with it" in capsys.readouterr().err
     begun = (out / "training" / "keypoint.pt").stat().st_mtime_ns
+    assert palpate(*words, "--resume", "--steps", 5) == 2
+    assert "keypoint.pt: was begun with steps 4, going on with steps 5 would mix the two" in capsys.readouterr().err
     assert palpate(*words, "--resume") == 3
     assert (out / "training" / "keypoint.pt").stat().st_mtime_ns == begun
     found = json.loads(capsys.readouterr().out)

@@ -14,6 +14,7 @@ from push_samples import (
     pushing_residuals,
     rows_of,
     sensor,
+    terms_of,
     values_at,
 )
 
@@ -230,6 +231,16 @@ def test_turn_by_hand():
     rows = rows_of(factor, values_at(ANY, [[[0.4, 0.5, 3.1]]], shared={TURN_OFFSET: -3.0}), [said.Turn(-0.2, 1.0)])
     np.testing.assert_allclose(rows.residual[0, 0], [6.1 - 2 * math.pi + 0.2], atol=1e-12)
     assert rows.jacobian[0, 0].tolist() == [[0.0, 0.0, 1.0, -1.0]]
+
+
+def test_the_first_turn_of_a_contact_gives_its_offset():
+    # Two smoothers at two steps; the turns 3.0 and 1.0 are of the last one, whose yaws are -3.1 and 0.2. The first of
+    # them counts: -6.1 is 0.1831853, and -2.8.
+    factor = Turn(TurnSettings(), ANY)
+    at = values_at(ANY, [[[0, 0, 9.0], [0, 0, -3.1]], [[0, 0, 9.0], [0, 0, 0.2]]], shared={TURN_OFFSET: 5.0})
+    guess = factor.first_guess(at, terms_of(factor, at, [said.Turn(3.0, 1.0), said.Turn(1.0, 1.0)]))
+    assert list(guess) == [TURN_OFFSET]
+    np.testing.assert_allclose(guess[TURN_OFFSET], [[2 * math.pi - 6.1, -2.8]], atol=1e-12)
 
 
 def test_paper_point_pushes_a_disc_through_its_centre():

@@ -12,8 +12,8 @@ from palpate.estimation.factors.direction import Direction, DirectionSettings
 from palpate.estimation.starts import is_rough, starts
 from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS, FRICTION_RATIO, GRIP, IN_OBJECT, OBJECT_SIZE
 from palpate.geometry import se2
+from palpate.geometry.objects import SHAPES as SIMULATED
 from palpate.recording.measurements import ContactDirection, Measurement, Turn
-from palpate.simulation.objects import SHAPES as SIMULATED
 
 Array = np.ndarray
 OUTLINES = {**SHAPES, "butterfly": SIMULATED["butterfly"], "t": SIMULATED["t"]}

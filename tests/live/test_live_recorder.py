@@ -8,6 +8,7 @@ from live_samples import GEL
 from view_samples import CAMERA
 
 from palpate import formats
+from palpate.estimate import Estimate
 from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.raw import CutShort
 from palpate.geometry.shapes import Disc
@@ -15,7 +16,6 @@ from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
 from palpate.recording.images import decode_image
-from palpate.tracker import Estimate
 
 KILLED = """
 import os, random, signal, sys, time
@@ -28,7 +28,7 @@ from palpate.geometry.shapes import Disc
 from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
-from palpate.tracker import Estimate
+from palpate.estimate import Estimate
 
 random.seed(7)
 with recorder(Path("warm.mcap"), Disc(0.05), CAMERA):

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ from palpate.errors import FileError
 from palpate.study.comparison import compare
 from palpate.study.figures import study_sheets
 from palpate.study.report import write_report
+from palpate.study.reported import read_reported
+from palpate.study.results import write_results
 from palpate.study.trial import Method, Trial
 
 METHODS = [Method("none", "fixed-lag"), Method("learnt", "fixed-lag"), Method("learnt", "isam2")]
@@ -99,6 +102,19 @@ def test_coverage_of_contact_rests_and_final_poses_stands_beside_errors(page):
     assert "After knocks" not in page.words
 
 
+def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path):
+    trials = drawn_trials(["disc"], METHODS[:1], 2, seconds=2.0)
+    results = drawn_results(trials)
+    row = results["table"]["disc"]["none"]
+    row["final_mm"] = {"median": 1.1, "p75": 12.2, "worst": 23.0}
+    row["final_deg"] = {"median": 4.4, "p75": 35.0, "worst": 46.0}
+    row["nees"] = {"median": 2.7, "mean": 8.8}
+    write_report(tmp_path, results, trials)
+    words = Page((tmp_path / "report.html").read_text(encoding="utf-8")).words
+    assert "1.1 mm, 4.4° (23, 46) in:" in words
+    assert "(8.8) silently wrong" in words
+
+
 def test_recovery_is_told_where_there_are_knocks(tmp_path):
     trials = drawn_trials(["disc", "mit"], METHODS[:2], 2, seconds=2.0)
     trials[1].summary["knock_recovery_contact_s"] = [0.5, 1.0, 2.5]  # touch learnt on a disc
@@ -181,3 +197,30 @@ def test_report_in_a_browser(report, page, browser, width, height, mobile, narro
         ".filter(e => parseFloat(getComputedStyle(e).fontSize) < 13).length"
     )
     assert small == 0
+
+
+def test_the_page_of_a_reported_study_is_made_from_its_table(tmp_path):
+    trials, results = study()
+    write_results(tmp_path, results, trials)
+    read, rows = read_reported(tmp_path)
+    assert read == json.loads(json.dumps(results))
+    assert [(row.recording, row.group, row.method) for row in rows] == [
+        (t.recording, t.group, t.method) for t in trials
+    ]
+    assert all(
+        row.summary["final_translation_error_mm"] == pytest.approx(trial.summary["final_translation_error_mm"])
+        and row.summary["step_ms"] == pytest.approx(trial.summary["step_ms"])
+        for row, trial in zip(rows, trials, strict=True)
+    )
+    names = [sheet.name for sheet in study_sheets(rows, read)]
+    assert names == ["final-translation", "final-rotation", "slid", "against-translation", "against-rotation"]
+    write_report(tmp_path, read, rows)
+    assert "Final errors" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_damaged_table_of_a_reported_study_is_named(tmp_path):
+    trials, results = study(1)
+    write_results(tmp_path, results, trials)
+    (tmp_path / "sequences.csv").write_text("recording,group\na.h5,a\n")
+    with pytest.raises(FileError, match=r"sequences\.csv: is not a table of sequences"):
+        read_reported(tmp_path)

@@ -376,14 +376,18 @@ def test_recovery_and_silence_in_the_table_by_hand():
 
 
 def test_table_by_hand():
-    trials = [trial(mm) for mm in (1.0, 2.0, 3.0, 60.0)] + [trial(4.0, group="edges"), trial(9.0, ORACLE)]
+    turned = {1.0: 7.0, 2.0: 8.0, 3.0: 5.0, 60.0: 20.0}
+    trials = [trial(mm, final_rotation_error_deg=deg) for mm, deg in turned.items()] + [
+        trial(4.0, group="edges"),
+        trial(9.0, ORACLE),
+    ]
     rows = table(trials, (NONE, ORACLE))
     assert list(rows) == ["disc", "edges", ALL] and list(rows["disc"]) == ["none", "oracle"]
     row = rows["disc"]["none"]
     assert row["sequences"] == 4 and row["lost"] == 1
     # A quarter of the way from 3 to 60 mm is 17.25 mm.
     assert row["final_mm"] == pytest.approx({"median": 2.5, "p75": 17.25, "worst": 60.0})
-    assert row["final_deg"] == pytest.approx({"median": 1.0, "p75": 1.0, "worst": 1.0})
+    assert row["final_deg"] == pytest.approx({"median": 7.5, "p75": 11.0, "worst": 20.0})
     assert (row["rmse_mm"], row["rmse_deg"]) == pytest.approx((1.25, 0.5))
     # NEES of 1, 4, 9 and 3600, three frames each; the first two are inside.
     assert row["nees"] == pytest.approx({"median": 6.5, "mean": 903.5})
@@ -392,8 +396,7 @@ def test_table_by_hand():
     assert rows[ALL]["none"]["sequences"] == 5 and rows[ALL]["none"]["final_mm"]["median"] == pytest.approx(3.0)
     assert list(rows["edges"]) == ["none"]
     assert table([], (NONE,)) == {}
-    turned = trial(1.0, final_rotation_error_deg=31.0)
-    assert table([turned], (NONE,))["disc"]["none"]["lost"] == 1
+    assert table([trial(1.0, final_rotation_error_deg=31.0)], (NONE,))["disc"]["none"]["lost"] == 1
 
 
 def test_results_hold_everything_as_plain_data():

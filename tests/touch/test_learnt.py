@@ -136,6 +136,19 @@ def test_linear_touch_mixes_kinds_as_likely_as_they_are():
     assert turned == pytest.approx(np.arcsin(0.2 * (0.5 * 0.5 + 0.5 * 2.0)))
 
 
+def test_linear_touch_takes_the_kind_of_both_images(monkeypatch):
+    # An untouched image is of the first kind, whose weight is 0.5, a touched one of the second, whose weight is 2.
+    def keypoint(self: StandIn, difference: Any) -> Any:
+        level = self.level(difference)
+        return np.array([level, 0.0]), np.eye(len(KINDS))[int(level > 0.0)]
+
+    monkeypatch.setattr(StandIn, "keypoint", keypoint)
+    pairs = touch("learnt-linear")
+    pairs.measure(frame(0))
+    (found,) = pairs.measure(frame(10))
+    assert found.pose[:, 2] == pytest.approx(np.arcsin(0.5 * (0.5 + 2.0) * 0.1), abs=1e-6)
+
+
 def test_bad_input_is_named():
     with pytest.raises(EstimationError, match=r"frame at 0\.100 s has no image"):
         touch("learnt").measure(Frame(0.1, np.zeros(3)))

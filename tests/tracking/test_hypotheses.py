@@ -20,12 +20,13 @@ from push_samples import (
 from tracker_samples import nees, poses, settings, statuses, track
 
 from palpate import ObjectPose
+from palpate.estimate import Estimate
 from palpate.estimation import hypotheses
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection
 from palpate.simulation.limit_surface import Steering, push
-from palpate.tracker import Estimate, Tracker
+from palpate.tracker import Tracker
 from palpate.tracking.metrics import rotation_errors, translation_errors
 
 Array = np.ndarray

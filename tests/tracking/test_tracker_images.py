@@ -10,8 +10,8 @@ from palpate.errors import EstimationError, SettingError
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
+from palpate.geometry.objects import SHAPES
 from palpate.recording.recording import Recording
-from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
 from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
@@ -80,6 +80,49 @@ def test_every_way_to_feel_tracks(recording, blind, tactile):
     assert run.summary["rotation_rmse_deg"] < 1.0
     assert run.summary["nees_mean"] < 3.0
     assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained"}
+
+
+def test_touch_is_learnt_where_there_are_images_that_fit(recording):
+    chosen, named = (track(recording, how) for how in (TrackerSettings(), TrackerSettings(tactile="learnt")))
+    assert (chosen.settings, chosen.model and chosen.model.hash) == (named.settings, named.model and named.model.hash)
+    assert chosen.summary["tactile_reason"] == "images fit the touch model of the DIGIT"
+    assert "tactile_reason" not in named.summary
+    np.testing.assert_array_equal(chosen.online.pose, named.online.pose)
+    np.testing.assert_array_equal(chosen.online.covariance, named.online.covariance)
+
+
+def test_why_touch_is_not_learnt(recording):
+    first, sensor = recording[0], recording.sensor
+
+    def tracker(frame, profile=sensor) -> Tracker:
+        made = Tracker(recording.shape, profile, np.zeros(3))
+        assert (made.tactile, made.tactile_reason) == ("auto", "")
+        made.update(frame)
+        return made
+
+    assert (tracker(first).tactile, tracker(first).tactile_reason) == (
+        "learnt",
+        "images fit the touch model of the DIGIT",
+    )
+    blind = tracker(dataclasses.replace(first, image=None))
+    assert (blind.tactile, blind.tactile_reason) == ("none", "there are no images")
+    blind.reset()
+    assert blind.tactile == "none"  # it is the stream that was looked at
+    turned = dataclasses.replace(first, image=np.rot90(first.image).copy())
+    small = tracker(turned, dataclasses.replace(sensor, image_height=240, image_width=320))
+    assert (small.tactile, small.tactile_reason) == (
+        "none",
+        "'DIGIT' has images of 240 x 320 px, and the touch model reads 320 x 240 px",
+    )
+    grey = np.repeat(first.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    assert tracker(dataclasses.replace(first, image=grey)).tactile_reason == (
+        "images are grey, and the touch model reads colours"
+    )
+    assert tracker(dataclasses.replace(first, image=np.zeros_like(grey))).tactile == "learnt"  # the light is not on yet
+    two = tracker(first, dataclasses.replace(sensor, tips=((0.0, 0.02), (0.0, -0.02))))
+    assert two.tactile_reason == "the sensor has 2 tips, and the touch model reads images of one"
+    with pytest.raises(SettingError, match="reads images of one tip; sensor 'DIGIT' has several"):
+        Tracker(recording.shape, two._sensor, np.zeros(3), TrackerSettings("learnt"))
 
 
 def test_what_learnt_touch_needs(recording):

@@ -1,12 +1,14 @@
 """Input that cannot be used, and arrays that belong to the caller."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from push_samples import SHAPES, frames, pushed, sensor, with_settings
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
 from palpate.errors import EstimationError, SettingError
-from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.settings import PRESETS, NoiseSettings
 from palpate.recording.frame import Frame
 from palpate.tracker import Tracker, TrackerSettings
 
@@ -58,10 +60,66 @@ def test_fewer_than_one_hypothesis(hypotheses):
 
 
 def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
-    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are none, constant, oracle, learnt"):
+    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are auto, none, constant, oracle, learnt"):
         TrackerSettings(tactile="felt")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, isam2"):
         TrackerSettings(smoother="isam")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"tactile": "learned"}, "tactile is 'learned'; allowed are auto, none"),
+        ({"smoother": "fixed_lag"}, "smoother is 'fixed_lag'; allowed are fixed-lag, isam2, batch, particle-filter"),
+        ({"pressure": "unifrom"}, "pressure is 'unifrom'; allowed are uniform, rim, corner or a friction radius"),
+        ({"pressure": -0.1}, "pressure is -0.1; allowed are"),
+        ({"pressure": float("nan")}, "pressure is nan; allowed are"),
+        ({"noise": "palpate"}, "noise is 'palpate'; it must be palpate.NoiseSettings"),
+        ({"hypotheses": "9"}, "hypotheses is '9'; allowed is 1 or more"),
+        ({"hypotheses": 2.5}, "hypotheses is 2.5; allowed is 1 or more"),
+    ],
+)
+def test_misspelt_words_are_refused_where_they_are_said(changed, words):
+    with pytest.raises(SettingError, match=f"^{words}"):
+        TrackerSettings(**changed)
+
+
+def test_the_settings_that_ship():
+    """What a newcomer gets: a change here is a change for everybody, and needs its reason."""
+    shipped = TrackerSettings()
+    assert asdict(shipped) == {
+        "tactile": "auto",
+        "smoother": "fixed-lag",
+        "noise": asdict(NoiseSettings()),
+        "pressure": "uniform",
+        "hypotheses": 9,
+    }
+    assert NoiseSettings() == PRESETS["palpate"]
+    assert asdict(NoiseSettings()) == {
+        "sensor_pose": {"deviation": (1e-4, 1e-4, 1e-3), "calibration": (1e-3, 1e-3, 9e-3)},
+        "first_pose": {"deviation": (5e-4, 5e-4, 5e-3), "rest": (1e-5, 1e-5, 1e-4)},
+        "contact": {"deviation": 1e-3, "kernel": 3.0},
+        "direction": {"share": 2.0, "kernel": 3.0},
+        "turn": {"share": 88.0, "kernel": 3.0},
+        "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0)},
+        "sticking": {
+            "still": 2e-5,
+            "share": 0.06,
+            "sliding_share": 2.0,
+            "margin": 0.04,
+            "width": 0.03,
+            "kernel": 2.0,
+        },
+        "balance": {"still": 2e-7, "share": 0.013, "kernel": 2.0},
+        "friction_cone": {"still": 2e-5, "share": 0.13, "width": 0.03, "kernel": 2.0},
+        "priors": {
+            "direction_bias": (0.0, 0.01),
+            "depth": (3e-4, 4e-4),
+            "friction_ratio": (0.2, 0.66),
+            "friction_center": (0.0, 0.06),
+            "grip": (0.4, 0.1),
+        },
+    }
 
 
 def test_a_first_time_that_is_not_finite():
@@ -111,3 +169,25 @@ def test_a_live_sensor_may_reuse_its_buffer(smoother):
         found.append(tracker.update(Frame(k / 30, buffer, contact=True)))
     np.testing.assert_allclose(poses(found), poses(wanted), atol=1e-12)
     np.testing.assert_allclose(found[-1].covariance, wanted[-1].covariance)
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_tracker_that_is_reset_is_as_a_new_one(smoother):
+    o, e = pushed("rectangle", 20)
+    how = settings("oracle", smoother)
+    used = Tracker(SHAPES["rectangle"], sensor(), o[0], how)
+    for frame in frames(o, e, start=1000.0):
+        used.update(frame)
+    for pose, sigma in ((None, None), (o[0] + [1e-3, 0.0, 0.0], None), (o[0], (1e-3, 1e-3, 1e-2))):
+        used.reset(pose, sigma)
+        first = o[0] if pose is None else pose
+        fresh = Tracker(SHAPES["rectangle"], sensor(), first, how, first_pose_sigma=sigma)
+        # The clock may begin anew, too.
+        assert [used.update(frame) for frame in frames(o, e)] == [fresh.update(frame) for frame in frames(o, e)]
+        assert len(used.smoothed()) == 21
+    used.reset()  # to the pose that was given last
+    assert used.update(small_frame()).pose.tolist() == o[0].tolist()
+    with pytest.raises(SettingError, match="first pose is 'here'"):
+        used.reset("here")
+    with pytest.raises(SettingError, match="first pose sigma is"):
+        used.reset(o[0], (0.0, 0.0, 0.0))

@@ -38,6 +38,7 @@ def test_where_a_model_is_already(recordings, tmp_path, capsys):
 def test_folders_that_cannot_be_learned_from(recordings, tmp_path, capsys):
     out = tmp_path / "model"
     assert "nowhere: no such folder of recordings" in failure(capsys, "train", "nowhere", "--out", out)
+    assert "steps is 0; allowed is 1 or more" in failure(capsys, "train", recordings, "--out", out, "--steps", 0)
     assert "holds no recordings (*.h5)" in failure(capsys, "train", tmp_path, "--out", out)
     assert "holds no recordings" in failure(capsys, "train", recordings, "--out", out, "--test", tmp_path)
     bare = tmp_path / "bare"

@@ -263,6 +263,8 @@ def test_a_checkpoint_of_something_else(tmp_path):
     descend(line(), tmp_path, steps=10)
     with pytest.raises(FileError, match=r"line.pt: was begun with seed 3, going on with seed 4 would mix the two"):
         descend(line(), tmp_path, seed=4)
+    with pytest.raises(FileError, match=r"line.pt: was begun with steps 10, going on with steps 60 would mix the two"):
+        descend(line(), tmp_path)
     with pytest.raises(FileError, match=r"line.pt: is not a checkpoint that can be gone on from"):
         descend(nn.Sequential(nn.Linear(2, 1)), tmp_path)
     (tmp_path / "line.pt").write_bytes((tmp_path / "line.pt").read_bytes()[:500])

@@ -10,10 +10,10 @@ from recording_samples import pushed
 
 from palpate.errors import FileError
 from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.objects import SHAPES
 from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
-from palpate.simulation.objects import SHAPES
 from palpate.simulation.recordings import simulate_recording
 from palpate.tracker import TrackerSettings
 from palpate.tracking.run import track
@@ -65,11 +65,11 @@ def test_what_was_said_of_frames_before_the_tracker_began_anew_is_not_said_again
         for index in range(5, 20):
             first = 5 if index <= lost else first_after
             back = np.array([back for back in (3, 1, 10, 2) if index - back >= first], int)
-            pose = np.full((len(back), 3), np.nan if index == lost else 0.0)
-            said[index] = (RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3))),)
+            known = np.broadcast_to(-covariance if index == lost else covariance, (len(back), 3, 3))
+            said[index] = (RelativePoses(back, np.zeros((len(back), 3)), known),)
         return track_recorded(RecordedTouch(recording, recording.object_pose, tuple(said)), TrackerSettings("learnt"))
 
-    # A pair that is not a number leaves the graph unsolved.
+    # A covariance that is none leaves the graph unsolved.
     found, wanted = tracked(5), tracked(lost)
     assert [index for index, status in enumerate(found.status or ()) if status == "indeterminate"] == [lost]
     assert np.isfinite(found.pose).all()

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from palpate.cli.options import ShapeUnitOption
+
 if TYPE_CHECKING:
     from palpate.formats.bags.bag_recording import BagReading
     from palpate.formats.bags.choices import BagChoices
@@ -20,11 +22,13 @@ class BagOptions:
     shape: Annotated[
         str | None,
         tyro.conf.arg(
-            metavar="NAME|FILE",
-            help="The object, as palpate simulate takes it: a name, or a file of a polygon's vertices [m].",
+            metavar="NAME|AxB|FILE",
+            help="The object: a name as palpate simulate has them, the sides of a rectangle such as 0.09x0.06 [m], or "
+            "an outline in a file: CSV, JSON, SVG or DXF.",
             help_behavior_hint="(required for bags)",
         ),
     ] = None
+    shape_unit: ShapeUnitOption = None
     images: Annotated[
         str | None,
         tyro.conf.arg(metavar="TOPIC", help="Touch images.", help_behavior_hint="(default: the only image topic)"),
@@ -71,11 +75,11 @@ Bag = Annotated[BagOptions, tyro.conf.arg(name="")]
 
 
 def choices_of(options: BagOptions) -> "BagChoices":
-    """What the options say of a bag, the shape left out; an offset that is still to be fitted is none."""
+    """What the options say of a bag, the shape and its unit left out; an offset that is still to be fitted is none."""
     from palpate.formats.bags.choices import BagChoices
 
     said = asdict(options)
-    del said["shape"]
+    del said["shape"], said["shape_unit"]
     if options.time_offset == "fit":
         said["time_offset"] = 0.0
     return BagChoices(**said)
@@ -90,7 +94,7 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
     from palpate.errors import SettingError
     from palpate.formats.bags.bag_recording import read_bag
     from palpate.formats.bags.containers import container_of, existing_bag
-    from palpate.simulation.objects import find_shape
+    from palpate.formats.outlines.load import load_shape
 
     if options.shape is None:
         if options != BAG_DEFAULTS:
@@ -100,7 +104,7 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
         return formats.load_recording(file)
     if container_of(existing_bag(file)) is None:
         raise SettingError(f"--shape {options.shape}: {file} is no bag, so it tells the object's outline itself")
-    return read_bag(file, find_shape(options.shape)[1], choices_of(options))
+    return read_bag(file, load_shape(options.shape, options.shape_unit), choices_of(options))
 
 
 def read_to_convert(file: Path, options: BagOptions) -> tuple["Recording", list[str]]:

@@ -1,11 +1,15 @@
 """`palpate demo`: simulates a push with touch images and tracks it."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import tyro
 
 from palpate.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from palpate.recording.recording import Recording
 
 TACTILE: Final = "learnt"
 SHAPE: Final = "rectangle"
@@ -25,17 +29,13 @@ def demo(
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
     from palpate.recording.sensor import DIGIT
-    from palpate.simulation.folder import plan
-    from palpate.simulation.objects import SHAPES
-    from palpate.simulation.recordings import simulate_recording
     from palpate.tracker import TrackerSettings
     from palpate.tracking.run import track
     from palpate.tracking.run_folder import new_run, write_files
 
     with new_run(out, force=True) as part:
-        (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)
         with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
-            recording = simulate_recording(job.shape, job.kind, job.seed, SECONDS, progress=progress)
+            recording = demo_recording(progress)
         with progress_bar("tracking", len(recording)) as progress:
             run = track(recording, TrackerSettings(tactile=TACTILE), progress=progress)
         write_files(run, part)
@@ -44,3 +44,13 @@ def demo(
         print_line(f"    palpate simulate DIR --shape {SHAPE} --count 1 --seed {SEED}")
     report_run(run.summary, out, json)
     return 0
+
+
+def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
+    """Simulate the push of the demo; `progress` is called with the number of images made."""
+    from palpate.simulation.folder import plan
+    from palpate.geometry.objects import SHAPES
+    from palpate.simulation.recordings import simulate_recording
+
+    (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)
+    return simulate_recording(job.shape, job.kind, job.seed, SECONDS, progress=progress)

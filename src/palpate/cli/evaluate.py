@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from palpate.cli.evaluate_faults import evaluate_faults
 from palpate.cli.options import (
     DaskOption,
     JsonOption,
@@ -82,9 +83,25 @@ def evaluate(
             help_behavior_hint="(default: none)",
         ),
     ] = None,
+    faults: Annotated[
+        bool,
+        tyro.conf.arg(help="Break the recordings, one fault after the other, and tell what learnt touch makes of it."),
+    ] = False,
     json: JsonOption = False,
 ) -> int:
     """Track many recordings in many ways; leaves tables, figures and one page that tells it all."""
+    if faults:
+        given = {
+            "--tactile": tactile,
+            "--smoother": smoother,
+            "--noise": noise != "palpate",
+            "--pressure": pressure != "uniform",
+            "--first-pose": first_pose,
+            "--dask": dask,
+            "--resume": resume,
+            "--against": against,
+        }
+        return evaluate_faults(folder, out, [option for option, value in given.items() if value], model, workers, json)
     from palpate.cli.console import busy, complain, print_json, progress_bar
     from palpate.errors import SettingError
     from palpate.estimation.settings_file import noise_of

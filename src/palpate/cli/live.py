@@ -54,7 +54,7 @@ def live(
             help_behavior_hint="(default: none)",
         ),
     ] = None,
-    tactile: TactileOption = "learnt",
+    tactile: TactileOption = "auto",
     model: ModelOption = None,
     calibration: CalibrationOption = None,
     first_pose: FirstPoseOption = None,
@@ -88,12 +88,12 @@ def live(
     from palpate.live.state import LiveState
     from palpate.live.table import LiveTable
     from palpate.touch.calibration import load_calibration
-    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.model import TouchModel
     from palpate.tracker import Tracker, TrackerSettings
 
     check_model(model, [tactile])
     if tactile == "oracle":
-        raise SettingError("--tactile oracle takes the truth, which nobody knows live; learnt, none and constant go")
+        raise SettingError("--tactile oracle takes the truth, which nobody knows live; the others go")
     if seconds is not None and not seconds > 0.0:
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if view:
@@ -103,7 +103,7 @@ def live(
         rig = _rig(camera, poses, replay, bag, first_pose, unit)
     with ExitStack() as stack:
         settings = TrackerSettings(tactile)
-        learnt = TouchModel(model or SHIPPED) if tactile.startswith("learnt") else None
+        learnt = None if model is None else TouchModel(model)
         shape = rig.scene.shape
         tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=first_pose_sigma)
         taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))
@@ -134,9 +134,9 @@ def _rig(
 ) -> "Rig":
     """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
     from palpate.errors import SettingError
+    from palpate.formats.outlines.load import load_shape
     from palpate.live.rig import camera_rig, replay_rig
     from palpate.recording.recording import Recording
-    from palpate.simulation.objects import find_shape
 
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
@@ -146,9 +146,9 @@ def _rig(
     assert camera is not None and poses is not None
     if bag.shape is None or first_pose is None:
         raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
-    if bag != BagOptions(shape=bag.shape):
-        raise SettingError("--camera: of the options for bags, only --shape is of use")
-    return camera_rig(camera, poses, find_shape(bag.shape)[1], first_pose, calibration)
+    if bag != BagOptions(shape=bag.shape, shape_unit=bag.shape_unit):
+        raise SettingError("--camera: of the options for bags, only --shape and --shape-unit are of use")
+    return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, calibration)
 
 
 @contextmanager

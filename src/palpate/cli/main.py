@@ -1,5 +1,6 @@
 """`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
 
+import io
 import logging
 import os
 import sys
@@ -52,6 +53,8 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"palpate {__version__}")
         return 0
     logging.basicConfig(format="palpate: %(message)s", level=logging.WARNING)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: names of files may be no text
     try:
         code = tyro.extras.subcommand_cli_from_dict(
             COMMANDS,

@@ -6,12 +6,16 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from tyro.constructors import PrimitiveConstructorSpec
 
 # Said again here so that --help need not import the estimator; a test compares them.
 Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
 ]
+TactileChoice = Literal["auto", Tactile]
 SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
+
+ShapeUnit = Literal["m", "cm", "mm", "in"]
 
 NOISE = "palpate|sticking|published|FILE"
 """What an option that takes noise settings shows of what it takes."""
@@ -20,12 +24,14 @@ RecordingsFolder = Annotated[
     tyro.conf.Positional[Path],
     tyro.conf.arg(metavar="DIR", help="Folder of recordings, also in folders in it, in any known format."),
 ]
+_TOUCH_SAYS = (
+    "What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, by pairs of "
+    "images (linear is the paper's), the turn or the contact's direction alone"
+)
+NamedTactileOption = Annotated[Tactile, tyro.conf.arg(help=f"{_TOUCH_SAYS}.")]
 TactileOption = Annotated[
-    Tactile,
-    tyro.conf.arg(
-        help="What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, "
-        "by pairs of images (linear is the paper's), the turn or the contact's direction alone."
-    ),
+    TactileChoice,
+    tyro.conf.arg(help=f"{_TOUCH_SAYS}; auto is learnt where there are images that fit the model, else none."),
 ]
 ModelOption = Annotated[
     Path | None,
@@ -41,8 +47,32 @@ CalibrationOption = Annotated[
         help_behavior_hint="(default: as in the first half second)",
     ),
 ]
+
+
+def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[tuple[float, float, float] | None]:
+    """How three numbers are parsed, with one sentence where they are something else."""
+
+    def parse(words: list[str]) -> tuple[float, float, float] | None:
+        from palpate.errors import SettingError
+
+        try:
+            x, y, theta = map(float, words)
+        except ValueError:
+            raise SettingError(f"{option} is {' '.join(words)!r}; it must be three numbers, {wanted}") from None
+        return x, y, theta
+
+    return PrimitiveConstructorSpec(
+        nargs=3,
+        metavar="X Y THETA",
+        instance_from_str=parse,
+        is_instance=lambda value: value is None or isinstance(value, tuple),
+        str_from_instance=lambda value: [] if value is None else [f"{number:g}" for number in value],
+    )
+
+
 FirstPoseOption = Annotated[
     tuple[float, float, float] | None,
+    _three_numbers("--first-pose", "x [m], y [m] and theta [rad]"),
     tyro.conf.arg(
         metavar="X Y THETA",
         help="Object pose at the start [m, m, rad].",
@@ -51,6 +81,7 @@ FirstPoseOption = Annotated[
 ]
 FirstPoseSigmaOption = Annotated[
     tuple[float, float, float] | None,
+    _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
     tyro.conf.arg(
         metavar="SX SY STHETA",
         help="Standard deviations of that pose [m, m, rad]; touch finds an object that is known roughly.",
@@ -83,6 +114,10 @@ DaskOption = Annotated[
         help_behavior_hint="(default: none)",
     ),
 ]
+ShapeUnitOption = Annotated[
+    ShapeUnit | None,
+    tyro.conf.arg(help="Unit of the numbers in --shape.", help_behavior_hint="(default: m, or what a drawing says)"),
+]
 ForceOption = Annotated[bool, tyro.conf.arg(help="Replace what is there already.")]
 JsonOption = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
 
@@ -109,7 +144,7 @@ def check_model(model: Path | None, tactile: Collection[str]) -> None:
     """Raise SettingError if a touch model is given and no mode of touch takes one."""
     from palpate.errors import SettingError
 
-    if model is not None and not any(mode.startswith("learnt") for mode in tactile):
+    if model is not None and not any(mode.startswith(("learnt", "auto")) for mode in tactile):
         raise SettingError(f"--model {model} is of no use with --tactile {' '.join(tactile)}; a learnt one takes it")
 
 

@@ -28,6 +28,8 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
     if json:
         print_json(summary)
         return
+    if "tactile_reason" in summary:
+        print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
     statuses = ", ".join(f"{count} {status}" for status, count in summary["statuses"].items())
     rows = [
         ("frames", str(summary["frames"]), ""),
@@ -78,6 +80,6 @@ def report_runs(runs: list[dict[str, Any]]) -> None:
     )
     columns = ("run", "RMSE mm", "RMSE deg", "final mm", "final deg", "NEES")
     columns = (*columns, "in 95 %", "contact", "rest", "silently wrong", "step ms")
-    title = f"tactile {runs[0]['tactile']}, {runs[0]['smoother']}"
+    title = f"tactile {' or '.join(dict.fromkeys(run['tactile'] for run in runs))}, {runs[0]['smoother']}"
     print_table(title, columns, rows, numbers=range(1, len(columns)))
     print_line(f"runs: {Path(runs[0]['folder']).parent}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from palpate.cli.options import DaskOption, JsonOption, WorkersOption
+from palpate.cli.options import DaskOption, JsonOption, ShapeUnit, ShapeUnitOption, WorkersOption
 
 if TYPE_CHECKING:
     from palpate.geometry.shapes import Shape
@@ -21,12 +21,13 @@ def simulate(
     shape: Annotated[
         tyro.conf.UseAppendAction[tuple[str, ...]],
         tyro.conf.arg(
-            metavar="NAME|FILE",
-            help="Object: disc, rectangle, ellipse, triangle, hexagon, t, butterfly, rounded-square, or a file of a "
-            "polygon's vertices [m]. Can be given again for more.",
+            metavar="NAME|AxB|FILE",
+            help="Object: disc, rectangle, ellipse, triangle, hexagon, t, butterfly, rounded-square, the sides of a "
+            "rectangle such as 0.09x0.06 [m], or an outline in a file. Can be given again for more.",
             help_behavior_hint="(default: disc, rectangle and ellipse)",
         ),
     ] = (),
+    shape_unit: ShapeUnitOption = None,
     replay: Annotated[
         tyro.conf.UseAppendAction[tuple[Path, ...]],
         tyro.conf.arg(
@@ -67,13 +68,13 @@ def simulate(
     begin = time.perf_counter()
     failed: dict[str, str] = {}
     if replay:
-        _check_replay(shape, count, seconds, images, knocks)
+        _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks)
         with busy("reading"):
             recordings, failed = _recordings(replay)
         with progress_bar("rendering", len(recordings)) as progress:
             outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress)
     else:
-        jobs = plan(_shapes(shape or PAPER), count, seed, unit, knocks)
+        jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks)
         with progress_bar("simulating", len(jobs)) as progress:
             outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
     failed |= outcome.failed
@@ -131,14 +132,14 @@ def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[s
     return found, failed
 
 
-def _shapes(names: tuple[str, ...]) -> dict[str, "Shape"]:
+def _shapes(names: tuple[str, ...], unit: ShapeUnit | None) -> dict[str, "Shape"]:
     """Shapes by name; SettingError if two have the same."""
     from palpate.errors import SettingError
     from palpate.simulation.objects import find_shape
 
     found = {}
     for given in names:
-        name, shape = find_shape(given)
+        name, shape = find_shape(given, unit)
         if name in found:
             raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
         found[name] = shape

@@ -40,7 +40,7 @@ def track(
     ],
     /,
     *,
-    tactile: TactileOption = "none",
+    tactile: TactileOption = "auto",
     model: ModelOption = None,
     calibration: CalibrationOption = None,
     smoother: SmootherOption = "fixed-lag",

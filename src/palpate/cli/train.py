@@ -31,6 +31,14 @@ def train(
         ),
     ] = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N", help="Of weights, batches and what is left out.")] = 0,
+    steps: Annotated[
+        int | None,
+        tyro.conf.arg(
+            metavar="N",
+            help="Most steps of each descent.",
+            help_behavior_hint="(default: 1000 of key points and 3000 of touch; 300 with --from)",
+        ),
+    ] = None,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that read recordings.")] = 1,
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a training that was cut off.")] = False,
     json: JsonOption = False,
@@ -55,7 +63,7 @@ def train(
     from palpate.training.train import train as train_model
 
     begin = time.perf_counter()
-    settings = TrainSettings(seed=seed, workers=workers)
+    settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     results = train_model(_files(folder), out, settings, progress_bar, start, _files(test) if test else (), resume)
     results["wall_s"] = time.perf_counter() - begin
     for why in results["recordings"]["left_out"].values():

@@ -11,9 +11,9 @@ from palpate.cli.options import (
     NOISE,
     JsonOption,
     ModelOption,
+    NamedTactileOption,
     RecordingsFolder,
     SmootherOption,
-    TactileOption,
     WorkersOption,
     check_model,
 )
@@ -27,7 +27,7 @@ def tune(
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="FILE", help="File of the settings (.json), for --noise of others.")],
-    tactile: TactileOption = "learnt",
+    tactile: NamedTactileOption = "learnt",
     model: ModelOption = None,
     smoother: SmootherOption = "fixed-lag",
     parameters: Annotated[

@@ -1,6 +1,7 @@
 """Contacts and rests of one object, one after the other: each begins with what the one before left known."""
 
 import logging
+import math
 from collections.abc import Sequence
 from copy import copy
 
@@ -17,6 +18,7 @@ from palpate.estimation.fixed_lag import FixedLag
 from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
+from palpate.estimation.touched import Touched, touched
 from palpate.estimation.unknowns import Normal
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
@@ -68,17 +70,28 @@ class Estimator:
         doubt = 0.0 if self.in_contact else self._diagnosis.displacement_covariance()
         return self._diagnosis.covariance(self.known) + doubt
 
+    @property
+    def touched(self) -> Touched | None:
+        """Where the sensor touches the object; None between contacts."""
+        if self._contact is None:
+            return None
+        angle = self._contact.pushing_angle() if isinstance(self._contact, FixedLag) else math.nan
+        return touched(self._model, self._contact.belief(), angle)
+
     def path(self) -> Array:
         """Return all object poses so far (N, 3), each as all later measurements in its contact leave it."""
         parts = [*self._settled, *([] if self._contact is None else [_object_path(self._contact)])]
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
     def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
-        """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise."""
-        if self._resting_since is None:
-            self._resting_since = time
+        """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise.
+
+        Raises EstimationError, with nothing changed, where they leave no solution.
+        """
         if measurements:
             self._measure_at_rest(measurements, time)
+        if self._resting_since is None:
+            self._resting_since = time
         self._settled.append(self.known.pose[None])
         self._sensor_pose = sensor_pose
         self._diagnosis.see_rest(self.known, sensor_pose)

@@ -52,6 +52,10 @@ class FixedLag:
         """See Window."""
         return self._window.mean_square(name, steps)
 
+    def pushing_angle(self) -> float:
+        """See Window."""
+        return self._window.pushing_angle()
+
     def costs(self) -> Array:
         """See Window."""
         return self._window.costs()

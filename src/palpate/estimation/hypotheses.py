@@ -15,12 +15,13 @@ count in small part only, and no step decides by itself.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.by_value import ByValue
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
@@ -29,7 +30,8 @@ from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName
-from palpate.estimation.starts import is_rough, starts
+from palpate.estimation.starts import is_rough, places, starts
+from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
@@ -57,7 +59,7 @@ _TOLD = 0.1  # weight from which another answer far from the best makes an estim
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(ByValue):
     """One pose that may be the object's."""
 
     pose: Array
@@ -105,6 +107,8 @@ class Hypotheses:
         self._most = most if smoother in ("fixed-lag", "batch") else 1
         self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
         self._steps = 0  # of this contact
+        if self._most > 1 and model.tips == 1:
+            places(model)  # found now, not when a contact begins
         self._usual = settings.priors.mean, settings.priors.deviation
         self._slippery = settings.priors.mean, settings.priors.deviation
         for part, value in zip(self._slippery, _SLIPPERY, strict=True):
@@ -123,6 +127,11 @@ class Hypotheses:
     def known(self) -> Prior:
         """What is known of the object at the last frame, by the best hypothesis."""
         return self._best.estimator.known
+
+    @property
+    def touched(self) -> Touched | None:
+        """Where the sensor touches the object, by the best hypothesis; None between contacts."""
+        return self._best.estimator.touched
 
     @property
     def answers(self) -> tuple[Answer, ...]:
@@ -167,9 +176,11 @@ class Hypotheses:
         return self._best.estimator.path()
 
     def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
-        """Take a frame in which nothing touches the object."""
-        for one in self._all:
-            one.estimator.rest(sensor_pose, measurements, time)
+        """Take a frame in which nothing touches the object.
+
+        Raises EstimationError, with nothing changed, where what is measured leaves no solution.
+        """
+        self._all = self._solved(lambda one: one.estimator.rest(sensor_pose, measurements, time), time)
 
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
@@ -201,21 +212,29 @@ class Hypotheses:
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[_Hypothesis]:
         """All hypotheses that can be solved with one more frame; the last error where none can."""
-        left: list[_Hypothesis] = []
-        for one in self._all:
+
+        def touch(one: _Hypothesis) -> None:
             knock = None
             if one.open and self._steps:
                 knock = Knock(0.0, _SPREAD / np.sqrt(_BACK))
                 one.open -= 1
                 one.broken[-1] = (one.broken[-1][0], self._steps + 1)
+            one.estimator.touch(sensor_pose, measurements, time, knock)
+            one.age += 1
+
+        return self._solved(touch, time)
+
+    def _solved(self, take: Callable[[_Hypothesis], None], time: float) -> list[_Hypothesis]:
+        """All hypotheses that can take a frame; the last error where none can."""
+        left: list[_Hypothesis] = []
+        for one in self._all:
             try:
-                one.estimator.touch(sensor_pose, measurements, time, knock)
+                take(one)
             except EstimationError as error:
                 logger.debug("frame at %.3f s: a hypothesis is dropped: %s", time, error)
                 if one is self._all[-1] and not left:
                     raise
                 continue
-            one.age += 1
             left.append(one)
         return left
 

@@ -63,6 +63,8 @@ def measured_at_rest(
         pose, values = se2.compose(pose, se2.exp(change[:3])), values + change[3:]
         if np.abs(change).max() < _CONVERGED:
             break
+    if not (np.isfinite(pose).all() and np.isfinite(values).all() and np.isfinite(covariance).all()):
+        raise EstimationError("what is measured of the resting object leaves it indeterminate")
     return Prior(pose, values, 0.5 * (covariance + covariance.T))
 
 

@@ -40,7 +40,7 @@ def starts(
     sensor_pose (3,) is the measured world_T_sensor. Yaw follows from where touch says that the tip is touched; where
     it does not say, it is as known, or one of several.
     """
-    center, normal = _places(model)
+    center, normal = places(model)
     tip, center = model.centers[0], center - prior[DEPTH][0] * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
     found: list[tuple[Prior, float]] = []
@@ -83,8 +83,8 @@ def _at(prior: Prior, pose: Array, outward: complex) -> Prior:
 
 
 @lru_cache(maxsize=8)
-def _places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Where the centre of a tip may be in the object frame when it touches, and the outward normal there, all round."""
+def places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return where the centre of a tip may be when it touches and the outward normal there, all round, object frame."""
     start = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
     centred = replace(model, centers=np.zeros(1, np.complex128))
     pose, places, normals = start, [], []

@@ -12,6 +12,7 @@ from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import SmootherName, make_smoother
+from palpate.estimation.starts import starts
 from palpate.estimation.window import Window
 from palpate.geometry.shapes import Disc
 from palpate.recording.measurements import ContactDirection, ObjectPose, RelativePoses, Turn
@@ -41,6 +42,8 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
         window.last_errors()
         window.mean_square("sticking", 3)
         window.knocked(2, (1e-3, 0.01), ((0.4, 0.1), (0.15, 0.05))).costs()
+        window.pushing_angle()
+    starts(prior.loosened(0.01 * np.eye(3)), model, np.array([-0.05, 0.0, 0.0]), said)
     if smoother not in ("fixed-lag", "batch"):
         other = make_smoother(smoother, settings, model)(prior, np.array([-0.05, 0.0, 0.0]), said, 0.0)
         for step in range(1, 4):

@@ -150,6 +150,15 @@ class Window:
         left_g, left_e = (np.stack(poses, axis=1) for poses in zip(*self._left, strict=True))
         return np.concatenate([left_g, g], axis=1), np.concatenate([left_e, e], axis=1)
 
+    def pushing_angle(self) -> float:
+        """Return the angle of the pushing force from the outline's inward normal at the last step [rad].
+
+        It is that of the first smoother; NaN at the first step and with several tips, of which each bears an unknown
+        share of the force.
+        """
+        values = self._values.with_steps(lambda value: value[:1, -ANGLE_STEPS - 1 :])
+        return math.nan if values.steps < 2 or values.model.tips > 1 else float(values.pushing_angle[0, -1, 0])
+
     def mean_square(self, name: str, steps: int) -> float:
         """Return the mean square error of a factor's terms in the last steps [variances], kernels left out.
 

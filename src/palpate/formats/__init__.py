@@ -10,6 +10,7 @@ from typing import Any
 
 from palpate.errors import FileError, SettingError
 from palpate.formats.bags.containers import existing_bag
+from palpate.formats.palpate_h5 import is_hdf5
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 
@@ -46,9 +47,7 @@ def read(path: Path | str, format: str | None = None) -> Recording | Trajectory:
     path = existing_bag(path)
     name = format or detect_format(path)
     if name is None:
-        import h5py
-
-        if h5py.is_hdf5(path):
+        if is_hdf5(path):
             # It could be a palpate recording that is damaged or of another kind: its reader says which.
             name = "palpate"
         else:

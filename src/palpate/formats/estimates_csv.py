@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FileError, SettingError
-from palpate.files import read_text, whole_file
+from palpate.files import csv_rows, read_text, whole_file
 from palpate.formats.sniff import text_start
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
@@ -37,7 +37,7 @@ def read(path: Path) -> Trajectory:
 
 def trajectory_from_text(text: str, path: Path) -> Trajectory:
     """The trajectory that the text of such a file holds; errors name `path`. Raises FileError."""
-    lines = list(csv.reader(io.StringIO(text)))
+    lines = csv_rows(text, path)
     if not lines or tuple(lines[0]) != COLUMNS:
         raise FileError(f"{path}: line 1: expected the header {','.join(COLUMNS)}")
     rows = []

@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import NUMBERS, check_rows, checked_array, read_json
+from palpate.files import NUMBERS, check_increasing, check_rows, checked_array, is_near, read_json
 from palpate.formats.sniff import text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
+from palpate.limits import FARTHEST
 from palpate.recording import derived
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
@@ -67,14 +68,15 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
     if not n:
         raise FileError("timeJSON: found no frames")
     check_rows("timeJSON", time, np.isfinite(time), "a finite time [s]")
-    check_rows("q_pusher_sensedJSON", center, np.isfinite(center).all(axis=1), "a finite position [m]")
+    check_rows("q_pusher_sensedJSON", center, is_near(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
 
     # The clock sometimes repeats or steps back; only samples that are later than all before them count.
     later = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
+    check_increasing(time[later])
     time, pose, center = time[later] - time[0], pose[later], center[later].astype(np.float64)
     sensor_pose = _sensor_pose(center)
 
-    pose[np.isnan(pose).any(axis=1)] = np.nan
+    pose[~is_near(pose).all(axis=1)] = np.nan
     gap = derived.gaps(sensor_pose, pose, SQUARE, TIP)
     untrusted = (
         derived.impossible(gap)
@@ -84,7 +86,7 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
     pose[untrusted] = np.nan
     gap[untrusted] = np.nan
 
-    keep = _nearest(time, np.arange(0.0, time[-1] + 1e-9, 1.0 / TIP.rate))
+    keep = _nearest(time, TIP.rate)
     return Recording(
         time=time[keep],
         sensor_pose=sensor_pose[keep],
@@ -111,7 +113,9 @@ def _sensor_pose(center: NDArray[np.float64]) -> NDArray[np.float64]:
     return se2.compose(center_pose, np.array([[TIP.radius, 0.0, 0.0]]))
 
 
-def _nearest(time: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Indices, each once, of the times (N,) nearest to the wanted ones; both increasing."""
-    middles = (time[1:] + time[:-1]) / 2
-    return np.unique(np.searchsorted(middles, wanted))
+def _nearest(time: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
+    """Indices of the times (N,), increasing from 0, each of which is the nearest to some whole number of periods."""
+    # A sample is the nearest to all that is between the middles to its neighbours; no list of all periods is made,
+    # for a damaged time would make it endless.
+    ends = np.floor(np.append((time[1:] + time[:-1]) / 2, time[-1] + 1e-9) * rate)
+    return np.flatnonzero(np.diff(ends, prepend=-1.0) > 0)

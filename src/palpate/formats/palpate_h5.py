@@ -1,15 +1,18 @@
 """palpate's own recording file, HDF5 (`.h5`): everything that a Recording holds, in its units and frames."""
 
 import hashlib
-import io
 import json
+import mmap
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError
-from palpate.files import existing_file, whole_file
+from palpate.files import existing_file, json_object, whole_file
+from palpate.formats.hdf5 import SIGNATURE, Contents, read_hdf5
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
@@ -19,19 +22,15 @@ NAME = "palpate"
 DESCRIPTION = "palpate recording, HDF5 (.h5)"
 FORMAT = "palpate-recording"
 VERSION = 1
+EXTRA = "extra/"
 
 
 def detect(path: Path) -> bool:
-    """Whether the file is HDF5 and says that it is one of these."""
-    import h5py
-
-    try:
-        if not h5py.is_hdf5(path):
-            return False
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("format", "") == FORMAT)
-    except (OSError, RuntimeError, ValueError, KeyError):
+    """Whether the file is HDF5 and somewhere says that it is one of these."""
+    if not is_hdf5(path):
         return False
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        return data.find(FORMAT.encode()) >= 0
 
 
 def read(path: Path) -> Recording:
@@ -65,7 +64,7 @@ def recording_to_bytes(recording: Recording) -> bytes:
 
 def recording_from_bytes(data: bytes, path: Path) -> Recording:
     """Return the recording of `recording_to_bytes`; errors name `path`. Raises FileError."""
-    return _opened(io.BytesIO(data), path)
+    return _opened(data, path)
 
 
 def _fill(file: Any, recording: Recording) -> None:
@@ -78,11 +77,11 @@ def _fill(file: Any, recording: Recording) -> None:
     file.attrs["source"] = recording.source
     file.attrs["frames"] = json.dumps(recording.frames)
     file.attrs["contact_derived"] = recording.contact_derived
-    for name in ("time", "sensor_pose", "object_pose", "contact", "episode"):
-        if (value := getattr(recording, name)) is not None:
-            file[name] = value
-    for name, value in recording.extra.items():
-        file[f"extra/{name}"] = value
+    names = ("time", "sensor_pose", "object_pose", "contact", "episode")
+    arrays = {name: value for name in names if (value := getattr(recording, name)) is not None}
+    arrays |= {EXTRA + name: value for name, value in recording.extra.items()}
+    for name, value in arrays.items():
+        file[name] = value
     if recording.image is not None:
         images = file.create_dataset("image", (len(recording),), h5py.vlen_dtype(np.uint8))
         for index, data in enumerate(recording.image):
@@ -90,125 +89,114 @@ def _fill(file: Any, recording: Recording) -> None:
         images.attrs["codec"] = recording.codec
         images.attrs["height"] = recording.sensor.image_height
         images.attrs["width"] = recording.sensor.image_width
-    file.attrs["checksum"] = checksum(file)
+    file.attrs["checksum"] = _checksum(arrays, recording.image or ())
 
 
-def checksum(file: Any) -> str:
-    """Return the SHA-256 of what the datasets of an open HDF5 file hold; a recording has it as attribute checksum."""
-    import h5py
-
+def _checksum(arrays: Mapping[str, NDArray[Any]], images: Iterable[bytes]) -> str:
+    """The SHA-256 of all values and images; a recording has it as attribute checksum."""
     digest = hashlib.sha256()
-
-    def add(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset):
-            value = node[()]
-            rows = value if value.dtype == object else [value]
-            digest.update(f"{name} {len(rows)}\n".encode())
-            for row in rows:
-                digest.update(np.ascontiguousarray(row).data)
-
-    file.visititems(add)
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    for image in images:
+        digest.update(f"image {len(image)}\n".encode())
+        digest.update(image)
     return digest.hexdigest()
 
 
 def read_recording(path: Path | str) -> Recording:
     """Read a file of `write_recording`. Raises FileError, in one sentence, on anything else."""
-    import h5py
-
     path = existing_file(path)
-    if not h5py.is_hdf5(path):
+    if not is_hdf5(path):
         raise FileError(f"{path}: is not an HDF5 file")
     return _opened(path, path)
 
 
-def _opened(source: Path | io.BytesIO, path: Path) -> Recording:
-    import h5py
-
+def source_of(path: Path) -> str:
+    """Where the data of a recording come from, in words. Raises FileError, also where they are not as written."""
     try:
-        with h5py.File(source, "r") as file:
-            return _read(file, path)
+        file = read_hdf5(path)
+        now = _checksum(file.arrays, file.rows.get("image", ()))
+        if file.attributes.get("checksum", now) != now:  # earlier versions wrote none
+            raise FileError("is damaged: its values are not those that were written")
+        return str(_attribute(file.attributes, "source"))
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether a file begins as HDF5 does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(SIGNATURE)) == SIGNATURE
+    except OSError:
+        return False
+
+
+def _opened(source: Path | bytes, path: Path) -> Recording:
+    try:
+        return _read(read_hdf5(source), path)
     except PalpateError as error:
         raise FileError(f"{path}: {error}") from error
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError) as error:
-        raise FileError(f"{path}: is truncated or damaged ({' '.join(str(error).split())})") from error
 
 
-def _read(file: Any, path: Path) -> Recording:
-    found = file.attrs.get("format", "none")
+def _read(file: Contents, path: Path) -> Recording:
+    found = file.attributes.get("format", "none")
     if found != FORMAT:
         raise FileError(f"is an HDF5 file of another kind: attribute format is {found!r}, expected {FORMAT!r}")
-    version = _attribute(file, "version")
-    if not isinstance(version, np.integer) or version < 1:
+    version = _attribute(file.attributes, "version")
+    if type(version) is not int or version < 1:
         raise FileError(f"attribute version: found {version!r}, allowed is 1 to {VERSION}")
     if version > VERSION:
         raise FileError(f"has version {version}, this palpate reads up to version {VERSION}: update palpate")
+    if "extra" in file.arrays:
+        raise FileError("extra: found a dataset, expected a group of datasets")
     sensor = sensor_from_dict(_json(file, "sensor"))
-    image, codec = _read_images(file, sensor)
+    image, codec = _images(file, sensor)
     return Recording(
         time=_dataset(file, "time"),
         sensor_pose=_dataset(file, "sensor_pose"),
         shape=shape_from_dict(_json(file, "shape")),
         sensor=sensor,
-        object_pose=_dataset(file, "object_pose") if "object_pose" in file else None,
-        contact=_dataset(file, "contact") if "contact" in file else None,
-        episode=_dataset(file, "episode") if "episode" in file else None,
+        object_pose=file.arrays.get("object_pose"),
+        contact=file.arrays.get("contact"),
+        episode=file.arrays.get("episode"),
         image=image,
         codec=codec,
-        contact_derived=bool(_attribute(file, "contact_derived")),
-        source=str(_attribute(file, "source")),
+        contact_derived=bool(_attribute(file.attributes, "contact_derived")),
+        source=str(_attribute(file.attributes, "source")),
         frames={str(key): str(value) for key, value in _json(file, "frames").items()},
-        extra=_read_extra(file),
+        extra={name.removeprefix(EXTRA): value for name, value in file.arrays.items() if name.startswith(EXTRA)},
         file=path,
     )
 
 
-def _read_extra(file: Any) -> dict[str, Any]:
-    import h5py
-
-    if "extra" not in file:
-        return {}
-    group = file["extra"]
-    if not isinstance(group, h5py.Group):
-        raise FileError("extra: found a dataset, expected a group of datasets")
-    return {str(name): _dataset(group, str(name)) for name in group}
-
-
-def _read_images(file: Any, sensor: SensorProfile) -> tuple[tuple[bytes, ...] | None, Any]:
-    import h5py
-
-    if "image" not in file:
-        return None, "jpeg"
-    data = file["image"]
-    if not isinstance(data, h5py.Dataset) or data.ndim != 1 or h5py.check_vlen_dtype(data.dtype) != np.uint8:
+def _images(file: Contents, sensor: SensorProfile) -> tuple[tuple[bytes, ...] | None, Any]:
+    if "image" in file.arrays:
         raise FileError("image: expected one row of variable-length bytes for each frame")
-    size = (_attribute(data, "height"), _attribute(data, "width"))
+    if "image" not in file.rows:
+        return None, "jpeg"
+    attached = file.attached["image"]
+    size = (_attribute(attached, "height"), _attribute(attached, "width"))
     if size != (sensor.image_height, sensor.image_width):
         raise FileError(
             f"image: height and width are {size[0]} and {size[1]}, the sensor has "
             f"{sensor.image_height} and {sensor.image_width}"
         )
-    return tuple(row.tobytes() for row in data[:]), _attribute(data, "codec")
+    return file.rows["image"], _attribute(attached, "codec")
 
 
-def _dataset(file: Any, name: str) -> Any:
-    import h5py
-
-    if not isinstance(file.get(name), h5py.Dataset):
+def _dataset(file: Contents, name: str) -> Any:
+    if name not in file.arrays:
         raise FileError(f"dataset {name} is missing")
-    return file[name][()]
+    return file.arrays[name]
 
 
-def _attribute(node: Any, name: str) -> Any:
-    if name not in node.attrs:
+def _attribute(attributes: dict[str, Any], name: str) -> Any:
+    if name not in attributes:
         raise FileError(f"attribute {name} is missing")
-    return node.attrs[name]
+    return attributes[name]
 
 
-def _json(file: Any, name: str) -> dict[str, Any]:
-    try:
-        value = json.loads(_attribute(file, name))
-    except (ValueError, TypeError) as error:
-        raise FileError(f"attribute {name}: is not valid JSON ({error})") from error
-    if not isinstance(value, dict):
-        raise FileError(f"attribute {name}: found a JSON {type(value).__name__}, expected an object")
-    return value
+def _json(file: Contents, name: str) -> dict[str, Any]:
+    return json_object(str(_attribute(file.attributes, name)), f"attribute {name}")

@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, SettingError
-from palpate.files import NUMBERS, check_rows, checked_array, read_json, whole_file
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.files import NUMBERS, check_rows, checked_array, is_near, read_json, whole_file
 from palpate.formats.held import present
 from palpate.formats.sniff import text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.limits import FARTHEST
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import POINT
 from palpate.recording.trajectory import Trajectory
@@ -57,7 +58,7 @@ def read(path: Path, shape: Shape | None = None) -> Recording:
     data = read_json(path)
     try:
         return _read(data, Path(path), shape)
-    except FileError as error:
+    except PalpateError as error:
         raise FileError(f"{path}: {error}") from error
 
 
@@ -122,7 +123,7 @@ def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
         found = ", ".join(f"{key} {length}" for key, length in lengths.items())
         raise FileError(f"lengths differ: {found}, contact_episode {len(number)}")
     for name, rows in (("obj_poses_2d", truth), ("ee_poses_2d", hand)):
-        check_rows(name, rows, np.isfinite(rows).all(axis=1), "three finite numbers")
+        check_rows(name, rows, is_near(rows).all(axis=1), f"three numbers up to {FARTHEST:g}")
     sensor = se2.compose(hand, QUARTER_TURN[None])
 
     anew = number[1:] != number[:-1]

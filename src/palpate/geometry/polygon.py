@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError, ShapeError
+from palpate.limits import FARTHEST
 
 Array = NDArray[np.float64]
 
@@ -18,13 +19,15 @@ def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
 
     try:
         corners = np.asarray(vertices, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"polygon vertices are no numbers: {error}") from error
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ShapeError(f"polygon vertices have shape {corners.shape}; they must be (N, 2)")
-    if not np.isfinite(corners).all():
-        row = int(np.flatnonzero(~np.isfinite(corners).all(axis=1))[0])
-        raise ShapeError(f"polygon vertex {row} is {tuple(corners[row].tolist())}; vertices must be finite")
+    near = (np.abs(corners) <= FARTHEST).all(axis=1)
+    if not near.all():
+        row = int(np.argmin(near))
+        found = tuple(corners[row].tolist())
+        raise ShapeError(f"polygon vertex {row} is {found}; vertices must be finite, up to {FARTHEST:g} m")
     corners = corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]  # drops repeats, the closing one too
     if len(corners) < 3:
         raise ShapeError(f"polygon has {len(corners)} different vertices in a row; it needs 3 or more")

@@ -4,6 +4,7 @@ All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` 
 """
 
 import math
+import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -15,8 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import ShapeError
 from palpate.geometry import polygon
+from palpate.limits import FARTHEST
 
 Array = NDArray[np.float64]
+
+PRESSURES = ("uniform", "rim", "corner")
+"""How an object may press on the table; see `friction_radius` of a shape."""
+
+SMALLEST = 1e-6
+"""[m] A smaller size is no object that is felt."""
 
 
 class _Outline(ABC):
@@ -260,6 +268,7 @@ def shape_from_dict(data: Mapping[str, Any]) -> Shape:
 
 
 def _size(value: Any, what: str) -> float:
-    if not isinstance(value, Real) or isinstance(value, bool) or not 0.0 < float(value) < math.inf:
-        raise ShapeError(f"{what} is {value!r}; it must be a finite length above 0 [m]")
+    # Compared before it is made a float, which cannot hold every whole number.
+    if not isinstance(value, Real) or isinstance(value, bool) or not SMALLEST <= value <= FARTHEST:
+        raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from {SMALLEST:g} to {FARTHEST:g} m")
     return float(value)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.estimate import Estimate
 from palpate.formats.bags.estimates_mcap import add_estimates
 from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
 from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
@@ -18,7 +19,6 @@ from palpate.live.poses import SensorPlace, TimedPose
 from palpate.recording.plane import flat, out_of_plane
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
-from palpate.tracker import Estimate
 
 _PLANE = flat()
 

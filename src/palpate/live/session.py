@@ -66,6 +66,8 @@ def track_live(
                 state.unplaced += 1
                 continue
             estimate = tracker.update(Frame(image.time, place.pose, pixels_of(image, sources.size)))
+            if not state.tracked and tracker.tactile_reason:
+                state.note(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
             last = LiveEstimate(estimate, place, clock.now() - image.time)
             state.estimated(last)
             state.dropped = newest.dropped

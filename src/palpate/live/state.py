@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.estimate import Estimate
 from palpate.live.poses import SensorPlace
-from palpate.tracker import Estimate
 
 _RATED = 60  # images that the rate is measured by
 _NOTES = 3  # that are shown

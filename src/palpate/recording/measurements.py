@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
@@ -15,13 +16,19 @@ FARTHEST_BACK = 39
 window holds so many steps and the last one."""
 
 
+_LEAST_VARIANCE = 1e-18  # [m^2], [rad^2]; nothing is measured better, and less cannot be inverted
+
+
 class Measurement:
     """What is said of one frame; the factors of `palpate.estimation` take it by its type."""
 
 
 @dataclass(frozen=True)
 class RelativePoses(Measurement):
-    """Sensor-in-object poses of the current frame as seen from P earlier frames of the same contact (paper Eq. 6)."""
+    """Sensor-in-object poses of the current frame as seen from P earlier frames of the same contact (paper Eq. 6).
+
+    Raises EstimationError on arrays that cannot be used.
+    """
 
     back: NDArray[np.int_]
     """How many frames ago the earlier frame was, (P,) int, at least 1."""
@@ -29,6 +36,20 @@ class RelativePoses(Measurement):
     """`g_earlier^-1 g_now`, (P, 3) [m, m, rad]."""
     covariance: NDArray[np.float64]
     """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is told."""
+
+    def __post_init__(self) -> None:
+        back = np.asarray(self.back)
+        count = len(back) if back.ndim == 1 else 0
+        pose, covariance = finite_numbers(self.pose, (count, 3)), finite_numbers(self.covariance, (count, 3, 3))
+        if back.ndim != 1 or not np.issubdtype(back.dtype, np.integer) or (back < 1).any():
+            found = _shown(self.back)
+            raise EstimationError(f"relative poses are of {found} frames ago; they must be (P,) integers from 1 on")
+        if pose is None or covariance is None:
+            wanted = f"poses ({count}, 3) and covariances ({count}, 3, 3)"
+            raise EstimationError(f"relative poses of {count} earlier frames must have finite {wanted}")
+        object.__setattr__(self, "back", back)
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "covariance", covariance)
 
 
 @dataclass(frozen=True)
@@ -79,7 +100,8 @@ class ObjectPose(Measurement):
     """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
 
     def __post_init__(self) -> None:
-        pose, covariance = _numbers(self.pose, (3,)), _numbers(self.covariance, (3, 3))
+        pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
+        check_time("ObjectPose", self.time)
         if pose is None:
             raise EstimationError(
                 f"object pose is {_shown(self.pose)}; it must be three finite numbers x [m], y [m], theta [rad]"
@@ -88,8 +110,10 @@ class ObjectPose(Measurement):
             raise EstimationError(
                 f"object pose has covariance {_shown(self.covariance)}; it must be a symmetric (3, 3) of finite numbers"
             )
-        if not (np.linalg.eigvalsh(covariance) > 0.0).all():
-            raise EstimationError(f"object pose has covariance {_shown(covariance)}; it must be positive definite")
+        if not (np.linalg.eigvalsh(covariance) > _LEAST_VARIANCE).all():
+            raise EstimationError(
+                f"object pose has covariance {_shown(covariance)}; it must be positive definite, deviations above 1 nm"
+            )
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "covariance", covariance)
 
@@ -112,6 +136,12 @@ class OwnMeasurement(Measurement):
     """
 
 
+def check_time(what: str, time: object) -> None:
+    """Raise EstimationError unless a measurement's time is a number [s] or None."""
+    if time is not None and (not isinstance(time, Real) or isinstance(time, bool)):
+        raise EstimationError(f"measurement {what} is of time {time!r}; it must be a number [s], or None")
+
+
 def _check(what: str, angle: float, variance: float) -> None:
     if not (math.isfinite(angle) and 0.0 < variance < math.inf):
         raise EstimationError(
@@ -124,10 +154,10 @@ def _shown(given: object) -> str:
     return repr(given.tolist() if isinstance(given, np.ndarray) else given)
 
 
-def _numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """A copy of finite numbers as an array of this shape, or None if they are not that."""
+def finite_numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
     try:
         numbers = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None

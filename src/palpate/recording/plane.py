@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import FileError, SettingError
+from palpate.geometry import se2
 from palpate.recording.motion import Placed, Times
 
 logger = logging.getLogger(__name__)
@@ -153,6 +154,18 @@ def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:
     height = np.full((len(pose), 1), plane.height)
     position = np.hstack([pose[:, :2], height]) @ plane.axes.T
     return position, (Rotation.from_matrix(plane.axes) * Rotation.from_euler("z", pose[:, 2:])).as_quat()
+
+
+def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
+    """The covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
+
+    From poses in the plane (N, 3) and their covariances (N, 3, 3) in the tangent space at the pose (right, body frame),
+    order x, y, theta. What leaves the plane has none: zero.
+    """
+    axes_T_body = np.zeros((len(pose), 6, 3))
+    axes_T_body[:, :3, :2] = plane.axes[:, :2] @ se2.rotation(pose[:, 2])
+    axes_T_body[:, 3:, 2] = plane.axes[:, 2]
+    return axes_T_body @ covariance @ axes_T_body.transpose(0, 2, 1)
 
 
 def flat(frame: str = "world") -> Plane:

@@ -3,17 +3,21 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FileError
-from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array
+from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.geometry.shapes import Shape
+from palpate.limits import FARTHEST
 from palpate.recording.frame import Frame
-from palpate.recording.images import Codec, decode_image
-from palpate.recording.sensor import SensorProfile
+from palpate.recording.images import Codec, Images, decode_image
+from palpate.recording.sensor import SensorProfile, known_sensor
+
+if TYPE_CHECKING:
+    from palpate.recording.plane import Normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +64,12 @@ class Recording:
         settle("time", time)
         n = len(time)
         poses = checked_array("sensor_pose", self.sensor_pose, NUMBERS, (n, 3)).astype(np.float64)
-        check_rows("sensor_pose", poses, np.isfinite(poses).all(axis=1), "three finite numbers")
+        check_rows("sensor_pose", poses, is_near(poses).all(axis=1), f"three numbers up to {FARTHEST:g}")
         settle("sensor_pose", poses)
         if self.object_pose is not None:
             truth = checked_array("object_pose", self.object_pose, NUMBERS, (n, 3)).astype(np.float64)
-            allowed = np.isfinite(truth).all(axis=1) | np.isnan(truth).all(axis=1)
-            check_rows("object_pose", truth, allowed, "three finite numbers, or three NaN where not known")
+            allowed = is_near(truth).all(axis=1) | np.isnan(truth).all(axis=1)
+            check_rows("object_pose", truth, allowed, f"three numbers up to {FARTHEST:g}, or three NaN")
             settle("object_pose", truth)
         if self.contact is not None:
             settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))
@@ -78,10 +82,90 @@ class Recording:
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
-            settle("image", tuple(self.image))
+            settle("image", _checked_images(self.image))
             if len(self.image) != n:
                 raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
         settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})
+
+    @classmethod
+    def from_arrays(
+        cls,
+        image_time: ArrayLike,
+        images: Images | None,
+        pose_time: ArrayLike,
+        poses: ArrayLike,
+        shape: Shape,
+        sensor: SensorProfile | str,
+        *,
+        sensor_T_gel: ArrayLike | None = None,
+        time_offset: float = 0.0,
+        plane: "Normal" = (0.0, 0.0, 1.0),
+        off_plane: float = 0.01,
+        object_poses: ArrayLike | None = None,
+        object_time: ArrayLike | None = None,
+        contact: ArrayLike | None = None,
+        codec: Codec = "jpeg",
+        source: str = "arrays",
+    ) -> "Recording":
+        """Make a recording from images and poses that have times of their own.
+
+        Frames are the images, with the sensor's pose between those before and after; a warning says how many are left
+        out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers). Poses are
+        rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) with the quaternion's w last, or 4x4 matrices, in one
+        frame of the world. Raises FileError or SettingError that names the argument, what was found and what would fit.
+
+        Parameters
+        ----------
+        image_time
+            (N,) When each image was taken, increasing.
+        images
+            An array (N, height, width, 3) of uint8, RGB; or N such arrays, N encoded images (bytes, JPEG or PNG) or N
+            paths of image files; None where there are none, and `contact` tells what is touched.
+        pose_time
+            (M,) When each pose was so, by the same clock.
+        poses
+            (M, 3), (M, 7) or (M, 4, 4) Where the sensor was, or the part of a robot that carries it.
+        shape
+            Outline of the object in the object frame; `palpate.load_shape` reads one from a file.
+        sensor
+            A profile, or a known name: "digit", "gelsight-mini" or "point".
+        sensor_T_gel
+            (3,), (7,) or (4, 4) The gel's frame in the frame that `poses` place: origin at the apex of the gel, x out
+            of it, y along the columns of an image. None where `poses` are the gel's own.
+        time_offset
+            Added to the times of the images [s]: negative where they are stamped late.
+        plane
+            Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's way.
+        off_plane
+            How far poses may be off that plane [m].
+        object_poses
+            (K, 3), (K, 7) or (K, 4, 4) Where the object was: ground truth, NaN where it is not known.
+        object_time
+            (K,) When; by default `pose_time`.
+        contact
+            (N,) Whether the sensor touches the object in each image.
+        codec
+            How arrays are encoded: "jpeg" at quality 95, or "png", lossless.
+        source
+            Where the data come from, in words.
+        """
+        from palpate.recording.arrays import recording_from_arrays
+
+        truth = None if object_poses is None else (pose_time if object_time is None else object_time, object_poses)
+        return recording_from_arrays(
+            (image_time, images),
+            (pose_time, poses),
+            shape,
+            known_sensor(sensor),
+            sensor_T_gel,
+            time_offset,
+            plane,
+            off_plane,
+            truth,
+            contact,
+            codec,
+            source,
+        )
 
     def __len__(self) -> int:
         return len(self.time)
@@ -107,6 +191,17 @@ class Recording:
         except FileError as error:
             where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
             raise FileError(f"{where}: {error}") from error
+
+
+def _checked_images(images: Any) -> tuple[bytes, ...]:
+    kept = tuple(images)
+    for index, image in enumerate(kept):
+        if not isinstance(image, bytes):
+            found = f"an array of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise FileError(
+                f"image: image {index} is {found}, expected encoded bytes; Recording.from_arrays encodes arrays"
+            )
+    return kept
 
 
 def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:

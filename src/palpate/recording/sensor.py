@@ -4,7 +4,7 @@ The sensor frame has its origin at the apex of the undeformed gel (for several t
 apexes), x out of the gel along the push, y along the pad's width and z up. Image columns run along y.
 """
 
-import math
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from numbers import Integral, Real
@@ -14,6 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
+from palpate.limits import FARTHEST
+
+FASTEST = 1e6
+"""[Hz] No sensor is faster."""
+LONGEST_SIDE = 65_535
+"""[px] of an image; a JPEG can have no more."""
 
 T = TypeVar("T", int, float)
 
@@ -40,18 +46,18 @@ class SensorProfile:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise SettingError(f"sensor name is {self.name!r}; it must be a string that is not empty")
-        self._keep("radius", _number(self.radius), lambda value: value >= 0.0, "a length [m], 0 or more")
-        self._keep("rate", _number(self.rate), lambda value: value > 0.0, "a rate [Hz] above 0")
+        self._keep("radius", _number(self.radius), lambda value: 0.0 <= value <= FARTHEST, "a length [m], 0 or more")
+        self._keep("rate", _number(self.rate), lambda value: 0.0 < value <= FASTEST, "a rate [Hz] above 0")
         if self.half_width is not None:
             half_width = _number(self.half_width)
-            self._keep("half_width", half_width, lambda value: value > 0.0, "a length [m] above 0, or None")
+            self._keep("half_width", half_width, lambda value: 0.0 < value <= FARTHEST, "a length [m] above 0, or None")
         for field in ("image_height", "image_width"):
             value = getattr(self, field)
             whole = isinstance(value, Integral) and not isinstance(value, bool)
             self._keep(
                 field,
                 int(value) if whole else None,
-                lambda value: value >= 0,
+                lambda value: 0 <= value <= LONGEST_SIDE,
                 "a whole number [px], 0 or more",
             )
         if (self.image_height == 0) != (self.image_width == 0):
@@ -59,10 +65,10 @@ class SensorProfile:
             raise SettingError(f"sensor {self.name!r} has images of {found}; both must be 0 or both above 0")
         try:
             tips = tuple((float(x), float(y)) for x, y in self.tips)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             tips = ()
-        if not tips or not np.isfinite(tips).all():
-            found = f"sensor {self.name!r} has tips {self.tips!r}"
+        if not tips or not (np.abs(tips) <= FARTHEST).all():
+            found = f"sensor {self.name!r} has tips {reprlib.repr(self.tips)}"
             raise SettingError(f"{found}; they must be one or more finite (x, y) pairs [m]")
         object.__setattr__(self, "tips", tips)
 
@@ -88,7 +94,7 @@ class SensorProfile:
 
     def _keep(self, field: str, value: T | None, allowed: Callable[[T], bool], wanted: str) -> None:
         if value is None or not allowed(value):
-            found = f"sensor {self.name!r} has {field} {getattr(self, field)!r}"
+            found = f"sensor {self.name!r} has {field} {reprlib.repr(getattr(self, field))}"
             raise SettingError(f"{found}; it must be {wanted}")
         object.__setattr__(self, field, value)
 
@@ -112,9 +118,10 @@ def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
 
 
 def _number(value: Any) -> float | None:
-    if isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
-        return float(value)
-    return None
+    try:
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    except OverflowError:  # a whole number that no float holds
+        return None
 
 
 DIGIT = SensorProfile(name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0)
@@ -130,3 +137,15 @@ Its gel is flat; the radius of 1 m, with which the pad falls back 0.05 mm at its
 
 POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
 """A sharp probe without images."""
+
+SENSORS = {"digit": DIGIT, "gelsight-mini": GELSIGHT_MINI, "point": POINT}
+"""Profiles by the names that users say."""
+
+
+def known_sensor(sensor: SensorProfile | str) -> SensorProfile:
+    """The profile itself, or the one of a known name; raises SettingError on a name that is not known."""
+    if isinstance(sensor, SensorProfile):
+        return sensor
+    if not isinstance(sensor, str) or sensor.lower() not in SENSORS:
+        raise SettingError(f"sensor is {sensor!r}; allowed are {', '.join(SENSORS)}, or a SensorProfile")
+    return SENSORS[sensor.lower()]

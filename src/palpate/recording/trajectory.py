@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import FLAGS, NUMBERS, check_increasing, check_rows, checked_array
+from palpate.files import FLAGS, NUMBERS, check_increasing, check_rows, checked_array, is_near
+from palpate.limits import FARTHEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class Trajectory:
         check_increasing(time)
         n = len(time)
         pose = checked_array("pose", self.pose, NUMBERS, (n, 3)).astype(np.float64)
-        check_rows("pose", pose, np.isfinite(pose).all(axis=1), "three finite numbers")
+        check_rows("pose", pose, is_near(pose).all(axis=1), f"three numbers up to {FARTHEST:g}")
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "pose", pose)
         if self.covariance is not None:

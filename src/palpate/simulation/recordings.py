@@ -16,6 +16,9 @@ from palpate.simulation.gel import draw_side, render
 from palpate.simulation.pushes import Sequence, draw_sequence, measured
 from palpate.simulation.unit import SensorUnit, draw_unit
 
+COUNT = 100_000
+"""Most recordings of one object in a folder: the n-th of a folder's seed s has the seed s * COUNT + n of its own."""
+
 _FRAMES = {
     "sensor_pose": "simulated motion capture with drawn noise; exact in extra/sensor_pose_clean",
     "object_pose": "simulated motion capture with drawn noise; exact in extra/object_pose_clean",
@@ -94,10 +97,15 @@ def simulated_source(
     unit: int | None = None,
     knocks: bool = False,
 ) -> str:
-    """Return the words that say where a simulated recording comes from, and from what it can be made again."""
+    """Return the words that say where a simulated recording comes from, and from what it can be made again.
+
+    They name the seed that `palpate simulate` takes, and which of its recordings this is.
+    """
     drawn, *_ = _seeds(shape, kind, seed, unit)
+    of_folder, number = divmod(seed, COUNT)
     touch = f"drawn touch images of unit {drawn}" if images else f"no touch images, gel of unit {drawn}"
-    return f"simulated by palpate: MuJoCo, {kind}, {float(seconds)!r} s, seed {seed}, {touch}{', knocked' * knocks}"
+    which = f"{kind}, {float(seconds)!r} s, seed {of_folder}, recording {number}"
+    return f"simulated by palpate: MuJoCo, {which}, {touch}{', knocked' * knocks}"
 
 
 def _seeds(shape: Shape, kind: str, seed: int, unit: int | None) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:

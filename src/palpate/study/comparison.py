@@ -10,13 +10,13 @@ The comparison holds
     sequences   [{recording, method, group, before, after, change}] with all of these figures, None where not told
 """
 
-import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 from palpate.errors import FileError, SettingError
+from palpate.files import read_csv
 from palpate.study.folder import read_study
 from palpate.study.results import FINALS, RMSES, flat
 from palpate.study.trial import Method, Trial
@@ -44,14 +44,15 @@ def read_scores(folder: Path) -> Scores:
     if not path.is_file():
         raise FileError(f"{folder}: holds a study that is not done: there is no sequences.csv in it")
     scores: Scores = {}
+    columns, *rows = read_csv(path)
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                if row[FINALS["final_mm"]]:
-                    errors: Figures = {name: float(row[key]) for name, key in (FINALS | RMSES).items()}
-                    more = {name: _number(row.get(name)) for name in (*COVERAGE, RECOVERY)}
-                    scores[row["recording"], Method(row["tactile"], row["smoother"])] = errors | more
-    except (OSError, KeyError, ValueError, UnicodeDecodeError, csv.Error) as error:
+        for values in rows:
+            row = dict(zip(columns, values, strict=True))
+            if row[FINALS["final_mm"]]:
+                errors: Figures = {name: float(row[key]) for name, key in (FINALS | RMSES).items()}
+                more = {name: _number(row.get(name)) for name in (*COVERAGE, RECOVERY)}
+                scores[row["recording"], Method(row["tactile"], row["smoother"])] = errors | more
+    except (KeyError, ValueError) as error:
         raise FileError(f"{path}: is not a table of sequences ({error})") from error
     return scores
 

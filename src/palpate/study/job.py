@@ -85,7 +85,7 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel) -> Outcome:
         tactile, smoother = cast(Tactile, method.tactile), cast(SmootherName, method.smoother)
         how = TrackerSettings(tactile, smoother, settings.noise, pressure=settings.pressure)
         try:
-            with _quiet():
+            with quiet():
                 run = track(recording, how, None if known else settings.first_pose, model=model)
         except FileError as error:  # an image in the middle of it
             return Outcome(job, broken=_said(error, job))
@@ -150,7 +150,7 @@ def _said(error: Exception, job: Job) -> str:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep warnings of the tracker back: its statuses, which the summary counts, say the same."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.archives import read_arrays
 from palpate.errors import FileError
-from palpate.files import whole_file
+from palpate.files import FLAGS, NUMBERS, checked_array, json_object, whole_file
 from palpate.tracking.metrics import nees, rotation_errors, translation_errors
 
 Array = NDArray[np.float64]
@@ -74,7 +75,17 @@ class Trial:
         return nees(self.pose, self.covariance, self.truth)
 
 
-_ARRAYS = ("time", "truth", "pose", "covariance", "contact", "sensor_pose", "slid", "step_ms")
+_ARRAYS: dict[str, tuple[int, ...]] = {
+    "time": (),
+    "truth": (3,),
+    "pose": (3,),
+    "covariance": (3, 3),
+    "contact": (),
+    "sensor_pose": (3,),
+    "slid": (),
+    "step_ms": (),
+}
+"""What is kept of each frame, and its shape."""
 
 
 def write_trial(trial: Trial, path: Path) -> None:
@@ -96,13 +107,17 @@ def write_trial(trial: Trial, path: Path) -> None:
 
 def read_trial(path: Path) -> Trial:
     """Read a trial; FileError where it is none."""
-    import zipfile
-
+    arrays = read_arrays(path)
+    if missing := [name for name in ("about", *_ARRAYS) if name not in arrays]:
+        raise FileError(f"{path}: is not a trial of a study: lacks {', '.join(missing)}")
+    about = json_object(str(arrays.pop("about")), f"{path}: about")
+    n = len(np.atleast_1d(arrays["time"]))
     try:
-        with np.load(path, allow_pickle=False) as file:
-            about = json.loads(str(file["about"]))
-            arrays = {name: file[name] for name in _ARRAYS}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        found = {
+            name: checked_array(name, arrays[name], FLAGS if name == "contact" else NUMBERS, (n, *shape))
+            for name, shape in _ARRAYS.items()
+        }
+        method = Method(**about.pop("method"))
+        return Trial(method=method, **about, **found)
+    except (FileError, TypeError, KeyError) as error:
         raise FileError(f"{path}: is not a trial of a study ({error})") from error
-    method = Method(**about.pop("method"))
-    return Trial(method=method, **about, **arrays)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.archives import read_arrays
 from palpate.errors import FileError
-from palpate.files import NUMBERS, checked_array, existing_file, whole_file
+from palpate.files import INTEGERS, NUMBERS, checked_array, existing_file, whole_file
 from palpate.touch.background import Background, Levels
 from palpate.touch.view import AS_IT_IS, CameraView
 
@@ -72,28 +73,23 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
 
 def load_calibration(path: Path | str) -> Calibration:
     """Read a file of `write_calibration`, which runs no code. Raises FileError, in one sentence, on anything else."""
-    import zipfile
-    import zlib
-
     path = existing_file(path)
-    if not zipfile.is_zipfile(path):
-        raise FileError(f"{path}: is not a calibration (an .npz of palpate calibrate), or is truncated")
+    arrays = read_arrays(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if missing := [name for name in _FIELDS if name not in file]:
-                raise FileError(f"is not a calibration: {' and '.join(missing)} missing; expected mean and deviation")
-            version = int(file["version"]) if "version" in file else 1
-            if version > VERSION:
-                raise FileError(f"version: found {version}, this palpate reads up to {VERSION}")
-            mean, deviation = (_levels(name, file[name]) for name in _FIELDS)
-            view = _view(file["view"]) if version > 1 else AS_IT_IS
-            direction = _direction(file["direction"]) if version > 1 else AS_TOLD
+        version = int(checked_array("version", arrays["version"], INTEGERS, ())) if "version" in arrays else 1
+        if version > VERSION:
+            raise FileError(f"version: found {version}, this palpate reads up to {VERSION}")
+        if missing := [name for name in _FIELDS if name not in arrays]:
+            raise FileError(f"is not a calibration: {' and '.join(missing)} missing; expected mean and deviation")
+        mean, deviation = (_levels(name, arrays[name]) for name in _FIELDS)
         if mean.shape != deviation.shape:
             raise FileError(f"deviation: found shape {deviation.shape}, expected {mean.shape} as of mean")
+        view = _view(arrays["view"]) if version > 1 else AS_IT_IS
+        direction = _direction(arrays["direction"]) if version > 1 else AS_TOLD
+    except KeyError as error:
+        raise FileError(f"{path}: is a calibration that lacks {error}") from error
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
-    except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        raise FileError(f"{path}: is truncated or damaged ({' '.join(str(error).split())})") from error
     return Calibration(Background(mean, deviation), view, direction, path)
 
 
@@ -107,10 +103,11 @@ def _levels(name: str, value: NDArray[Any]) -> Levels:
 
 
 def _view(value: NDArray[Any]) -> CameraView:
-    turns, mirrored, *channels = checked_array("view", value, NUMBERS, (5,)).astype(int).tolist()
+    turns, mirrored, *channels = checked_array("view", value, NUMBERS, (5,)).tolist()
     if turns not in range(4) or mirrored not in (0, 1) or sorted(channels) != [0, 1, 2]:
         raise FileError(f"view: found {value.tolist()}, expected quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2")
-    return CameraView(turns, bool(mirrored), (channels[0], channels[1], channels[2]))
+    red, green, blue = (int(channel) for channel in channels)
+    return CameraView(int(turns), bool(mirrored), (red, green, blue))
 
 
 def _direction(value: NDArray[Any]) -> DirectionCorrection:

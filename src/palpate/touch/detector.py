@@ -26,7 +26,7 @@ _CELLS = 30  # over the shorter side: the gel spreads every touch over more than
 _ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
 _UNLIKE = 8.0  # [grey levels] between cells of the first frames, that are not of one gel at rest
-_DARK = 5.0  # [grey levels] in the mean of an image before the light or the camera is on
+DARK = 5.0  # [grey levels] in the mean of an image before the light or the camera is on
 _LIGHT = 2.0  # [grey levels] of a cell off the light's plane, above which it hardly tells of the light
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
@@ -105,7 +105,7 @@ class ContactDetector:
         if self._image_size is None:
             self._image_size = np.atleast_2d(image).shape[:2]
         check_image(image, *self._image_size)
-        if image.mean() < _DARK:
+        if image.mean() < DARK:
             return
         if self._first and self._significant(image) > START:
             self._first = []  # something moves on the gel, or its light is not yet what it will be

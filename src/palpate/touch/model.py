@@ -13,7 +13,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +131,12 @@ class TouchModel:
     @cached_property
     def _keypoint(self) -> Any:
         return session(self.networks["keypoint"])
+
+
+@cache
+def shipped_model() -> TouchModel:
+    """Return the model of the DIGIT that comes with palpate, opened once."""
+    return TouchModel(SHIPPED)
 
 
 def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, bytes]) -> None:

@@ -7,11 +7,12 @@ import numpy as np
 
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background
+from palpate.touch.background import Background, Image
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
+from palpate.touch.detector import DARK
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
-from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
 
 Tactile = Literal[
@@ -29,6 +30,9 @@ Tactile = Literal[
 - learnt-direction: where the tip is touched, by each image.
 """
 
+TactileChoice = Literal["auto", Tactile]
+"""The same, or auto: learnt where there are images that fit the model, else none; see `chosen`."""
+
 TELL_DIRECTION = ("learnt", "learnt-direction")
 """Those that tell where the tip is touched."""
 
@@ -36,6 +40,32 @@ TELL_TURN = ("learnt", "learnt-turn")
 """Those that tell how the sensor has turned, up to an offset of the contact."""
 
 Sigmas = tuple[float, float, float]
+
+
+def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None = None) -> tuple[Tactile, str]:
+    """Return what touch is to say of a stream that begins with this image, or with none, and why in words.
+
+    It is learnt where the model reads such images: of its size, in colours, of a sensor with one tip.
+    """
+    if image is None:
+        return "none", "there are no images"
+    if len(sensor.tips) > 1:
+        return "none", f"the sensor has {len(sensor.tips)} tips, and the touch model reads images of one"
+    made_for = (model or shipped_model()).settings
+    if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
+        found = f"{sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px"
+        return "none", f"{found}, and the touch model reads {made_for.image_height} x {made_for.image_width} px"
+    if image.mean() > DARK and (image == image[..., :1]).all():
+        return "none", "images are grey, and the touch model reads colours"
+    return "learnt", f"images fit the touch model of the {made_for.sensor}"
+
+
+def expected(tactile: TactileChoice, sensor: SensorProfile, model: TouchModel | None = None) -> Tactile:
+    """Return what touch is to be ready for before any image has come."""
+    if tactile != "auto":
+        return tactile
+    size = sensor.image_height, sensor.image_width
+    return chosen(np.zeros((*size, 3), np.uint8) if size[0] else None, sensor, model)[0]
 
 
 def make_touch(
@@ -62,7 +92,9 @@ def make_touch(
         return OracleTouch(oracle)
     if tactile not in get_args(Tactile):
         raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
-    model, view = model or TouchModel(SHIPPED), View(background)
+    if len(sensor.tips) > 1:
+        raise SettingError(f"tactile is {tactile}, which reads images of one tip; sensor {sensor.name!r} has several")
+    model, view = model or shipped_model(), View(background)
     made_for = model.settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         raise SettingError(

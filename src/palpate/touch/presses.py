@@ -5,7 +5,6 @@ model is asked in every view that makes the images those of the profile; in the 
 over the true angles.
 """
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import existing_file, read_text
+from palpate.files import existing_file, read_csv
+from palpate.recording.images import image_size
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image, background_of, check_image
 from palpate.touch.calibration import Calibration, DirectionCorrection
@@ -63,18 +63,20 @@ class PressFit:
 
 def read_presses(path: Path) -> Presses:
     """Read a CSV with columns file and angle_deg and the images it names, relative to its folder; FileError if not."""
-    rows = list(csv.DictReader(read_text(existing_file(path)).splitlines()))
-    if not rows or not {"file", "angle_deg"} <= set(rows[0]):
-        found = ", ".join(rows[0]) if rows else "no rows"
+    columns, *lines = read_csv(path) or [[]]
+    rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
+    if not rows or not {"file", "angle_deg"} <= set(columns):
+        found = ", ".join(columns) if rows else "no rows"
         raise FileError(f"{path}: found {found}; expected a CSV with columns file and angle_deg")
     angles = []
     for number, row in enumerate(rows, 1):
         try:
             angles.append(float(row["angle_deg"]))
-        except (TypeError, ValueError):
+        except (KeyError, ValueError):
             angles.append(np.nan)
         if not abs(angles[-1]) <= 90.0:
-            raise FileError(f"{path}: row {number}: angle_deg is {row['angle_deg']!r}; expected -90 to 90 degrees")
+            found = row.get("angle_deg")
+            raise FileError(f"{path}: row {number}: angle_deg is {found!r}; expected -90 to 90 degrees")
     names = tuple(row["file"] for row in rows)
     return Presses(tuple(read_image(path.parent / name) for name in names), np.radians(angles), names)
 
@@ -83,9 +85,13 @@ def read_image(path: Path) -> Image:
     """Return an image file as (height, width, 3) RGB; FileError where it is none or a grey one."""
     import cv2
 
-    image = cv2.imread(str(existing_file(path)), cv2.IMREAD_UNCHANGED)
+    try:
+        known = image_size(existing_file(path).read_bytes())
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None or image.dtype != np.uint8:
-        raise FileError(f"{path}: is no image of 8 bits that can be read")
+        raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
     if image.ndim != 3:
         raise FileError(f"{path}: is a grey image; touch images are in colours")
     return np.ascontiguousarray(image[..., 2::-1], np.uint8)

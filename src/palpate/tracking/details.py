@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.estimation.hypotheses import Answer
-from palpate.files import read_text, whole_file
+from palpate.files import read_csv, whole_file
 from palpate.formats.estimates_csv import COVARIANCE, UPPER
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def _write(path: Path, columns: tuple[str, ...], rows: Array) -> None:
 
 
 def _read(path: Path, columns: tuple[str, ...]) -> Array:
-    lines = list(csv.reader(io.StringIO(read_text(path))))
+    lines = read_csv(path)
     if not lines or tuple(lines[0]) != columns:
         raise FileError(f"{path}: line 1: expected the header {','.join(columns)}")
     rows = []

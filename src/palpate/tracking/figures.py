@@ -40,10 +40,10 @@ def run_figure(run: Run) -> "Figure":
     translation = figure.add_subplot(grid[-2, 1])
     rotation = figure.add_subplot(grid[-1, 1], sharex=translation)
     draw_above(above, run, instants)
-    _draw_errors(translation, rotation, run, instants)
+    draw_errors(translation, rotation, run, instants)
     if felt:
         strip = grid[0, 1].subgridspec(1, len(instants))
-        _draw_touch([figure.add_subplot(place) for place in strip], run, instants)
+        _draw_strip([figure.add_subplot(place) for place in strip], run, instants)
     figure.suptitle(_title(run), fontsize=11, parse_math=False)
     handles = {}
     for axes in (above, translation):
@@ -102,24 +102,31 @@ def _seconds(run: Run) -> Array:
     return run.online.time - run.online.time[0]
 
 
-def _draw_touch(strip: list["Axes"], run: Run, instants: list[int]) -> None:
-    """Draw touch images, upright and in millimetres of the pad."""
-    sensor = run.recording.sensor
+def _draw_strip(strip: list["Axes"], run: Run, instants: list[int]) -> None:
     for number, (axes, index) in enumerate(zip(strip, instants, strict=True), 1):
-        image = run.recording[index].image
-        assert image is not None
-        right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
-        up = right * sensor.image_height / sensor.image_width
-        axes.imshow(image, extent=(-right, right, -up, up))
-        axes.set(xlabel="y on the pad [mm]")
-        axes.set_title(f"touch at {_seconds(run)[index]:.1f} s", fontsize=10)
-        axes.locator_params(nbins=6)
+        draw_touch(axes, run, index)
         axes.tick_params(labelleft=number == 1)
         draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
     strip[0].set_ylabel("z on the pad [mm]")
 
 
-def _draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
+def draw_touch(axes: "Axes", run: Run, index: int) -> None:
+    """Draw the touch image of a frame, upright and in millimetres of the pad."""
+    sensor, image = run.recording.sensor, run.recording[index].image
+    assert image is not None
+    right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
+    up = right * sensor.image_height / sensor.image_width
+    axes.imshow(image, extent=(-right, right, -up, up))
+    axes.set(xlabel="y on the pad [mm]")
+    axes.set_title(f"touch at {_seconds(run)[index]:.1f} s", fontsize=10)
+    axes.locator_params(nbins=6)
+
+
+def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
+    """Draw the errors of translation and rotation over time with their sigma, or sigma alone where no truth is known.
+
+    The instants are numbered.
+    """
     assert run.online.covariance is not None
     distance, angle = deviations(run.online.covariance)
     distance, angle = distance * 1e3, np.degrees(angle)

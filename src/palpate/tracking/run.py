@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
+from palpate.estimate import Estimate
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
-from palpate.touch.model import SHIPPED, TouchModel
-from palpate.tracker import Estimate, Tracker, TrackerSettings
+from palpate.touch.model import TouchModel, shipped_model
+from palpate.tracker import Tracker, TrackerSettings
 from palpate.tracking.details import Answers
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
@@ -36,7 +37,7 @@ class Run:
     recording: Recording
     """What was tracked."""
     settings: TrackerSettings
-    """How."""
+    """How; tactile is what was chosen, where it was left open."""
     model: TouchModel | None
     """What felt, where touch was learnt."""
     calibration: Calibration | None
@@ -84,8 +85,6 @@ def track(
     settings = settings or TrackerSettings()
     first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
     _check(recording, settings)
-    if model is None and settings.tactile.startswith("learnt"):
-        model = TouchModel(SHIPPED)
     sensor = _turned(recording.sensor, calibration)
     tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
     estimates: list[Estimate] = []
@@ -98,6 +97,8 @@ def track(
             watch(tracker.frame, estimates[-1], tracker.background)
         if progress:
             progress(index + 1)
+    settings = replace(settings, tactile=tracker.tactile)
+    model = (model or shipped_model()) if settings.tactile.startswith("learnt") else None
     online, answers, friction = gathered(estimates)
     contact = np.asarray(online.contact, np.bool_)
     smoothed = tracker.smoothed()
@@ -113,6 +114,8 @@ def track(
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
         knocked=knocked_frames(recording),
     )
+    if tracker.tactile_reason:
+        summary["tactile_reason"] = tracker.tactile_reason
     sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
     return Run(
         recording,

@@ -61,7 +61,9 @@ def fit(
     best, waited, begin = math.inf, 0, 0
     best_state = {key: value.clone() for key, value in network.state_dict().items()}
     if checkpoint.exists():
-        saved = _load(checkpoint, seed, {"network": network, "optimiser": optimiser, "schedule": schedule})
+        saved = _load(
+            checkpoint, seed, settings.steps, {"network": network, "optimiser": optimiser, "schedule": schedule}
+        )
         best, waited, begin, best_state = (saved[key] for key in ("best", "waited", "step", "best_state"))
     with _log(folder / f"{name}.csv", begin) as write:
         for step in range(begin, settings.steps):
@@ -107,16 +109,20 @@ def _save(state: Mapping[str, Any], path: Path) -> None:
         part.write_bytes(data.getvalue())
 
 
-def _load(checkpoint: Path, seed: int, states: Mapping[str, Any]) -> dict[str, Any]:
+def _load(checkpoint: Path, seed: int, steps: int, states: Mapping[str, Any]) -> dict[str, Any]:
     try:
         saved = torch.load(checkpoint, weights_only=True)
-        begun = saved.get("seed", seed)
+        begun = {"seed": saved.get("seed", seed), "steps": saved["schedule"]["total_steps"]}
         for name, what in states.items():
             what.load_state_dict(saved[name])
     except Exception as error:  # torch raises many kinds, from zip files to unpickling and weights that do not fit
         raise FileError(f"{checkpoint}: is not a checkpoint that can be gone on from ({error})") from error
-    if begun != seed:  # which recordings are held out depends on it
-        raise FileError(f"{checkpoint}: was begun with seed {begun}, going on with seed {seed} would mix the two")
+    # Which recordings are held out depends on the seed, and how the rate falls on the steps.
+    for what, wanted in (("seed", seed), ("steps", steps)):
+        if begun[what] != wanted:
+            raise FileError(
+                f"{checkpoint}: was begun with {what} {begun[what]}, going on with {what} {wanted} would mix the two"
+            )
     return saved
 
 

@@ -45,8 +45,14 @@ class TrainSettings:
     """The auto-encoder's descent."""
     touch: FitSettings = TOUCH
     """The descent of what images and pairs of them say."""
+    steps: int | None = None
+    """Most steps of each descent; None is as many as each is made for."""
     workers: int = 1
     """Processes that read recordings."""
+
+    def __post_init__(self) -> None:
+        if self.steps is not None and self.steps < 1:
+            raise SettingError(f"steps is {self.steps}; allowed is 1 or more")
 
 
 def train(
@@ -98,7 +104,13 @@ def _train(
     work.mkdir(exist_ok=True)
     torch.manual_seed(settings.seed)
     keypoints, touch = Keypoints(), Touch()
-    descent = settings.touch
+    settings = replace(settings, touch=settings.touch if base is None else FINE)
+    if settings.steps is not None:
+        settings = replace(
+            settings,
+            keypoint=replace(settings.keypoint, steps=settings.steps),
+            touch=replace(settings.touch, steps=settings.steps),
+        )
     if base is None:
         with bar("key points", settings.keypoint.steps) as progress:
             learn_keypoints(keypoints, learned, held_out, settings.seed, work, settings.keypoint, progress)
@@ -107,9 +119,8 @@ def _train(
         restore(keypoints.encoder, networks["keypoint"])
         restore(touch.image, networks["touch"])
         restore(touch.pair, networks["pair"])
-        descent = FINE
-    with bar("touch", descent.steps) as progress:
-        learn_touch(touch, learned, held_out, settings.seed, work, descent, progress)
+    with bar("touch", settings.touch.steps) as progress:
+        learn_touch(touch, learned, held_out, settings.seed, work, settings.touch, progress)
     with bar("scores", 3) as progress:
         models = fit_pair_models(learned, features_of(learned, keypoints, touch), touch, settings.seed)
         progress(1)
@@ -133,7 +144,7 @@ def _train(
         image_width=sensor.image_width,
         spread=spread,
         linear=base.settings.linear if base else tuple((float(column), float(row)) for column, row in models.linear),
-        training={**asdict(replace(settings, touch=descent)), "frames": len(learned), "from": str(start or "")},
+        training={**asdict(settings), "frames": len(learned), "from": str(start or "")},
     )
     with whole_file(work / "results.json", overwrite=True) as part:
         part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")

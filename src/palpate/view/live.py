@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.errors import SettingError
+from palpate.estimate import Estimate
 from palpate.files import whole_file
 from palpate.geometry.shapes import Shape
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
-from palpate.tracker import Estimate
 from palpate.tracking.run import gathered
 from palpate.tracking.truth import known_truth
 from palpate.view.blueprint import blueprint

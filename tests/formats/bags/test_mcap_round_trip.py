@@ -15,11 +15,11 @@ from palpate import formats
 from palpate.errors import FileError
 from palpate.formats.bags.bag_recording import read_bag
 from palpate.formats.bags.choices import BagChoices
-from palpate.formats.bags.estimates_mcap import spatial_covariance, write_estimates_mcap
+from palpate.formats.bags.estimates_mcap import write_estimates_mcap
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.recording.images import encode_image
-from palpate.recording.plane import flat, out_of_plane, plane_across
+from palpate.recording.plane import flat, out_of_plane, plane_across, spatial_covariance
 from palpate.recording.trajectory import Trajectory
 
 ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")

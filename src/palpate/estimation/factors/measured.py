@@ -10,15 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.errors import EstimationError
+from palpate.errors import EstimationError, SettingError
 from palpate.estimation.factors.factor import Array, Factor, Rows, Step, Terms
 from palpate.estimation.unknowns import OBJECT_POSE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT, SHARED, Unknown, named
 from palpate.estimation.values import Values
 from palpate.geometry import se2
-from palpate.recording.measurements import OwnMeasurement
+from palpate.recording.measurements import OwnMeasurement, check_time
 
 logger = logging.getLogger(__name__)
 DATA = np.dtype([("measurement", object), ("time", np.float64)])
+_LARGEST = 1e12  # [standard deviations]; the square of more is as good as not finite
 ROWS = 6
 """Rows that a measurement may have at most."""
 
@@ -75,6 +76,16 @@ def _is_at_hand(unknowns: Sequence[Unknown], measurement: OwnMeasurement, step: 
     return not missing
 
 
+def check_own(measurement: OwnMeasurement) -> None:
+    """Raise SettingError on a measurement that does not say, or not rightly, of what and when it is."""
+    name, on = type(measurement).__name__, getattr(measurement, "on", None)
+    if not isinstance(on, tuple | list):
+        raise SettingError(f"measurement {name} is on {on!r}; it must be a tuple of names of unknowns")
+    for one in on:
+        named(one)
+    check_time(name, measurement.time)
+
+
 _IN_GRAPH = (SENSOR_IN_OBJECT, SENSOR, *SHARED)
 
 
@@ -117,7 +128,7 @@ def checked(measurement: OwnMeasurement, values: dict) -> tuple[Array, dict]:
         found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"
         wanted = f"(R,) and (R, {width}) with R at most {ROWS}"
         raise EstimationError(f"measurement {name} returns {found}; they must be {wanted}")
-    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+    if not ((np.abs(residual) < _LARGEST).all() and (np.abs(jacobian) < _LARGEST).all()):
         raise EstimationError(f"measurement {name} returns a residual or Jacobian that is not finite")
     ends = np.cumsum([one.dimension for one in unknowns])
     return residual, dict(zip(unknowns, np.split(jacobian, ends[:-1], axis=1), strict=True))

@@ -9,13 +9,19 @@ from typing import Literal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file
 from palpate.formats.bags.mcap_file import MAGIC, mcap_messages
-from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.raw import CutShort, RawMessage
 from palpate.formats.bags.ros1_file import FIRST_LINE, ros1_messages
+from palpate.formats.bags.ros2_file import bag_metadata, ros2_messages
+from palpate.limits import MESSAGES
 
 Container = Literal["mcap", "ros2", "ros1"]
 """MCAP; SQLite or a compressed folder of ROS 2; a bag of ROS 1."""
 
 FIRST_BYTES: dict[Container, bytes] = {"mcap": MAGIC, "ros2": b"SQLite format 3\x00", "ros1": FIRST_LINE}
+
+
+LATEST = 2**62
+"""[ns] A message that was recorded later, after the year 2116, is damaged."""
 
 
 def container_of(path: Path) -> Container | None:
@@ -53,11 +59,19 @@ def raw_messages(path: Path) -> Iterator[RawMessage]:
     if container is None:
         raise FileError(f"{path}: is no bag; known are MCAP, ROS 2 .db3 or its folder, and ROS 1 .bag")
     if container == "mcap":
-        yield from _parts_in_turn(path)
+        messages = _parts_in_turn(path)
     elif container == "ros1":
-        yield from ros1_messages(path)
+        messages = ros1_messages(path)
     else:
-        yield from _ros2_messages(path)
+        messages = ros2_messages(path)
+    most = MESSAGES.value
+    for count, raw in enumerate(messages, 1):
+        if count > most:
+            raise FileError(f"{path}: holds more than {most} messages, {MESSAGES.words}")
+        if not 0 <= raw.log_time < LATEST:
+            topic = raw.channel.topic
+            raise FileError(f"{path}: {topic}: a message was recorded at {raw.log_time} ns, past any clock")
+        yield raw
 
 
 def check_installed() -> None:
@@ -71,7 +85,7 @@ def check_installed() -> None:
 
 def _compressed(folder: Path) -> bool:
     """Whether messages, or the files themselves, were compressed by the recorder."""
-    return bool(re.search(r"compression_mode:\W*(message|file)", (folder / "metadata.yaml").read_text(), re.IGNORECASE))
+    return bool(re.search(r"compression_mode:\W*(message|file)", bag_metadata(folder), re.IGNORECASE))
 
 
 def _parts(folder: Path) -> list[Path]:
@@ -88,22 +102,3 @@ def _parts_in_turn(path: Path) -> Iterator[RawMessage]:
             cut = error
     if cut is not None:
         raise cut
-
-
-def _ros2_messages(path: Path) -> Iterator[RawMessage]:
-    from rosbags.rosbag2 import Reader
-
-    reader = Reader(path)
-    try:
-        reader.open()
-    except Exception as error:  # the errors of SQLite, of YAML and of the reader
-        raise FileError(f"{path}: cannot be opened ({' '.join(str(error).split())})") from error
-    count = 0
-    try:
-        for connection, time, data in reader.messages():
-            yield RawMessage(Channel(connection.topic, connection.msgtype, "cdr"), time, bytes(data))
-            count += 1
-    except Exception as error:
-        raise CutShort(f"{path}: is cut off or damaged after {count} messages") from error
-    finally:
-        reader.close()

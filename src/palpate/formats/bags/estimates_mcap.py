@@ -10,17 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.formats.bags.mcap_file import leading_attachments
 from palpate.formats.bags.mcap_writer import MessageWriter, nanoseconds, new_mcap
 from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
 from palpate.formats.estimates_csv import trajectory_from_text, trajectory_to_text
-from palpate.geometry import se2
-from palpate.recording.plane import Plane, flat, out_of_plane
+from palpate.recording.plane import Plane, flat, out_of_plane, spatial_covariance
 from palpate.recording.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
@@ -68,18 +64,6 @@ def read_estimates_mcap(path: Path) -> Trajectory | None:
     """The estimates in an MCAP that palpate wrote, or None."""
     text = leading_attachments(path).get(ATTACHMENT)
     return None if text is None else trajectory_from_text(text.decode("utf-8", errors="replace"), path)
-
-
-def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
-    """The covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
-
-    From poses in the plane (N, 3) and their covariances (N, 3, 3) in the tangent space at the pose (right, body frame),
-    order x, y, theta. What leaves the plane has none: zero.
-    """
-    axes_T_body = np.zeros((len(pose), 6, 3))
-    axes_T_body[:, :3, :2] = plane.axes[:, :2] @ se2.rotation(pose[:, 2])
-    axes_T_body[:, 3:, 2] = plane.axes[:, 2]
-    return axes_T_body @ covariance @ axes_T_body.transpose(0, 2, 1)
 
 
 def _add_diagnostics(

@@ -1,20 +1,21 @@
 """Reading MCAP from its front to its end, so that one whose writer was killed is read as far as it goes."""
 
+import mmap
+import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from palpate.errors import FileError
 from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.unpack import unpacked
 
 if TYPE_CHECKING:
     from mcap.records import Chunk, McapRecord
 
 MAGIC = b"\x89MCAP0\r\n"
-
-LARGEST_CHUNK = 2**30
-"""[bytes] that a chunk may say it decompresses to; writers make chunks of some megabytes."""
 
 
 def mcap_messages(path: Path) -> Iterator[RawMessage]:
@@ -32,12 +33,7 @@ def mcap_messages(path: Path) -> Iterator[RawMessage]:
                 type_ = type_.replace("/", "/msg/")
             channels[record.id] = Channel(record.topic, type_, record.message_encoding)
         elif isinstance(record, records.Message) and record.channel_id in channels:
-            channel = channels[record.channel_id]
-            if record.log_time >= 2**63:
-                raise FileError(
-                    f"{path}: {channel.topic}: a message was recorded at {record.log_time} ns, past any clock"
-                )
-            yield RawMessage(channel, record.log_time, record.data)
+            yield RawMessage(channels[record.channel_id], record.log_time, record.data)
 
 
 def leading_attachments(path: Path) -> dict[str, bytes]:
@@ -61,17 +57,19 @@ def _records(path: Path) -> Iterator["McapRecord"]:
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
 
-    with path.open("rb") as file:
-        # No record is larger than the file, whatever its length says.
-        reader = StreamReader(file, emit_chunks=True, record_size_limit=path.stat().st_size)
+    # Mapped: reading from it gives no more bytes than there are, whatever a length says.
+    with path.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as file:
+        reader = StreamReader(_stream(file), emit_chunks=True, record_size_limit=path.stat().st_size)
         whole = len(MAGIC)
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
-                    yield from _whole_chunk(record)
+                    yield from _in_chunk(record)
                 else:
                     yield record
                 whole = file.tell()
+        except FileError as error:
+            raise FileError(f"{path}: {error}") from error
         except Exception as error:  # damaged bytes can make anything of lengths, text and compressed data
             file.seek(whole)
             if int.from_bytes(file.read(9)[1:], "little") > path.stat().st_size - whole - 9:
@@ -80,36 +78,39 @@ def _records(path: Path) -> Iterator["McapRecord"]:
             raise CutShort(f"{path}: is cut off or damaged after {whole} bytes") from error
 
 
-def _whole_chunk(chunk: "Chunk") -> list["McapRecord"]:
-    from mcap.exceptions import McapError
-    from mcap.stream_reader import breakup_chunk
+def _in_chunk(chunk: "Chunk") -> Iterator["McapRecord"]:
+    """The records in a whole chunk, one by one: there may be many more of them than it has bytes."""
+    from mcap.exceptions import EndOfFile, McapError
 
-    if chunk.uncompressed_size > LARGEST_CHUNK:
-        raise McapError(f"a chunk says that it holds {chunk.uncompressed_size} bytes")
-    return breakup_chunk(chunk, validate_crc=True)
+    plain = unpacked(chunk.compression, chunk.data)
+    if len(plain) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(plain)):
+        raise McapError("a chunk is damaged")
+    with suppress(EndOfFile):
+        yield from _plain_records(plain)
 
 
 def _start_of_chunk(tail: bytes) -> Iterator["McapRecord"]:
     """The whole records in the last bytes of a file that ends within a chunk; none if it does not."""
-    import lz4.frame
-    import zstandard
     from mcap.data_stream import ReadDataStream
     from mcap.opcode import Opcode
     from mcap.records import Chunk
-    from mcap.stream_reader import StreamReader
 
     if not tail or tail[0] != Opcode.CHUNK:
         return
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(tail[9:])))
-        if chunk.uncompressed_size > LARGEST_CHUNK:
-            return
-        if chunk.compression == "zstd":
-            plain = zstandard.ZstdDecompressor().decompressobj().decompress(chunk.data)
-        elif chunk.compression == "lz4":
-            plain = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data)
-        else:
-            plain = chunk.data
-        yield from StreamReader(BytesIO(plain), skip_magic=True, record_size_limit=len(plain)).records
+        yield from _plain_records(unpacked(chunk.compression, chunk.data))
     except Exception:  # as above; what was whole has been yielded
         return
+
+
+def _plain_records(plain: bytes) -> Iterator["McapRecord"]:
+    """The records in unpacked bytes, after whose last one EndOfFile is raised; chunks in chunks stay packed."""
+    from mcap.stream_reader import StreamReader
+
+    return StreamReader(BytesIO(plain), skip_magic=True, emit_chunks=True, record_size_limit=len(plain)).records
+
+
+def _stream(file: mmap.mmap) -> Any:
+    """What `mcap` takes for a file; a map can be read from as one."""
+    return file

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.errors import FileError
 from palpate.formats.bags.raw import Channel, RawMessage
-from palpate.recording.images import Codec, encode_image
+from palpate.recording.images import Codec, codec_of, encode_image
 
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -22,8 +22,6 @@ READ = (*IMAGE_TYPES, *POSE_TYPES, *TRANSFORM_TYPES)
 COLOURS = {"rgb8": False, "bgr8": True, "8UC3": True}
 """Encodings of `Image` that are read, and whether blue comes first. 8UC3 does not say; the driver of the DIGIT and
 OpenCV, from which such images come, have blue first."""
-
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 
 
 class Pose(NamedTuple):
@@ -98,11 +96,9 @@ def _compressed(message: Any) -> tuple[bytes, Codec]:
     colour = message.format.split(";")[0].strip()
     if colour.startswith("mono") or colour.endswith("C1"):
         raise FileError(f"images are {message.format!r}, allowed are colour images")
-    if data.startswith(PNG):
-        return data, "png"
-    if data.startswith(JPEG):
-        return data, "jpeg"
-    raise FileError(f"compressed images are {message.format!r}, whose bytes are neither a PNG nor a JPEG")
+    if (codec := codec_of(data)) is None:
+        raise FileError(f"compressed images are {message.format!r}, whose bytes are neither a PNG nor a JPEG")
+    return data, codec
 
 
 def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:

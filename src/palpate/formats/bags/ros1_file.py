@@ -5,13 +5,14 @@ recorder writes the index last, and the length of a chunk once the chunk is done
 belongs into it.
 """
 
-import bz2
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+from palpate.errors import FileError
 from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.unpack import unpacked
 
 FIRST_LINE = b"#ROSBAG V2.0"
 
@@ -25,6 +26,8 @@ def ros1_messages(path: Path) -> Iterator[RawMessage]:
         indexed = []
         try:
             yield from _messages(file, path.stat().st_size, {}, indexed)
+        except FileError as error:
+            raise FileError(f"{path}: {error}") from error
         except Exception as error:  # damaged bytes can make anything of lengths, names and compressed data
             raise CutShort(f"{path}: is cut off or damaged after {file.tell()} bytes") from error
         if not any(indexed):
@@ -32,9 +35,11 @@ def ros1_messages(path: Path) -> Iterator[RawMessage]:
 
 
 def _messages(
-    stream: BinaryIO, longest: int, channels: dict[int, Channel], indexed: list[bool]
+    stream: BinaryIO, longest: int, channels: dict[int, Channel], indexed: list[bool], within: bool = False
 ) -> Iterator[RawMessage]:
     """The messages among the records of a bag or a chunk; ValueError where the last record is not whole.
+
+    A chunk holds no chunks.
 
     No record is longer than `longest` [bytes]. Channels become known on the way; `indexed` gets whether the bag's
     header knows of an index.
@@ -44,15 +49,16 @@ def _messages(
         size = _number(stream.read(4))
         data = stream.read(min(size, longest))
         kind = _number(fields["op"])
-        if kind == CHUNK:
-            yield from _messages(BytesIO(_decompressed(fields["compression"], data)), longest, channels, indexed)
+        if kind == CHUNK and not within:
+            plain = unpacked(fields["compression"].decode(), data)
+            yield from _messages(BytesIO(plain), len(plain), channels, indexed, within=True)
         if len(data) < size:
             raise ValueError("the last record is not whole")
         if kind == CONNECTION:
             type_ = _fields(data)["type"].decode().replace("/", "/msg/")
             channels[_number(fields["conn"])] = Channel(fields["topic"].decode(), type_, "ros1")
         elif kind == MESSAGE:
-            seconds, rest = _number(fields["time"][:4]), _number(fields["time"][4:])
+            seconds, rest = _number(fields["time"][:4]), _number(fields["time"][4:8])
             yield RawMessage(channels[_number(fields["conn"])], seconds * 10**9 + rest, data)
         elif kind == BAG_HEADER:
             indexed.append(_number(fields["index_pos"]) > 0)
@@ -60,25 +66,15 @@ def _messages(
             raise ValueError(f"no record is of kind {kind}")
 
 
-def _decompressed(compression: bytes, data: bytes) -> bytes:
-    """What a chunk holds, as far as its bytes go."""
-    import lz4.frame
-
-    if compression == b"bz2":
-        return bz2.BZ2Decompressor().decompress(data)
-    if compression == b"lz4":
-        return lz4.frame.LZ4FrameDecompressor().decompress(data)
-    return data
-
-
 def _fields(data: bytes) -> dict[str, bytes]:
     """A header's values by name."""
     fields: dict[str, bytes] = {}
-    while data:
-        end = 4 + _number(data[:4])
-        name, _, value = data[4:end].partition(b"=")
+    start = 0
+    while start < len(data):
+        end = start + 4 + _number(data[start : start + 4])
+        name, _, value = data[start + 4 : end].partition(b"=")
         fields[name.decode()] = value
-        data = data[end:]
+        start = end
     return fields
 
 

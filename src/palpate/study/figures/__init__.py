@@ -14,21 +14,26 @@ __all__ = ["Key", "Sheet", "Tile", "render", "study_sheets"]
 
 
 def study_sheets(trials: Sequence[Trial], results: Mapping[str, Any]) -> list[Sheet]:
-    """The figures of trials, those that their data allow; `results` is the content of `results.json`."""
+    """The figures of trials, those that their data allow; `results` is the content of `results.json`.
+
+    Trials without frames, see `reported`, are shown by their final errors only.
+    """
     if not trials:
         return []
-    samples = Samples(trials)
     sheets = [
-        over_time.translation_sheet(samples),
-        over_time.rotation_sheet(samples),
         final_errors.box_sheet(trials, final_errors.TRANSLATION),
         final_errors.box_sheet(trials, final_errors.ROTATION),
-        step_time_sheet(trials),
-        trajectory_sheet(trials, results.get("recordings", {})),
-        over_time.nees_sheet(samples),
-        over_time.coverage_sheet(samples),
-        *over_time.sigma_sheets(samples),
         final_errors.slid_sheet(trials),
         *(final_errors.against_sheets(trials, results["against"]) if results.get("against") else ()),
     ]
+    if all(len(trial.time) for trial in trials):
+        samples = Samples(trials)
+        sheets[2:2] = [
+            step_time_sheet(trials),
+            trajectory_sheet(trials, results.get("recordings", {})),
+            over_time.nees_sheet(samples),
+            over_time.coverage_sheet(samples),
+            *over_time.sigma_sheets(samples),
+        ]
+        sheets[:0] = [over_time.translation_sheet(samples), over_time.rotation_sheet(samples)]
     return [sheet for sheet in sheets if sheet]

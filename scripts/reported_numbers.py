@@ -1,0 +1,352 @@
+"""The numbers that README and docs report, each from a file in the repository; see `check_numbers`."""
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.unknowns import SHARED
+from palpate.field_docs import field_docs
+from palpate.study.results import LOST_DEG, LOST_MM
+from palpate.tracking.recovery import FAR_DEG, FAR_MM
+
+ROOT = Path(__file__).parents[1]
+STUDY = ROOT / "docs/study"
+Row = Mapping[str, Any]
+
+MM, DEG = "final_translation_error_mm", "final_rotation_error_deg"
+SEEN = {
+    "disc": "disc",
+    "ellipse": "ellipse",
+    "rectangle-edges": "rectangle, edges",
+    "rectangle-near-corners": "rectangle, near corners",
+    "rectangle-corners": "rectangle, true corners",
+}
+"""Kinds of contact that the touch model has learned from, and what to call them."""
+UNSEEN = "five outlines that the model has not seen"
+KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
+READERS = {
+    "constant": "constant",
+    "linear engineered": "linear, engineered",
+    "linear learnt": "linear, learnt",
+    "nonlinear learnt": "nonlinear, learnt",
+    "descriptor pair": "pairs with a predicted variance",
+}
+BALLS = {
+    "as it is": "as they are",
+    "red and blue exchanged": "red and blue exchanged",
+    "as it is, calibrated on 5": "as they are, after `palpate calibrate` on five of them",
+    "mirrored, calibrated on 5": "mirrored, after the same",
+}
+
+
+def sequences(name: str) -> list[Row]:
+    """Return the rows of a reported study's `sequences.csv`, numbers as such; None where nothing is told."""
+    words = {"": None, "True": 1.0, "False": 0.0}
+    names = ("recording", "group", "tactile", "smoother")
+
+    def value(key: str, text: str) -> Any:
+        return text if key in names else words[text] if text in words else float(text)
+
+    with (STUDY / name / "sequences.csv").open(newline="", encoding="utf-8") as file:
+        return [{key: value(key, text) for key, text in row.items()} for row in csv.DictReader(file)]
+
+
+def loaded(path: str) -> Any:
+    """Return the content of a JSON file of the repository."""
+    return json.loads((ROOT / path).read_text(encoding="utf-8"))
+
+
+def oracle_runs() -> list[Row]:
+    """Return the runs on real recordings whose touch comes from ground truth."""
+    return loaded("docs/study/real.json")["runs"]
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def final(rows: Sequence[Row]) -> str:
+    """Return the final error in the median and, in brackets, the worst."""
+    mm, deg = ([row[key] for row in rows if row[key] is not None] for key in (MM, DEG))
+    return f"{median(mm):.1f} mm, {median(deg):.1f}° ({max(mm):.0f}, {max(deg):.0f})"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share in percent."""
+    return f"{100.0 * share:.{digits}f} %"
+
+
+def mean(rows: Sequence[Row], key: str) -> float:
+    """Return the mean over the rows that tell it."""
+    return fmean([row[key] for row in rows if row[key] is not None])
+
+
+def covered(rows: Sequence[Row]) -> str:
+    """Return the share of true poses in the 95 % region, in contact and at the end."""
+    return f"{percent(mean(rows, 'in_95_contact_share'))}, {percent(mean(rows, 'in_95_final'))}"
+
+
+def silent(rows: Sequence[Row]) -> str:
+    """Return the share of frames that are silently wrong."""
+    return percent(mean(rows, "silently_wrong_share"), 1)
+
+
+def _scored(name: str, rows: Sequence[Row]) -> list[str]:
+    return [name, str(len(rows)), final(rows), covered(rows), silent(rows)]
+
+
+SCORES = ("objects", "sequences", "final error", "in 95 %: contact, end", "silently wrong")
+
+
+def plain() -> str:
+    """Return the table of pushes that nothing disturbs."""
+    rows = sequences("plain")
+    kinds = [(told, [row for row in rows if row["group"] == group]) for group, told in SEEN.items()]
+    unseen = [row for row in rows if row["group"] not in SEEN]
+    return table(SCORES, [_scored(*kind) for kind in (*kinds, (UNSEEN, unseen), ("all", rows))])
+
+
+def knocked() -> str:
+    """Return the table of pushes in which somebody shoves the object."""
+    rows = sequences("knocked")
+    groups = [(group, [row for row in rows if row["group"].split("-")[0] == group]) for group in SHOVED]
+    return table(SCORES, [_scored(*group) for group in (*groups, ("all", rows))])
+
+
+SHOVED = ("disc", "ellipse", "rectangle", "triangle", "t")
+
+
+def knocked_facts() -> set[str]:
+    """Return what is said of how the estimate recovers from shoves."""
+    rows = sequences("knocked")
+    knocks = sum(row["knocks"] for row in rows)
+    # The share of a sequence counts as many knocks as it has.
+    soon = sum(row["recovered_in_2s"] * row["knocks"] for row in rows if row["knocks"]) / knocks
+    return {
+        "2",
+        "10",
+        "5",
+        "50",
+        "30",
+        f"{100.0 * soon:.0f}",
+        str(sum(map(int, (row["lost"] for row in rows)))),
+        str(len(rows)),
+    }
+
+
+def knocked_silent() -> set[str]:
+    """Return the share of silently wrong frames when somebody shoves the object."""
+    return {silent(sequences("knocked")).removesuffix(" %")}
+
+
+def coverage_facts() -> set[str]:
+    """Return the coverage of final poses in simulation, and what there is on the motion of two fingers."""
+    rows = sequences("plain")
+    unseen = [row for row in rows if row["group"] not in SEEN]
+    rendered, oracle = _real(sequences("rendered"), "recording")["CMU"], _real(oracle_runs(), "file")["CMU"]
+    shares = [mean(each, "in_95_final") for each in (rows, unseen, rendered)]
+    return {"95", *(f"{100.0 * share:.0f}" for share in (*shares, mean(oracle, "in_95_contact_share")))}
+
+
+def limits() -> set[str]:
+    """Return from where an estimate is wrong, and a sequence lost."""
+    return {f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG)}
+
+
+def ways() -> str:
+    """Return the table of the ways of `--tactile` on 375 sequences, as the page of that study printed it."""
+    rows = loaded("docs/study/ways_375.json")["table"]["all groups"]
+    return table(
+        ("touch", "final error", "in 95 %", "lost"),
+        [
+            [
+                f"`{name}`",
+                f"{row['final_mm']['median']:.1f} mm, {row['final_deg']['median']:.1f}° "
+                f"({row['final_mm']['worst']:.0f}, {row['final_deg']['worst']:.0f})",
+                percent(row["inside_95"]),
+                str(row["lost"]),
+            ]
+            for name, row in rows.items()
+        ],
+    )
+
+
+def readers() -> str:
+    """Return the table of what models read from pairs of images."""
+    squares = loaded("docs/study/touch_model.json")["mean_square_of_sine"]
+    rows = [[told, *(f"{1e3 * squares[name][kind]:.1f}" for kind in KINDS)] for name, told in READERS.items()]
+    return table(("", "disc", "ellipse", "edge", "near corner", "true corner"), rows)
+
+
+def reader_facts() -> set[str]:
+    """Return how far off directions are."""
+    found = loaded("docs/study/touch_model.json")
+    corner = found["mean_square_of_sine"]
+    share = corner["descriptor pair"]["corner"] / corner["constant"]["corner"]
+    return {
+        f"{found['honesty']['direction']['median_deg']:.1f}",
+        f"{found['direction_offset_of_units_deg']:.1f}",
+        f"{100 * share:.0f}",
+    }
+
+
+def balls() -> str:
+    """Return the table of presses on a real gel."""
+    found = loaded("docs/study/real_gel.json")
+    rows = [
+        [
+            told,
+            f"{found[name]['slope']:.2f}",
+            f"{found[name]['rms_after_offset_deg']:.1f}°",
+            f"{found[name]['pairs_rms_deg']:.1f}°",
+            f"{percent(found[name]['in_68_share'])}, {percent(found[name]['in_95_share'])}",
+        ]
+        for name, told in BALLS.items()
+    ]
+    return table(("images", "told over true", "off", "between two presses", "in 68 %, 95 %"), rows)
+
+
+def ball_facts() -> set[str]:
+    """Return what is said of presses on a real gel, and how far a constant model is off between two of them."""
+    facts = {"95"}
+    for row in loaded("docs/study/real_gel.json").values():
+        facts |= {f"{row['constant_pairs_rms_deg']:.0f}", f"{row['rms_after_offset_deg']:.1f}"}
+        facts |= {f"{100.0 * row['in_95_share']:.0f}"}
+    return facts
+
+
+def _real(rows: Sequence[Row], key: str) -> dict[str, list[Row]]:
+    cmu = [row for row in rows if Path(row[key]).name.startswith("bigrect")]
+    mit = [row for row in rows if row not in cmu]
+    return {
+        "MIT, not knocked": [row for row in mit if not row["knocks"]],
+        "MIT, knocked by hand": [row for row in mit if row["knocks"]],
+        "CMU": cmu,
+    }
+
+
+def real_motion() -> str:
+    """Return the table of runs on the motion of real pushes."""
+    told = {
+        "rendered touch": _real(sequences("rendered"), "recording"),
+        "true relative yaw": _real(oracle_runs(), "file"),
+    }
+    rows = [_scored(f"{group}; {touch}", runs) for touch, groups in told.items() for group, runs in groups.items()]
+    return table(("motion; touch", "runs", *SCORES[2:]), rows)
+
+
+def real_runs() -> str:
+    """Return the table of each of the real MIT runs, none left out."""
+    rows = [
+        [
+            Path(run["file"]).name.removesuffix(".json.gz"),
+            f"{run['knocks']:.0f}",
+            f"{run[MM]:.1f} mm, {run[DEG]:.1f}°",
+            f"{percent(run['in_95_contact_share'])}, {'in' if run['in_95_final'] else 'out'}",
+            percent(run["scored_frames"] / run["frames"]),
+            ", ".join(f"{status} {count}" for status, count in run["statuses"].items()),
+        ]
+        for run in oracle_runs()
+        if run["file"].startswith("mit")
+    ]
+    return table(("run", "knocks", "final error", "in 95 %: contact, end", "truth known", "statuses"), rows)
+
+
+def real_facts() -> set[str]:
+    """Return what is said of single real runs."""
+    runs = oracle_runs()
+    facts = {f"{run[key]:.0f}" for run in runs for key in (MM, DEG)}
+    return facts | {f"{100 * run['scored_frames'] / run['frames']:.0f}" for run in runs} | {"95"}
+
+
+def expected() -> str:
+    """Return README's table of what to expect."""
+    rendered, oracle = _real(sequences("rendered"), "recording"), _real(oracle_runs(), "file")
+    knocked_mit = "MIT, knocked by hand"
+    rows = {
+        "simulated pushes, sensor units and outlines it has not seen": sequences("plain"),
+        "the same, and somebody shoves the object": sequences("knocked"),
+        "real motion (MIT, CMU), touch images rendered": [row for runs in rendered.values() for row in runs],
+        "real pushes by a round tip (MIT), yaw from ground truth": oracle["MIT, not knocked"],
+        "the same, knocked by hand": oracle[knocked_mit],
+        "real pushes by two fingers (CMU), yaw from ground truth": oracle["CMU"],
+    }
+    return table(("", "runs", *SCORES[2:]), [_scored(*row) for row in rows.items()])
+
+
+def step_times() -> str:
+    """Return the table of how long a step takes."""
+    names = {
+        "learnt": "image in, estimate out, `learnt`",
+        "graph": "the graph alone",
+        "fixed-lag-450": "the graph with 30 pairs of images a step",
+        "bank-16": "16 smoothers at once",
+        "isam2-450": "iSAM2 with 30 pairs",
+        "reference-450": "the same graph with Python factors in GTSAM",
+    }
+    cases = {case["name"]: case for case in loaded("benchmarks/baseline.json")["cases"]}
+    rows = [
+        [told, *(f"{cases[name][key]:.1f} ms" for key in ("median_ms", "p95_ms", "p99_ms"))]
+        for name, told in names.items()
+    ]
+    return table(("a step", "median", "95th percentile", "99th percentile"), rows)
+
+
+def step_facts() -> set[str]:
+    """Return the times of a step with `learnt`: median and 95th percentile, and the latter in a shoved sequence."""
+    case = next(case for case in loaded("benchmarks/baseline.json")["cases"] if case["name"] == "learnt")
+    shoved = median(row["step_ms_p95"] for row in sequences("knocked"))
+    return {f"{case['median_ms']:.1f}", f"{case['p95_ms']:.1f}", f"{shoved:.1f}", "95"}
+
+
+def settings_of(group: str) -> str:
+    """Return the table of a factor's settings: name, default and what it is."""
+    settings = getattr(NoiseSettings(), group)
+    told = field_docs(type(settings))
+    rows = [[f"`{name}`", _written(getattr(settings, name)), " ".join(told[name].split())] for name in told]
+    return table(("setting", "default", "what"), rows)
+
+
+def unknowns() -> str:
+    """Return the table of the unknowns that last: what they are, in which unit, and what is believed beforehand."""
+    rows = [[f"`{one.name}`", one.scope, one.unit, one.meaning, _written(one.prior)] for one in SHARED]
+    return table(("unknown", "of", "unit", "what", "prior: mean, standard deviation"), rows)
+
+
+def _written(value: Any) -> str:
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ", ".join("none" if number is None else f"{number:g}" for number in numbers)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "unknowns": unknowns,
+    **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
+    "plain": plain,
+    "knocked": knocked,
+    "ways": ways,
+    "readers": readers,
+    "balls": balls,
+    "real-motion": real_motion,
+    "real-runs": real_runs,
+    "expected": expected,
+    "step-times": step_times,
+}
+"""Blocks that are written by this file."""
+FACTS: dict[str, Callable[[], set[str]]] = {
+    "limits": limits,
+    "knocked-facts": knocked_facts,
+    "knocked-silent": knocked_silent,
+    "coverage-facts": coverage_facts,
+    "reader-facts": reader_facts,
+    "ball-facts": ball_facts,
+    "real-facts": real_facts,
+    "step-facts": step_facts,
+}
+"""Numbers that may stand in blocks of prose."""

@@ -1,0 +1,25 @@
+"""Equality by value of dataclasses that hold arrays."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+
+class ByValue:
+    """Base of dataclasses (`eq=False`) that are equal if all their fields are, NaN being the same as NaN."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(_same(getattr(self, one.name), getattr(other, one.name)) for one in fields(self))  # pyright: ignore[reportArgumentType]
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType] # arrays may be changed
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray) or isinstance(one, float):
+        return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
+    return one == other

@@ -1,0 +1,86 @@
+"""An outline from what a user has of one: a name, two lengths or a file."""
+
+import re
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from palpate.errors import FileError, SettingError, ShapeError
+from palpate.formats.outlines.dxf import read_dxf
+from palpate.formats.outlines.svg import read_svg
+from palpate.formats.outlines.tables import read_json_shape, read_table
+from palpate.formats.sniff import NUMBER
+from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import Rectangle, Shape
+
+Unit = Literal["m", "cm", "mm", "in"]
+METRES: dict[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
+"""[m] of each unit, the likeliest first."""
+
+SIZES = (0.005, 2.0)
+"""[m] Width of outlines that are taken; others are in another unit."""
+LIKELY = (0.02, 1.0)
+"""[m] by which another unit is proposed."""
+
+READERS = {".svg": read_svg, ".dxf": read_dxf, ".json": read_json_shape}
+"""What reads a file of each extension; files of any other are tables."""
+
+_LENGTHS = re.compile(rf"(?P<x>{NUMBER})x(?P<y>{NUMBER})")
+
+
+def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
+    """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
+
+    Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
+    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is taken as a scan:
+    simplified, and a warning tells the noise. `unit` is that of the numbers, by default metres, or what a drawing says.
+    Points keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its
+    centroid, y up.
+
+    Raises SettingError for a name that is not known, FileError for a file that holds no outline or one of a size that
+    shows another unit.
+    """
+    name = str(source)
+    if unit not in (None, *get_args(Unit)):
+        raise SettingError(f"unit is {unit!r}; allowed are {', '.join(METRES)}")
+    scale = None if unit is None else METRES[unit]
+    if name in SHAPES:
+        if unit is not None:
+            raise SettingError(f"unit is {unit!r}, but {name} is an object of a known size")
+        return SHAPES[name]
+    lengths, path = _LENGTHS.fullmatch(name), Path(source)
+    try:
+        if lengths and not path.exists():
+            shape: Shape = Rectangle(*(float(lengths[axis]) * (scale or 1.0) for axis in "xy"))
+        elif path.is_file():
+            shape = READERS.get(path.suffix.lower(), read_table)(path, scale)
+        else:
+            names = ", ".join(SHAPES)
+            raise SettingError(
+                f"shape is {name!r}; allowed are {names}, two lengths such as 0.09x0.06 [m], or a file of an outline"
+            )
+        _check_size(shape, unit)
+    except ShapeError as error:
+        raise FileError(f"{name}: {error}") from error
+    return shape
+
+
+def extent_of(shape: Shape) -> float:
+    """The larger of the outline's widths along x and y [m]."""
+    return float(np.ptp(shape.outline(), axis=0).max())
+
+
+def _check_size(shape: Shape, unit: Unit | None) -> None:
+    """ShapeError, which proposes another unit, unless the outline is as large as objects are."""
+    extent = extent_of(shape)
+    if SIZES[0] <= extent <= SIZES[1]:
+        return
+    written = METRES[unit or "m"]
+    fits = [name for name, size in METRES.items() if LIKELY[0] <= extent / written * size <= LIKELY[1]]
+    asked = ""
+    if fits:
+        width = extent / written * METRES[fits[0]]
+        words = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}[fits[0]]
+        asked = f": are these {words}? unit={fits[0]!r} (--shape-unit {fits[0]}) makes it {width:g} m"
+    raise ShapeError(f"the outline is {extent:g} m wide, allowed are {SIZES[0]:g} to {SIZES[1]:g} m{asked}")

@@ -1,0 +1,66 @@
+"""Outlines as numbers: a table of points, or JSON."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import PalpateError, ShapeError
+from palpate.files import read_json, read_text
+from palpate.formats.outlines.scan import is_scan, shape_of_scan
+from palpate.geometry.shapes import Polygon, Shape, shape_from_dict, shape_to_dict
+
+logger = logging.getLogger(__name__)
+
+
+def read_table(path: Path, scale: float | None) -> Shape:
+    """The outline through the points x y of a table, one a line, `scale` [m] their unit; or of a scan.
+
+    Blanks, commas, semicolons or tabs part the numbers; a first line of words is passed over.
+    """
+    text = read_text(path).replace(",", " ").replace(";", " ")
+    rows = [words for line in text.splitlines() if (words := line.split("#")[0].split())]
+    if rows and not any(map(_is_number, rows[0])):
+        rows = rows[1:]
+    try:
+        points = np.array(rows, np.float64) * (scale or 1.0)
+    except ValueError as error:
+        raise ShapeError(f"is no table of numbers x y ({error})") from error
+    if points.shape[1:] != (2,):
+        raise ShapeError(f"found {len(rows)} rows of {len(rows[0]) if rows else 0} numbers, expected x y a row")
+    if not is_scan(points):
+        return Polygon(points)
+    found = shape_of_scan(points)
+    logger.warning(
+        "%s: its %d points are taken as a scan: an outline of %d corners, off which they are by %.2f mm, one standard "
+        "deviation",
+        path,
+        len(points),
+        len(found.shape.vertices),
+        found.noise * 1e3,
+    )
+    return found.shape
+
+
+def read_json_shape(path: Path, scale: float | None) -> Shape:
+    """The outline that JSON holds: {"vertices": [[x, y], ...]}, or a shape as palpate writes it."""
+    data = read_json(path)
+    try:
+        shape = shape_from_dict({"type": "polygon", **data})
+    except PalpateError as error:
+        raise ShapeError(str(error)) from error
+    return shape if scale is None else _scaled(shape, scale)
+
+
+def _scaled(shape: Shape, scale: float) -> Shape:
+    data = shape_to_dict(shape)
+    kind = data.pop("type")
+    return shape_from_dict({"type": kind, **{name: (np.array(value) * scale).tolist() for name, value in data.items()}})
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
