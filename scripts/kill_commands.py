@@ -23,7 +23,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import h5py
 import numpy as np
 import onnxscript  # noqa: F401
 import torch
@@ -37,7 +36,7 @@ from training_samples import write_pushes
 
 from palpate.cli import main
 from palpate.estimation.warm_up import warm_up
-from palpate.formats.palpate_h5 import checksum, write_recording
+from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.simulation.scene import load_mujoco
 from palpate.study import report  # noqa: F401
 from palpate.training import features, heads, learn, results, train
@@ -148,8 +147,7 @@ def content(name: str, path: Path) -> Any:
     """What a file holds that is the same whenever it is made; raises an error unless the file is whole."""
     data: Any = path.read_bytes()
     if path.suffix == ".h5":
-        with h5py.File(path) as file:
-            assert file.attrs["checksum"] == checksum(file), f"{name} is damaged"
+        source_of(path)
     elif path.suffix == ".npz":
         with np.load(path) as arrays:
             data = {key: arrays[key].tobytes() for key in arrays if key not in ("step_ms", "summary")}
