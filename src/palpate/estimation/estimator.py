@@ -186,6 +186,10 @@ class Estimator:
         self._believe(self._contact, sensor_pose)
         self.status = "indeterminate"
 
+    def covariance_of_motion(self, length: float) -> Array:
+        """Return the covariance (3, 3) of an unknown motion of the object of this size [m]."""
+        return self._diagnosis.covariance_of_motion(length)
+
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something else may have moved by so much meanwhile [m]."""
         if self._contact is not None:

@@ -208,11 +208,15 @@ class Hypotheses:
         self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
         best.begin_anew(sensor_pose, measurements, time, error)
 
-    def end_contact(self) -> None:
-        """The sensor let go of the object."""
+    def covariance_of_motion(self, length: float) -> Array:
+        """Return the covariance (3, 3) of an unknown motion of the object of this size [m]."""
+        return self._best.estimator.covariance_of_motion(length)
+
+    def end_contact(self, moved: float = 0.0) -> None:
+        """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
         for one, score in zip(self._all, self._scores(), strict=True):
             one.earned = score + self._oddness(one)  # of friction, which goes on to the next contact
-            one.estimator.end_contact(_SPREAD if one.open else 0.0)
+            one.estimator.end_contact(max(moved, _SPREAD if one.open else 0.0))
             one.broken, one.open = [], 0
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[_Hypothesis]:
