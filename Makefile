@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint bench faults docs check-numbers study-report clean
+.PHONY: demo test ros-test test-matrix lint bench faults kills fuzz docs check-numbers study-report clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -32,11 +32,25 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
+# Fifty kills of every command, at random times.
+kills: $(READY_DEV)
+	$(BIN)/python scripts/kill_commands.py
+
+# Everything anew in empty environments; outside CI's time.
+test-matrix: $(READY_DEV)
+	$(BIN)/python -m pip install --quiet uv
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
+
 # Nine recordings of nine sensor units that nothing was chosen on, each broken in every way; about a quarter of an hour.
 faults: $(READY_DEV)
 	rm -rf faults-run
 	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1664 --seconds 12 --workers 2
 	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
+
+# Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.
+COUNT ?= 100000
+fuzz: $(READY_DEV)
+	cd tests && nice ../$(BIN)/python -m fuzzing --count $(COUNT) --found ../fuzz-found
 
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
