@@ -10,14 +10,19 @@ BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 # Stamps: palpate with its simulation, which the demo needs, and the tools of development on top.
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
+READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test lint bench faults docs check-numbers study-report clean fuzz
+.PHONY: demo test ros-test lint bench faults docs check-numbers study-report fuzz clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
 
 test: lint
 	$(BIN)/pytest -n 2
+
+# With a real rclpy from the package index, for tests only; `make test` uses it too once it is there, for fewer images.
+ros-test: $(READY_DEV) $(READY_ROS)
+	PALPATE_ROS_FRAMES=1800 $(BIN)/pytest -n 0 tests/ros2
 
 lint: $(READY_DEV)
 	$(BIN)/ruff check .
@@ -51,7 +56,7 @@ study-report: $(READY_DEV)
 	$(BIN)/python scripts/study_report.py
 
 clean:
-	rm -rf .venv demo-run faults-run docs/_build
+	rm -rf .venv .venv-ros demo-run faults-run docs/_build
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'
@@ -63,3 +68,9 @@ $(READY_DEV): $(READY)
 	$(INSTALL) '.[dev]'
 	@$(BROWSER)
 	touch $(READY_DEV)
+
+$(READY_ROS): pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-ros
+	.venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ros]' \
+		'ros-rclpy[fastrtps]' ros-sensor-msgs ros-geometry-msgs ros-diagnostic-msgs ros-std-msgs
+	touch $(READY_ROS)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ from palpate.estimation.smoother import SmootherName
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import PRESSURES, Shape
+from palpate.guard import DRAWN_BACK, StreamGuard
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement, finite_numbers
 from palpate.recording.sensor import SensorProfile
@@ -34,6 +36,7 @@ from palpate.touch.relative import Touch
 Array = NDArray[np.float64]
 
 _ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
+_FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
@@ -96,7 +99,7 @@ class Tracker:
         settings = settings or TrackerSettings()
         self._first = _first_pose(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
-        self._sensor, self._settings, self._model = sensor, settings, model
+        self._shape, self._sensor, self._settings, self._model = shape, sensor, settings, model
         self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
         self._correction = calibration.direction if calibration else AS_TOLD
         self._contact_model = contact_model(shape, sensor, settings.pressure)
@@ -123,6 +126,9 @@ class Tracker:
         settings = self._settings
         noise = _with_offset(settings.noise, self._correction.offset_sigma)
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
+        self._guard = StreamGuard(self._sensor.rate)
+        self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
+        self._blind = 0.0  # [m] that the sensor may have gone unseen in this contact
         self._last: Frame | None = None
         self._interval = 1.0 / self._sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._touched_at = -math.inf  # [s] time of the last frame of contact
@@ -144,7 +150,7 @@ class Tracker:
         self._choose_touch(frame)
         touch = self._touch
         if estimator.in_contact and (not frame.contact or self._paused(frame)):
-            estimator.end_contact()
+            estimator.end_contact(self._moved_unseen(frame))
             touch.end_contact()
         if frame.contact:
             said = (*touch.measure(frame), *frame.measurements)
@@ -162,6 +168,24 @@ class Tracker:
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
         return self._estimate(frame.time)
+
+    def save(self, path: Path | str) -> None:
+        """Write all that is known, so that a process that restarts goes on with the same estimates to the last digit.
+
+        The file is written whole or not at all, replaces an earlier one and holds no code. Raises SettingError, in one
+        sentence, where something cannot be saved: the particle filter, a contact solved by iSAM2 or with measurements
+        of your own in it, touch of your own.
+        """
+        from palpate.tracker_state import save_tracker
+
+        save_tracker(self, path)
+
+    @staticmethod
+    def load(path: Path | str) -> "Tracker":
+        """Return the tracker that `save` wrote; raises FileError on anything else, or of another version of palpate."""
+        from palpate.tracker_state import load_tracker
+
+        return load_tracker(path)
 
     @property
     def tactile(self) -> TactileChoice:
@@ -197,13 +221,14 @@ class Tracker:
         estimator, touched = self._estimator, self._estimator.touched
         if touched:
             self._touched_at = time
+        self._blind = self._guard.blind
         return Estimate(
             time,
             estimator.known.pose.copy(),
-            estimator.covariance,
+            estimator.covariance + estimator.covariance_of_motion(self._blind),
             estimator.in_contact,
-            estimator.status,
-            estimator.reason,
+            "faulty" if self._blind else estimator.status,
+            _FROZEN.format(1e3 * self._blind) if self._blind else estimator.reason,
             estimator.answers,
             _friction(estimator.known),
             touched and touched.point,
@@ -218,7 +243,15 @@ class Tracker:
         return self.background
 
     def _paused(self, frame: Frame) -> bool:
-        return self._last is not None and frame.time - self._last.time > _PAUSE * self._interval
+        """Whether so much is missing before a frame that its contact is another one."""
+        return self._last is not None and (self._gone or frame.time - self._last.time > _PAUSE * self._interval)
+
+    def _moved_unseen(self, frame: Frame) -> float:
+        """How far the object may have been moved as nobody looked [m], where a contact is over."""
+        assert self._last is not None
+        if self._paused(frame):
+            return float(np.hypot(*(frame.sensor_pose - self._last.sensor_pose)[:2]))
+        return max(self._blind, DRAWN_BACK if self._guard.drawn_back else 0.0)
 
     def _checked(self, frame: Frame, measurements: Sequence[Measurement]) -> Frame:
         """The frame as it is taken: its image as the profile's lie, contact as the image tells, all that is measured.
@@ -227,23 +260,31 @@ class Tracker:
         """
         last = -np.inf if self._last is None else self._last.time
         frame = checked_frame(frame, measurements, last, len(self._sensor.tips))
+        self._guard.check_time(frame.time)
         if frame.image is None:
             if frame.contact and self._tactile.startswith("learnt") and not self._is_touch_given:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-            return frame
-        try:
-            image = self._view.of(frame.image)
-            contact = self._detector.update(image)
-        except (SettingError, IndexError) as error:  # the latter of an image without three channels
-            raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
-        return replace(frame, contact=contact, image=image)
+        else:
+            try:
+                image = self._view.of(frame.image)
+                frame = replace(frame, contact=self._detector.update(image), image=image)
+            except (SettingError, IndexError) as error:  # the latter of an image without three channels
+                raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
+        self._gone = self._guard.check_pose(frame.time, frame.sensor_pose, bool(frame.contact))
+        if frame.image is not None and self._guard.drawn_back:
+            self._detector.forget()
+            return replace(frame, contact=False)
+        return frame
 
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame."""
         if self._tactile == "auto" and not self._is_touch_given:
-            self._tactile, self._tactile_reason = chosen(frame.image, self._sensor, self._model)
-            if self._tactile == "none":
-                self._touch = self._make_touch("none")
+            self._settle_touch(*chosen(frame.image, self._sensor, self._model))
+
+    def _settle_touch(self, tactile: Tactile, reason: str) -> None:
+        self._tactile, self._tactile_reason = tactile, reason
+        if tactile == "none":
+            self._touch = self._make_touch("none")
 
     def _make_touch(self, tactile: Tactile) -> Touch:
         given = self._settings.noise.relative_pose

@@ -19,7 +19,7 @@ from palpate.estimation.unknowns import DEPTH
 from palpate.geometry import se2
 
 Array = NDArray[np.float64]
-Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate"]
+Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
 """What to make of an estimate.
 
 - resting: untouched, so unmoved.
@@ -31,6 +31,7 @@ Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "d
 - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
   says, in this contact and after it.
 - indeterminate: the graph could not be solved at this frame and starts anew from the last pose.
+- faulty: what arrives from the sensor or the robot cannot be so, and the reason says what.
 """
 
 STRAIN_FRAMES, STRAIN_EXPECTED, STRAIN_LIMIT = 30, 0.5, 4.0
@@ -51,6 +52,7 @@ REASONS: dict[Status, str] = {
     "uncertain": "the pose is known so roughly that the covariance is a guess itself",
     "displaced": "the object was moved while nothing touched it",
     "indeterminate": "the graph could not be solved and began anew",
+    "faulty": "what arrives cannot be so",
 }
 """What each status means, in words for those who read it beside an estimate."""
 

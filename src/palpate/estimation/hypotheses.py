@@ -29,7 +29,7 @@ from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import SmootherName
+from palpate.estimation.smoother import BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places, starts
 from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
@@ -129,6 +129,11 @@ class Hypotheses:
         return self._best.estimator.known
 
     @property
+    def begins_contact(self) -> BeginContact:
+        """What makes the graph of a contact, the same for all hypotheses."""
+        return self._best.estimator.begins_contact
+
+    @property
     def touched(self) -> Touched | None:
         """Where the sensor touches the object, by the best hypothesis; None between contacts."""
         return self._best.estimator.touched
@@ -203,11 +208,15 @@ class Hypotheses:
         self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
         best.begin_anew(sensor_pose, measurements, time, error)
 
-    def end_contact(self) -> None:
-        """The sensor let go of the object."""
+    def covariance_of_motion(self, length: float) -> Array:
+        """Return the covariance (3, 3) of an unknown motion of the object of this size [m]."""
+        return self._best.estimator.covariance_of_motion(length)
+
+    def end_contact(self, moved: float = 0.0) -> None:
+        """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
         for one, score in zip(self._all, self._scores(), strict=True):
             one.earned = score + self._oddness(one)  # of friction, which goes on to the next contact
-            one.estimator.end_contact(_SPREAD if one.open else 0.0)
+            one.estimator.end_contact(max(moved, _SPREAD if one.open else 0.0))
             one.broken, one.open = [], 0
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[_Hypothesis]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from palpate.compiled import Records, compiled
+from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import Background, Image, Levels, background_of, check_channel_order, check_image
@@ -29,6 +30,10 @@ _UNLIKE = 8.0  # [grey levels] between cells of the first frames, that are not o
 DARK = 5.0  # [grey levels] in the mean of an image before the light or the camera is on
 _LIGHT = 2.0  # [grey levels] of a cell off the light's plane, above which it hardly tells of the light
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
+_DIMMEST, _BRIGHTEST = 0.3, 3.0  # times the untouched gel's light
+_OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.45 at most
+_SAME, _CHANGES = 6, 0.1  # images in a row that are the same to the last bit; share of values that noise changes
+_SPARSE = 8  # pixels, of which one is looked at for that
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
 
@@ -66,6 +71,9 @@ class ContactDetector:
         self._touched = False
         self._share = 0.0
         self._untouched = 0
+        self._sparse: Image | None = None
+        self._same = 0
+        self._is_noisy = False
         if background is not None:
             self._compare_with(background)
 
@@ -82,8 +90,9 @@ class ContactDetector:
     def update(self, image: Image) -> bool:
         """Return whether the gel is touched in this image (height, width, 3) RGB.
 
-        Raises SettingError on an image of another size or type than the background's or the first one, and where the
-        first one has red and blue swapped against a given background.
+        Raises SettingError on an image of another size or type than the background's or the first one, where the
+        first one has red and blue swapped against a given background, on one that shows no touch and no untouched gel
+        either (black, noise, turned, another light), and where the camera stands still. It changes nothing then.
         """
         background = self._background
         if background is None:
@@ -93,13 +102,38 @@ class ContactDetector:
         if not self._checked:
             check_channel_order(image, background)
             self._checked = True
-        self._share = self._significant(image)
+        self._check_alive(image)
+        share = self._significant(image)
+        if share > _OTHER:
+            check_channel_order(image, background)
+            raise SettingError(
+                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is what was seen in "
+                "the first half second or is in the calibration: is the camera covered, turned, or its light out?"
+            )
+        self._share = share
         self._touched = self._share > (END if self._touched else START)
         if self._share <= END:
             self._untouched += 1
             if self._untouched % _EVERY == 0:
                 self._compare_with(_followed(background, image, _EVERY / _MEMORY))
         return self._touched
+
+    def forget(self) -> None:
+        """Take the next images as untouched: what is thought to be a touch is a gel or a light that has changed."""
+        self._background, self._first, self._touched = None, [], False
+
+    def _check_alive(self, image: Image) -> None:
+        """SettingError where a camera with noise gives the same image again and again."""
+        sparse = image[::_SPARSE, ::_SPARSE].copy()
+        changed = 1.0 if self._sparse is None else float((sparse != self._sparse).mean())
+        self._sparse = sparse
+        self._is_noisy = self._is_noisy or (self._same > 0 and changed > _CHANGES)
+        self._same = 1 if changed else self._same + 1
+        if self._same > _SAME and self._is_noisy:
+            raise SettingError(
+                f"image: found the same {self._same} times, to the last bit; expected is some noise, as there was "
+                "before: the camera stands still"
+            )
 
     def _gather(self, image: Image) -> None:
         if self._image_size is None:
@@ -133,7 +167,8 @@ class ContactDetector:
 
     def _significant(self, image: Image) -> float:
         cells = area_means(image, *self._size)
-        return float((np.abs(cells - _light(cells, self._mean) * self._mean) > self._tolerance).mean())
+        light = np.clip(_light(cells, self._mean), _DIMMEST, _BRIGHTEST)
+        return float((np.abs(cells - light * self._mean) > self._tolerance).mean())
 
 
 def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.errors import SettingError
+from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
@@ -78,8 +78,9 @@ def track(
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
     `calibration` and `first_pose_sigma` are the Tracker's.
+    A frame that cannot be used is left out: the estimate before stands for it, with status "faulty".
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
-    cannot go on.
+    cannot go on, or cannot use the first frame.
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
@@ -88,10 +89,19 @@ def track(
     sensor = _turned(recording.sensor, calibration)
     tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
     estimates: list[Estimate] = []
+    taken: list[bool] = []
     step_ms = np.empty(len(recording))
     for index, frame in enumerate(recording):
         start = time.perf_counter()
-        estimates.append(tracker.update(frame))
+        try:
+            estimates.append(tracker.update(frame))
+            taken.append(True)
+        except FrameError as error:
+            if not estimates:
+                raise
+            logger.warning("%s; it is left out", error)
+            estimates.append(replace(estimates[-1], time=frame.time, status="faulty", reason=str(error)))
+            taken.append(False)
         step_ms[index] = (time.perf_counter() - start) * 1e3
         if watch:
             watch(tracker.frame, estimates[-1], tracker.background)
@@ -101,7 +111,7 @@ def track(
     model = (model or shipped_model()) if settings.tactile.startswith("learnt") else None
     online, answers, friction = gathered(estimates)
     contact = np.asarray(online.contact, np.bool_)
-    smoothed = tracker.smoothed()
+    smoothed = _with_left_out(tracker.smoothed(), np.array(taken), recording.time)
     wall_s = time.perf_counter() - begin
     truth = known_truth(recording)
     summary = summarise(
@@ -146,6 +156,14 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]
     )
     answers = tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
     return online, answers, np.array([estimate.friction for estimate in estimates])
+
+
+def _with_left_out(smoothed: Trajectory, taken: NDArray[np.bool_], time: Array) -> Trajectory:
+    """The trajectory at all N times, of which those not taken have the pose before."""
+    if taken.all():
+        return smoothed
+    last = np.cumsum(taken) - 1
+    return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])
 
 
 def _turned(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:

@@ -12,4 +12,5 @@ STATUS: dict[Status, str] = {
     "uncertain": "#F0E442",
     "displaced": "#CC79A7",
     "indeterminate": "#7F3FBF",
+    "faulty": "#B00020",
 }

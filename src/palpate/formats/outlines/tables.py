@@ -27,8 +27,10 @@ def read_table(path: Path, scale: float | None) -> Shape:
         points = np.array(rows, np.float64) * (scale or 1.0)
     except ValueError as error:
         raise ShapeError(f"is no table of numbers x y ({one_line(error)})") from error
+    if not rows:
+        raise ShapeError("is no table of numbers x y: it holds none")
     if points.shape[1:] != (2,):
-        raise ShapeError(f"found {len(rows)} rows of {len(rows[0]) if rows else 0} numbers, expected x y a row")
+        raise ShapeError(f"found {len(rows)} rows of {len(rows[0])} numbers, expected x y a row")
     if not is_scan(points):
         return Polygon(points)
     found = shape_of_scan(points)

@@ -1,0 +1,107 @@
+"""How runs with faults are scored and gathered in a table."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import pushed
+
+from palpate.cli import main
+from palpate.errors import FileError, FrameError
+from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.shapes import Disc
+from palpate.recording.frame import Frame
+from palpate.recording.sensor import DIGIT
+from palpate.study.faults import bench
+from palpate.study.faults.bench import FaultRun, run_faults, run_stream
+from palpate.study.faults.stream import Stream
+from palpate.study.faults.table import rows_of, write_table
+from palpate.tracker import Estimate, TrackerSettings
+
+
+class Told:
+    """A tracker that says for each frame what a test has written down: error [m] and status, or an error to raise."""
+
+    script: list[Any]
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        self._next = iter(self.script)
+
+    def update(self, frame: Frame) -> Estimate:
+        said = next(self._next)
+        if isinstance(said, Exception):
+            raise said
+        error, status = said
+        return Estimate(frame.time, np.array([error, 0.0, 0.0]), 1e-6 * np.eye(3), True, status)
+
+
+def scored(monkeypatch: Any, script: list[Any], begin: float = 0.0) -> FaultRun:
+    """Run frames half a second apart, all in contact, with the object at the origin."""
+    monkeypatch.setattr(bench, "Tracker", Told)
+    monkeypatch.setattr(Told, "script", script, raising=False)
+    frames = tuple(Frame(0.5 * n, np.zeros(3), contact=True, object_pose=np.zeros(3)) for n in range(len(script)))
+    arrival = 0.5 * np.arange(len(script))
+    stream = Stream(frames, arrival, Disc(0.1), DIGIT, np.zeros(3), begin=begin)
+    return run_stream(stream, TrackerSettings())
+
+
+def test_a_run_is_silently_wrong_while_it_is_far_off_and_content(monkeypatch):
+    run = scored(monkeypatch, [(0.0, "tracking"), *[(0.011, "tracking")] * 3, (0.011, "strained"), (0.002, "tracking")])
+    assert (run.silent_s, run.silently_wrong) == (1.5, True)
+    assert run.told_after == 2.0 and not run.told
+    assert run.final_mm == pytest.approx(2.0)
+    assert run.inside_share == pytest.approx(2 / 6)  # 2 mm are 2 standard deviations
+    assert not scored(monkeypatch, [(0.009, "tracking")] * 4).silently_wrong
+
+
+def test_only_what_comes_from_the_fault_on_counts(monkeypatch):
+    run = scored(monkeypatch, [(0.02, "strained"), (0.02, "tracking"), (0.0, "tracking"), (0.0, "uncertain")], 1.0)
+    assert (run.silent_s, run.told_after, run.inside_share) == (0.0, 0.5, 1.0)
+    assert run.told
+
+
+def test_a_refusal_tells_and_another_error_is_an_exception(monkeypatch):
+    run = scored(monkeypatch, [(0.0, "tracking"), FrameError("too bright"), (0.001, "tracking")])
+    assert (run.refused, run.first_refusal, run.exception, run.told_after) == (1, "too bright", "", 0.5)
+    run = scored(monkeypatch, [(0.0, "tracking"), ValueError("oh"), (0.0, "tracking")])
+    assert (run.exception, run.refused) == ("ValueError: oh", 0)
+
+
+def made(fault: str, final_mm: float, silent_s: float = 0.0, told_after: float = np.nan) -> FaultRun:
+    return FaultRun(fault, "r", final_mm, 1.0, 0.9, told_after, silent_s, 3, "", "", 30, 0.06)
+
+
+def test_a_row_is_the_median_of_its_runs(tmp_path):
+    runs = [*(made("none", mm) for mm in (1.0, 2.0, 9.0)), made("x", 3.0, 1.1, 0.5), made("x", 5.0, 0.9, 1.5)]
+    clean, row = rows_of(runs)
+    assert (clean.final_mm, clean.worst_mm, clean.times_clean, clean.told_percent) == (2.0, 9.0, 1.0, 0.0)
+    assert (row.final_mm, row.times_clean, row.silent_percent, row.told_percent) == (4.0, 2.0, 50.0, 50.0)
+    assert (row.inside_percent, row.refused_percent, row.step_ms) == pytest.approx((90.0, 10.0, 2.0))
+    write_table(tmp_path, runs)
+    (_, written) = csv.DictReader((tmp_path / "faults.csv").read_text().splitlines())
+    assert (written["fault"], written["final_mm"], written["runs"]) == ("x", "4", "2")
+    assert len((tmp_path / "fault_runs.csv").read_text().splitlines()) == 6
+
+
+def test_recordings_without_images_are_refused(tmp_path):
+    write_recording(pushed(20), tmp_path / "disc-1.h5")
+    with pytest.raises(FileError, match=r"disc-1\.h5: has no images, contact flags or ground truth"):
+        run_faults({"disc-1.h5": tmp_path / "disc-1.h5"})
+
+
+def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
+    (tmp_path / "recordings").mkdir()
+    write_recording(pushed(20), tmp_path / "recordings" / "disc-1.h5")
+    monkeypatch.setattr(bench, "run_faults", lambda *_, **__: [made("none", 2.0), made("x", 4.0)])
+    words = ["evaluate", str(tmp_path / "recordings"), "--faults", "--out", str(tmp_path / "out")]
+    assert main.main([*words, "--tactile", "none"]) == 2
+    assert "--tactile cannot go with it" in capsys.readouterr().err
+    assert main.main([*words, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [row["final_mm"] for row in said["faults"]] == [2.0, 4.0]
+    assert Path(said["report"], "faults.csv").exists()
+    assert main.main(words) == 2
+    assert "already exists" in capsys.readouterr().err
