@@ -4,9 +4,9 @@ The HDF5 library can be crashed by a few changed bytes. Here it takes no other p
 
 Says that it is ready. Asked by a line of JSON on standard input, {"path": ..., "bytes": N, "most": M, "words": ...,
 "rows": null}: a file, or N bytes that follow if there is no path, how many bytes its arrays may have, and what to say
-of that. Answers with a line, {"error": ...} or {"attributes": {...}, "arrays": {...}}, followed by the bytes of the arrays
-one after the other. See `hdf5.Contents` for what they are. Of rows of bytes in a file only their count is told; asked
-with "rows": {"name": ..., "start": ..., "stop": ...}, it answers {"lengths": [...]} and the bytes of these.
+of that. Answers with a line, {"error": ...} or {"attributes": {...}, "arrays": {...}}, followed by the bytes of the
+arrays one after the other. See `hdf5.Contents` for what they are. Of rows of bytes in a file only their count is told;
+asked with "rows": {"name": ..., "start": ..., "stop": ...}, it answers {"lengths": [...]} and the bytes of these.
 """
 
 import io
