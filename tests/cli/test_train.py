@@ -322,7 +322,10 @@ def test_a_training_that_was_cut_off_between_its_last_files_goes_on(
         assert palpate(*words, "--resume") == 2
         assert "model: another process is writing it" in capsys.readouterr().err
     assert palpate(*words, "--resume") == 3
-    assert TouchModel(out).settings == model.settings
+    found = TouchModel(out).settings
+    assert found.training == model.settings.training
+    for name, spread in found.spread.items():
+        assert spread.scale == pytest.approx(model.settings.spread[name].scale, rel=1e-5)
     assert (out / "training" / "touch.pt").stat().st_mtime_ns == begun
     for name in ("touch.csv", "keypoint.csv"):
         assert (out / "training" / name).read_bytes() == (trained.folder / "training" / name).read_bytes()
