@@ -87,7 +87,7 @@ def train(
     descent = settings.touch
     if base is None:
         with bar("key points", settings.keypoint.steps) as progress:
-            learn_keypoints(keypoints, learned, held_out, settings.seed, work, settings.keypoint, progress)
+            learn_keypoints(keypoints, learned, held_out, sensor, settings.seed, work, settings.keypoint, progress)
     else:
         networks = base.networks
         restore(keypoints.encoder, networks["keypoint"])
@@ -95,7 +95,7 @@ def train(
         restore(touch.pair, networks["pair"])
         descent = FINE
     with bar("touch", descent.steps) as progress:
-        learn_touch(touch, learned, held_out, settings.seed, work, descent, progress)
+        learn_touch(touch, learned, held_out, sensor, settings.seed, work, descent, progress)
     with bar("scores", 3) as progress:
         models = fit_pair_models(learned, features_of(learned, keypoints, touch), touch, settings.seed)
         progress(1)
