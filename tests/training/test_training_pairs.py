@@ -141,6 +141,9 @@ def test_a_group_is_moved_over_the_gel_and_its_directions_with_it(monkeypatch: p
     assert 0.4 < (np.abs(np.abs(told[:, 0]) - angle) > 1e-6).mean() < 0.55  # half of them, but for moves of nothing
     assert np.abs(np.sin(told)).max() < 0.8 * 0.0092 / 0.021 and np.ptp(np.sin(told)) > 0.6
     assert np.ptp(row) == pytest.approx(8, abs=1)
+    steep = dataclasses.replace(given, direction=np.full(50, 0.5))  # beyond the reach: its sine is 0.48
+    told = varied_batch(steep, chosen, DIGIT, np.random.default_rng(0)).direction(steep.direction[chosen]).numpy()
+    np.testing.assert_allclose(np.abs(told), 0.5, atol=1e-6)
     turn = np.linspace(0.0, 0.1, 1000).reshape(500, 2)
     np.testing.assert_allclose(seen.turn(turn), seen.sign.numpy() * turn, atol=1e-6)
 

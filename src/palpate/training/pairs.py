@@ -150,8 +150,9 @@ def _moves(sine: NDArray[np.float64], sensor: SensorProfile, rng: np.random.Gene
     if not step:
         return np.zeros(groups, int), down
     most = _REACH * COLUMNS / 2.0
-    low, high = np.ceil(-most - sine.min(axis=1) / step), np.floor(most - sine.max(axis=1) / step)
-    right = np.where(low < high, np.round(low + rng.random(groups) * (high - low)), 0.0)
+    first, last = sine.min(axis=1) / step, sine.max(axis=1) / step
+    right = np.round(-most - first + rng.random(groups) * (2.0 * most - last + first))
+    moving &= np.maximum(-first, last) < most  # what is beyond the reach already stays there
     return np.where(moving, right, 0.0).astype(int), down
 
 
