@@ -22,6 +22,7 @@ from palpate.training.networks import (
     TouchNetwork,
     blobs,
     gaussian,
+    imprint,
     keypoint,
 )
 from palpate.training.scores import log_likelihood
@@ -88,6 +89,19 @@ def test_blobs_are_the_inverse():
         weight = fine.sum(dim=axis) / fine.sum()
         assert float((weight * at**2).sum()) == pytest.approx(0.2**2, rel=1e-3)
     assert float(fine.max()) == pytest.approx(1.0, abs=0.01)
+
+
+def test_an_imprint_is_without_what_is_faint_around_it():
+    difference = torch.full((1, 3, 32, 128), 0.05)
+    difference[0, :, 10:20, 40:80] = -1.0
+    seen = imprint(difference)
+    # In the middle of the imprint all around has a strength of 1: 5^4 = 625 of 626 are left; far from it 1 of 257.
+    assert seen[0, 1, 15, 60] == pytest.approx(-625 / 626)
+    assert seen[0, 1, 2, 10] == pytest.approx(0.05 / 257, rel=1e-4)
+    assert seen[0, 1, 0, 0] == pytest.approx(0.05 / 257, rel=1e-4)  # at a border, only what there is counts
+    # One row off it, a third of the rows and all columns around are imprint: the mean is (1 + 2 * 0.05) / 3.
+    fourth = ((1.1 / 3) / 0.2) ** 4
+    assert seen[0, 1, 9, 60] == pytest.approx(0.05 * fourth / (1 + fourth))
 
 
 def test_exchanging_images_changes_the_sign_of_what_the_pair_network_tells():

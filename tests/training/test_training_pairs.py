@@ -9,6 +9,7 @@ import pytest
 from training_samples import samples
 
 from palpate.errors import SettingError
+from palpate.recording.sensor import DIGIT
 from palpate.training import pairs
 from palpate.training.pairs import CLOSEST, FARTHEST, batch, draw_groups, draw_pairs, turned, varied_batch
 from palpate.training.train import split
@@ -73,16 +74,23 @@ def test_a_batch_is_what_was_seen():
 
 
 def clear(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No clouds over images."""
-    monkeypatch.setattr(pairs, "_LASTING", 0.0)
-    monkeypatch.setattr(pairs, "_PASSING", 0.0)
+    """No clouds over images, and none is moved."""
+    for name in ("_LASTING", "_PASSING", "_MOVED"):
+        monkeypatch.setattr(pairs, name, 0.0)
+
+
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Brightness and colours as they are."""
+    for name in ("_GAIN", "_COLOUR_GAIN"):
+        monkeypatch.setattr(pairs, name, (1.0, 1.0))
+    monkeypatch.setattr(pairs, "_TINT", 0.0)
 
 
 def test_a_varied_batch_looks_like_units_of_other_brightness_and_colours(monkeypatch: pytest.MonkeyPatch):
     clear(monkeypatch)
-    many, sign = varied_batch(samples([50]), np.full((625, 8), 4), np.random.default_rng(0))
-    many = many.numpy()
-    assert many.shape == (5000, 3, 2, 2) and sign.shape == (625,)
+    seen = varied_batch(samples([50]), np.full((625, 8), 4), DIGIT, np.random.default_rng(0))
+    many = seen.difference.numpy()
+    assert many.shape == (5000, 3, 2, 2) and seen.sign.shape == (625, 1)
     # Over an image each colour shifts by a tint and a slope across and along, each of 0.05.
     slopes = np.stack([many[..., 1] - many[..., 0], many[..., 1, :] - many[..., 0, :]])
     assert 0.5 * slopes.std() == pytest.approx(0.05, rel=0.05)
@@ -94,17 +102,15 @@ def test_a_varied_batch_looks_like_units_of_other_brightness_and_colours(monkeyp
 
 
 def test_a_group_is_in_one_guise_and_its_angles_with_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(pairs, "_GAIN", (1.0, 1.0))
-    monkeypatch.setattr(pairs, "_COLOUR_GAIN", (1.0, 1.0))
-    monkeypatch.setattr(pairs, "_TINT", 0.0)
+    plain(monkeypatch)
     clear(monkeypatch)
     image = np.arange(12, dtype=np.float16).reshape(2, 2, 3)
     given = samples([50])
     given = dataclasses.replace(given, difference=np.broadcast_to(image, (50, 2, 2, 3)).copy())
-    seen, sign = varied_batch(given, np.arange(3000 * 2).reshape(3000, 2) % 50, np.random.default_rng(0))
-    looks = seen.permute(0, 2, 3, 1).numpy().reshape(3000, 2, 2, 2, 3)
+    seen = varied_batch(given, np.arange(3000 * 2).reshape(3000, 2) % 50, DIGIT, np.random.default_rng(0))
+    looks = seen.difference.permute(0, 2, 3, 1).numpy().reshape(3000, 2, 2, 2, 3)
     np.testing.assert_array_equal(looks[:, 0], looks[:, 1])
-    found = {look.tobytes(): float(each) for look, each in zip(looks[:, 0], sign, strict=True)}
+    found = {look.tobytes(): float(each) for look, each in zip(looks[:, 0], seen.sign, strict=True)}
     wanted = {
         image[:: 1 - 2 * up, :: 1 - 2 * over][..., order].astype(np.float32).tobytes(): 1.0 - 2.0 * over
         for up in (0, 1)
@@ -116,12 +122,38 @@ def test_a_group_is_in_one_guise_and_its_angles_with_it(monkeypatch: pytest.Monk
     assert as_it_is == pytest.approx(0.5 + 0.5 / 24, abs=0.03)
 
 
+def test_a_group_is_moved_over_the_gel_and_its_directions_with_it(monkeypatch: pytest.MonkeyPatch):
+    plain(monkeypatch)
+    for name in ("_LASTING", "_PASSING"):
+        monkeypatch.setattr(pairs, name, 0.0)
+    column_sine = 2 * 0.0092 / 128 / 0.021  # a DIGIT's pad is 18.4 mm wide and bent about 21 mm
+    given, angle = samples([50]), np.radians(4.0)
+    spots = np.zeros((50, 32, 128, 3), np.float16)
+    spots[:, 16, round(64 + np.sin(angle) / column_sine)] = 1.0
+    given = dataclasses.replace(given, difference=spots, direction=np.full(50, angle))
+    chosen = np.arange(500 * 2).reshape(500, 2) % 50
+    seen = varied_batch(given, chosen, DIGIT, np.random.default_rng(0))
+    told = seen.direction(given.direction[chosen]).numpy()
+    row, column = (found.reshape(500, 2) for found in np.nonzero(seen.difference.numpy()[:, 0])[1:])
+    # Where the spot is tells the direction: to a column, and to one more where the image is mirrored.
+    np.testing.assert_allclose(np.sin(told), (column - 64) * column_sine, atol=1.6 * column_sine)
+    assert (told[:, 0] == told[:, 1]).all() and (row[:, 0] == row[:, 1]).all()
+    assert 0.4 < (np.abs(np.abs(told[:, 0]) - angle) > 1e-6).mean() < 0.55  # half of them, but for moves of nothing
+    assert np.abs(np.sin(told)).max() < 0.8 * 0.0092 / 0.021 and np.ptp(np.sin(told)) > 0.6
+    assert np.ptp(row) == pytest.approx(8, abs=1)
+    steep = dataclasses.replace(given, direction=np.full(50, 0.5))  # beyond the reach: its sine is 0.48
+    told = varied_batch(steep, chosen, DIGIT, np.random.default_rng(0)).direction(steep.direction[chosen]).numpy()
+    np.testing.assert_allclose(np.abs(told), 0.5, atol=1e-6)
+    turn = np.linspace(0.0, 0.1, 1000).reshape(500, 2)
+    np.testing.assert_allclose(seen.turn(turn), seen.sign.numpy() * turn, atol=1e-6)
+
+
 def test_clouds_are_smooth_and_some_last_all_through_a_group(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pairs, "_TINT", 0.0)
     given = samples([50])
     given = dataclasses.replace(given, difference=np.zeros((50, 32, 128, 3), np.float16))
-    seen, _ = varied_batch(given, np.zeros((400, 2), int), np.random.default_rng(0))
-    clouds = seen.numpy().reshape(400, 2, 3, 32, 128)
+    seen = varied_batch(given, np.zeros((400, 2), int), DIGIT, np.random.default_rng(0))
+    clouds = seen.difference.numpy().reshape(400, 2, 3, 32, 128)
     assert abs(clouds.mean()) < 2e-3
     # Of two images of a group what is alike has at most 0.12, what is not 0.06; a strength from 0 to m has a mean
     # square of m^2 / 3. Between its 4 x 8 points a cloud is an average, so that less is left of it.

@@ -5,7 +5,7 @@ import io
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +128,7 @@ def _load(checkpoint: Path, seed: int, steps: int, states: Mapping[str, Any]) ->
 
 def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch, path: Path) -> None:
     chosen, seen = batch
+    seen = asdict(seen) if is_dataclass(seen) and not isinstance(seen, type) else seen
     _save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
     losses = ", ".join(f"{key} {float(value.detach()):g}" for key, value in found.items())
     raise EstimationError(

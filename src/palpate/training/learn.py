@@ -8,16 +8,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from palpate.recording.sensor import SensorProfile
 from palpate.training.fit import FitSettings, fit
 from palpate.training.losses import gaussian_nll, offset_nll
-from palpate.training.networks import Decoder, KeypointEncoder, PairNetwork, TouchNetwork, blobs
-from palpate.training.pairs import draw_groups, varied_batch
+from palpate.training.networks import Decoder, KeypointEncoder, PairNetwork, TouchNetwork, blobs, imprint
+from palpate.training.pairs import Seen, draw_groups, varied_batch
 from palpate.training.samples import Samples
 
 Indices = NDArray[np.int_]
 Progress = Callable[[int, str], None]
-Seen = tuple[Tensor, Tensor]
-"""Differences (B, 3, 32, 128) and the sign of angles for each group of them; see `varied_batch`."""
 
 TOUCH, KEYPOINT = FitSettings(steps=3000), FitSettings(steps=1000)
 _GROUPS, _FRAMES, _IMAGES = 24, 8, 128  # in a batch; the cost of a frame is its encoding, so each is in seven pairs
@@ -45,6 +44,7 @@ def learn_keypoints(
     network: Keypoints,
     train: Samples,
     held_out: Samples,
+    sensor: SensorProfile,
     seed: int,
     folder: Path,
     settings: FitSettings = KEYPOINT,
@@ -56,22 +56,22 @@ def learn_keypoints(
         return rng.integers(len(samples), size=(_IMAGES, 1))
 
     def losses(samples: Samples, chosen: Indices, seen: Seen) -> dict[str, Tensor]:
-        difference, _ = seen
-        point, logits, activation = network.encoder.parts(difference)
+        point, logits, activation = network.encoder.parts(seen.difference)
         restored = network.decoder(blobs(point[:, None]))
         return {
-            "reconstruction": ((restored - difference) ** 2).mean(),
+            "reconstruction": ((restored - imprint(seen.difference)) ** 2).mean(),
             "focus": _FOCUS * activation.mean(),
             "kind": nn.functional.cross_entropy(logits, torch.from_numpy(samples.kind[chosen.ravel()])),
         }
 
-    _fit("keypoint", network, draw, losses, train, held_out, seed, folder, settings, progress)
+    _fit("keypoint", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
 
 
 def learn_touch(
     network: Touch,
     train: Samples,
     held_out: Samples,
+    sensor: SensorProfile,
     seed: int,
     folder: Path,
     settings: FitSettings = TOUCH,
@@ -83,11 +83,10 @@ def learn_touch(
         return draw_groups(samples, _GROUPS, _FRAMES, rng)
 
     def losses(samples: Samples, chosen: Indices, seen: Seen) -> dict[str, Tensor]:
-        difference, sign = seen
-        direction, turn, descriptor = network.image(difference)
-        angle = (sign[:, None] * torch.from_numpy(samples.direction[chosen].astype(np.float32))).ravel()
+        direction, turn, descriptor = network.image(seen.difference)
+        angle = seen.direction(samples.direction[chosen]).ravel()
         yaw = np.unwrap(samples.yaw[chosen], axis=1)
-        yaw = sign[:, None] * torch.from_numpy((yaw - yaw[:, :1]).astype(np.float32))
+        yaw = seen.turn(yaw - yaw[:, :1])
         turn, descriptor = turn.unflatten(0, chosen.shape), descriptor.unflatten(0, chosen.shape)
         i, j = torch.triu_indices(_FRAMES, _FRAMES, 1)
         pair = network.pair(descriptor[:, i].flatten(0, 1), descriptor[:, j].flatten(0, 1))
@@ -97,7 +96,7 @@ def learn_touch(
             "pair": gaussian_nll(pair[:, 0] - (yaw[:, j] - yaw[:, i]).flatten(), pair[:, 1]),
         }
 
-    _fit("touch", network, draw, losses, train, held_out, seed, folder, settings, progress)
+    _fit("touch", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
 
 
 def _fit(
@@ -107,6 +106,7 @@ def _fit(
     losses: Callable[[Samples, Indices, Seen], dict[str, Tensor]],
     train: Samples,
     held_out: Samples,
+    sensor: SensorProfile,
     seed: int,
     folder: Path,
     settings: FitSettings,
@@ -114,12 +114,12 @@ def _fit(
 ) -> None:
     def drawn(rng: np.random.Generator) -> tuple[Indices, Seen]:
         chosen = draw(train, rng)
-        return chosen, varied_batch(train, chosen, rng)
+        return chosen, varied_batch(train, chosen, sensor, rng)
 
     def judged() -> dict[str, Tensor]:
         rng = np.random.default_rng(0)
         drawn = [draw(held_out, rng) for _ in range(_HELD_OUT)]
-        found = [losses(held_out, chosen, varied_batch(held_out, chosen, rng)) for chosen in drawn]
+        found = [losses(held_out, chosen, varied_batch(held_out, chosen, sensor, rng)) for chosen in drawn]
         return {key: torch.stack([each[key] for each in found]).mean() for key in found[0]}
 
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

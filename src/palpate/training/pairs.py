@@ -9,6 +9,8 @@ from torch import Tensor, nn
 
 from palpate.errors import SettingError
 from palpate.geometry import se2
+from palpate.recording.sensor import SensorProfile
+from palpate.touch.difference import COLUMNS
 from palpate.training.samples import Samples
 
 Indices = NDArray[np.int_]
@@ -19,6 +21,8 @@ CLOSEST, FARTHEST = 10, 50
 _GAIN, _COLOUR_GAIN, _TINT = (0.7, 1.4), (0.75, 1.3), 0.05
 _LASTING, _PASSING, _CELLS = 0.12, 0.06, (4, 8)  # most that clouds differ by (as above), and how fine they are
 _AS_IT_IS = 0.5  # share of groups of images that keep their orientation and colours
+_MOVED = 0.5  # share of groups of images that are moved over the gel
+_REACH, _RISE = 0.8, 4  # how far: columns up to this share of the pad's half width, and rows
 
 
 def draw_groups(samples: Samples, count: int, size: int, rng: np.random.Generator) -> Indices:
@@ -84,19 +88,43 @@ def batch(samples: Samples, chosen: Indices) -> Tensor:
     return _tensor(samples.difference[chosen].astype(np.float32))
 
 
-def varied_batch(samples: Samples, chosen: Indices, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """Return differences (G F, 3, 32, 128) of groups of samples (G, F) as of other units, and the sign (G,) of angles.
+@dataclass(frozen=True)
+class Seen:
+    """Images as networks see them while they learn, and how what is to be told of them has changed with them."""
+
+    difference: Tensor
+    """(G F, 3, ROWS, COLUMNS), of G groups of F frames."""
+    sign: Tensor
+    """What angles of each group are multiplied by, (G, 1)."""
+    moved: Tensor
+    """By how much the sine of each group's contact directions grew after that, (G, 1)."""
+
+    def direction(self, told: NDArray[np.float64]) -> Tensor:
+        """Return the directions (G, F) [rad] that the images show, of the samples' own (G, F) [rad]."""
+        return torch.arcsin(self.sign * torch.from_numpy(np.sin(told).astype(np.float32)) + self.moved)
+
+    def turn(self, told: NDArray[np.float64]) -> Tensor:
+        """Return the turns (G, F) [rad] that the images show, of the samples' own (G, F) [rad]."""
+        return self.sign * torch.from_numpy(told.astype(np.float32))
+
+
+def varied_batch(samples: Samples, chosen: Indices, sensor: SensorProfile, rng: np.random.Generator) -> Seen:
+    """Return differences of groups of samples (G, F) as of other units, touched elsewhere.
 
     Each group is of one unit in one guise; brightness, colours and their slopes over the image differ from those seen.
-    Besides, clouds lie over the image, for all of a group and for each by itself: the untouched gel is never known
-    exactly, and a gel gives way a little everywhere. Without them, a network reads much into what is nothing.
+    Half of the groups are moved over the gel: what turns the contact by an angle moves the imprint, so that its
+    place, and not the light there, has to tell the direction. Besides, clouds lie over the image, for all of a group
+    and for each by itself: the untouched gel is never known exactly, and a gel gives way a little everywhere. Without
+    them, a network reads much into what is nothing.
     """
     groups, size = chosen.shape
     difference = samples.difference[chosen].astype(np.float32)
     guises = [draw_guise(rng) for _ in range(groups)]
+    sign = np.array([guise.sign for guise in guises])[:, None]
+    right, down = _moves(sign * np.sin(samples.direction[chosen]), sensor, rng)
     for group, guise in enumerate(guises):
         flipped = difference[group][:, :: -1 if guise.upturned else 1, :: -1 if guise.mirrored else 1]
-        difference[group] = flipped[..., guise.channels]
+        difference[group] = _moved(flipped[..., guise.channels], int(right[group]), int(down[group]))
     rows, columns = (np.linspace(-1.0, 1.0, count, dtype=np.float32) for count in difference.shape[2:4])
     each = (groups * size, 1, 1, 3)
     gain = rng.uniform(*_GAIN, (*each[:3], 1)) * rng.uniform(*_COLOUR_GAIN, each)
@@ -105,7 +133,41 @@ def varied_batch(samples: Samples, chosen: Indices, rng: np.random.Generator) ->
     difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
     clouds = _clouds(groups, _LASTING, rng).repeat_interleave(size, dim=0) + _clouds(groups * size, _PASSING, rng)
     clouds = nn.functional.interpolate(clouds, difference.shape[1:3], mode="bicubic", align_corners=False)
-    return _tensor(difference) + clouds, torch.tensor([guise.sign for guise in guises])
+    moved = (right * _column_sine(sensor))[:, None].astype(np.float32)
+    return Seen(_tensor(difference) + clouds, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(moved))
+
+
+def _column_sine(sensor: SensorProfile) -> float:
+    """By how much the sine of a contact's direction grows from one column of a difference to the next."""
+    return 2.0 * sensor.half_width / sensor.radius / COLUMNS if sensor.half_width and sensor.radius else 0.0
+
+
+def _moves(sine: NDArray[np.float64], sensor: SensorProfile, rng: np.random.Generator) -> tuple[Indices, Indices]:
+    """Draw columns and rows (G,) to move groups by, such that contacts of this sine (G, F) stay on the pad."""
+    groups, step = len(sine), _column_sine(sensor)
+    moving = rng.random(groups) < _MOVED
+    down = np.where(moving, rng.integers(-_RISE, _RISE + 1, groups), 0)
+    if not step:
+        return np.zeros(groups, int), down
+    most = _REACH * COLUMNS / 2.0
+    first, last = sine.min(axis=1) / step, sine.max(axis=1) / step
+    right = np.round(-most - first + rng.random(groups) * (2.0 * most - last + first))
+    moving &= np.maximum(-first, last) < most  # what is beyond the reach already stays there
+    return np.where(moving, right, 0.0).astype(int), down
+
+
+def _moved(images: NDArray[np.float32], right: int, down: int) -> NDArray[np.float32]:
+    """Return images (F, R, C, 3) moved by columns and rows; where they came from, nothing is seen."""
+    out = np.zeros_like(images)
+    to_rows, from_rows = _overlap(down, images.shape[1])
+    to_columns, from_columns = _overlap(right, images.shape[2])
+    out[:, to_rows, to_columns] = images[:, from_rows, from_columns]
+    return out
+
+
+def _overlap(by: int, length: int) -> tuple[slice, slice]:
+    """Where things end up, and where they were, when moved within a length."""
+    return slice(max(by, 0), length + min(by, 0)), slice(max(-by, 0), length - max(by, 0))
 
 
 def _clouds(count: int, most: float, rng: np.random.Generator) -> Tensor:

@@ -113,14 +113,14 @@ def _train(
         )
     if base is None:
         with bar("key points", settings.keypoint.steps) as progress:
-            learn_keypoints(keypoints, learned, held_out, settings.seed, work, settings.keypoint, progress)
+            learn_keypoints(keypoints, learned, held_out, sensor, settings.seed, work, settings.keypoint, progress)
     else:
         networks = base.networks
         restore(keypoints.encoder, networks["keypoint"])
         restore(touch.image, networks["touch"])
         restore(touch.pair, networks["pair"])
     with bar("touch", settings.touch.steps) as progress:
-        learn_touch(touch, learned, held_out, settings.seed, work, settings.touch, progress)
+        learn_touch(touch, learned, held_out, sensor, settings.seed, work, settings.touch, progress)
     with bar("scores", 3) as progress:
         models = fit_pair_models(learned, features_of(learned, keypoints, touch), touch, settings.seed)
         progress(1)
