@@ -42,11 +42,11 @@ images = tuple(encode_image(camera(pressed, random), "png") for pressed in touch
 recording = palpate.Recording(np.arange(120) / 30, sensor_pose, BOX, SENSOR, box_pose, image=images, codec="png")
 with TemporaryDirectory() as folder:  # files keep the profile
     palpate.write_recording(recording, Path(folder) / "push.h5")
-    recording = palpate.load_recording(Path(folder) / "push.h5")
+    sensor = palpate.load_recording(Path(folder) / "push.h5").sensor
 
-tracker = palpate.Tracker(recording.shape, recording.sensor, first_pose=box_pose[0])
+tracker = palpate.Tracker(recording.shape, sensor, first_pose=box_pose[0])
 estimates = [tracker.update(frame) for frame in recording]
 found = np.array([estimate.contact for estimate in estimates])
-print(f"{recording.sensor.name}: contact in {found.sum()} frames, {(found == touching).mean():.0%} of all told right")
+print(f"{sensor.name}: contact in {found.sum()} frames, {(found == touching).mean():.0%} of all told right")
 moved = se2.between(box_pose[0], estimates[-1].pose)
 print(f"the box moved by {1e3 * moved[0]:.1f} mm, in truth by {1e3 * box_pose[-1, 0]:.1f} mm")
