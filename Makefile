@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint bench faults docs check-numbers study-report fuzz clean
+.PHONY: demo test ros-test test-matrix lint bench faults kills fuzz docs check-numbers study-report clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -31,6 +31,15 @@ lint: $(READY_DEV)
 
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
+
+# Fifty kills of every command, at random times.
+kills: $(READY_DEV)
+	$(BIN)/python scripts/kill_commands.py
+
+# Everything anew in empty environments; outside CI's time.
+test-matrix: $(READY_DEV)
+	$(BIN)/python -m pip install --quiet uv
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
 
 # Nine recordings of nine sensor units that nothing was chosen on, each broken in every way; about a quarter of an hour.
 faults: $(READY_DEV)

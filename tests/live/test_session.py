@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from live_samples import GEL, SIZE, FakeTracker, poses_at, sources, state
 
+from palpate.errors import FrameError
 from palpate.live.clock import Clock
 from palpate.live.images import TouchImage
 from palpate.live.session import STALL, Sources, track_live
@@ -96,6 +97,24 @@ def test_what_is_refused_is_counted_and_said_once():
     counts, said = run(sources([0.1, 0.2], [0.0, np.nan, np.nan, np.nan, 0.15, 0.1]), FakeTracker())
     assert (counts.poses, counts.refused) == (2, 4)
     assert len(said) == 1 and "refused, 1 so far: nonsense" in said[0]
+
+
+def test_a_frame_that_the_tracker_refuses_is_left_out():
+    def refusing(frame):
+        if frame.time > 0.3:
+            raise FrameError("frame leaps")
+
+    counts, said = run(sources(np.arange(18) / 30, np.arange(60) / 100), FakeTracker(refusing))
+    assert counts.tracked > 0 and counts.left_out > 0
+    assert counts.images == counts.tracked + counts.dropped + counts.unplaced + counts.left_out
+    assert "a frame is left out, 1 so far: frame leaps" in said
+    assert counts.summary()["left_out"] == counts.left_out
+
+    def never(frame):
+        raise FrameError("image of another size")
+
+    with pytest.raises(FrameError, match="another size"):
+        run(sources(np.arange(6) / 30, np.arange(60) / 100), FakeTracker(never))
 
 
 def test_it_ends_after_some_seconds():

@@ -39,7 +39,7 @@ def test_figure_shows_paths_errors_and_contact(tracked):
         "start",
         "truth",
         "estimate",
-        "95 % ellipses of the estimate",
+        "95 % ellipses",
         "contact",
         "1 sigma of the estimate",
         "error",
@@ -74,7 +74,7 @@ def test_the_title_tells_the_final_pose_with_its_sigma(tracked):
 
 def test_ellipses_stand_along_the_way_at_the_instants_and_at_the_end(tracked):
     above = run_figure(tracked).axes[0]
-    along = lines(above)["95 % ellipses of the estimate"]
+    along = lines(above)["95 % ellipses"]
     pieces = np.split(along, np.flatnonzero(np.isnan(along[:, 0])))
     middles = [np.nanmean(piece[:-1], axis=0) for piece in pieces if np.isfinite(piece).any()]
     assert len(middles) == 12

@@ -159,6 +159,7 @@ def _report(state: "LiveState", record: Path | None) -> None:
         ("tracked", str(said["tracked"]), ""),
         ("dropped", str(said["dropped"]), ""),
         ("without a sensor pose", str(said["without_pose"]), ""),
+        ("left out", str(said["left_out"]), ""),
         ("sensor poses", str(said["sensor_poses"]), ""),
         ("refused poses", str(said["refused_poses"]), ""),
         ("rate", number(said["rate_hz"]), "Hz"),

@@ -18,6 +18,7 @@ from palpate.cli.live import live
 from palpate.cli.simulate import simulate
 from palpate.cli.track import track
 from palpate.cli.train import train
+from palpate.cli.truth import truth, truth_camera, truth_print
 from palpate.cli.tune import tune
 from palpate.cli.view import view
 from palpate.errors import PalpateError
@@ -35,6 +36,9 @@ COMMANDS = {
     "evaluate": evaluate,
     "tune": tune,
     "view": view,
+    "truth-print": truth_print,
+    "truth-camera": truth_camera,
+    "truth": truth,
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "

@@ -8,6 +8,7 @@ import atexit
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -25,6 +26,8 @@ from palpate.limits import ARRAYS, SECONDS
 from palpate.recording.stored_images import StoredImages
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
+PATIENCE = 10
+"""How many times the seconds that the library may compute it may take, on a disk that is slow or a busy machine."""
 AT_ONCE = 64
 """Rows of bytes that are read at once."""
 T = TypeVar("T")
@@ -82,7 +85,7 @@ def _by_child(work: Callable[["subprocess.Popen[bytes]"], T]) -> T:
     """What the process that reads is asked for by `work`, which another does not interrupt."""
     with _lock:
         child = _running()
-        waiting = Timer(SECONDS.value, child.kill)
+        waiting = Timer(PATIENCE * SECONDS.value, child.kill)
         waiting.start()
         try:
             return work(child)
@@ -90,7 +93,8 @@ def _by_child(work: Callable[["subprocess.Popen[bytes]"], T]) -> T:
             raise
         except (OSError, EOFError, ValueError) as error:
             _stop()
-            why = f"took longer than {SECONDS.value} s, {SECONDS.words}" if waiting.finished.is_set() else "crashed"
+            too_long = waiting.finished.is_set() or child.returncode == -signal.SIGXCPU
+            why = f"took longer than {SECONDS.value} s, {SECONDS.words}" if too_long else "crashed"
             raise FileError(f"is truncated or damaged (the HDF5 library {why})") from error
         except BaseException:
             _stop()  # an answer that nobody has read to its end would be taken for the next one
@@ -126,7 +130,8 @@ def _asked(child: "subprocess.Popen[bytes]", source: Path | bytes, rows: dict[st
     assert child.stdin and child.stdout
     data = source if isinstance(source, bytes) else b""
     path = None if isinstance(source, bytes) else os.fspath(source.resolve())
-    question = {"path": path, "bytes": len(data), "most": ARRAYS.value, "words": ARRAYS.words, "rows": rows}
+    question = {"path": path, "bytes": len(data), "most": ARRAYS.value, "words": ARRAYS.words, "seconds": SECONDS.value}
+    question["rows"] = rows
     child.stdin.write(json.dumps(question).encode() + b"\n" + data)
     child.stdin.flush()
     line = child.stdout.readline()

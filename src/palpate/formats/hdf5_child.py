@@ -3,15 +3,18 @@
 The HDF5 library can be crashed by a few changed bytes. Here it takes no other process along.
 
 Says that it is ready. Asked by a line of JSON on standard input, {"path": ..., "bytes": N, "most": M, "words": ...,
-"rows": null}: a file, or N bytes that follow if there is no path, how many bytes its arrays may have, and what to say
-of that. Answers with a line, {"error": ...} or {"attributes": {...}, "arrays": {...}}, followed by the bytes of the
-arrays one after the other. See `hdf5.Contents` for what they are. Of rows of bytes in a file only their count is told;
-asked with "rows": {"name": ..., "start": ..., "stop": ...}, it answers {"lengths": [...]} and the bytes of these.
+"seconds": S, "rows": null}: a file, or N bytes that follow if there is no path, how many bytes its arrays may have,
+what to say of that, and how long it may compute. Answers with a line, {"error": ...} or {"attributes": {...}, "arrays":
+{...}}, followed by the bytes of the arrays one after the other. See `hdf5.Contents` for what they are. Of rows of bytes
+in a file only their count is told; asked with "rows": {"name": ..., "start": ..., "stop": ...}, it answers {"lengths":
+[...]} and the bytes of these.
 """
 
 import io
 import json
+import math
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -40,7 +43,7 @@ def serve() -> None:
         question = json.loads(line)
         source: Any = question["path"] or io.BytesIO(asked.read(question["bytes"]))
         size = Path(source).stat().st_size if question["path"] else question["bytes"]
-        _bound_memory(2 * size + question["most"] + HEADROOM)
+        _bound(2 * size + question["most"] + HEADROOM, question["seconds"])
         said, buffers = _answer(source, size, question)
         answer.write(json.dumps(said).encode() + b"\n")
         for buffer in buffers:
@@ -143,11 +146,13 @@ def _attributes(node: Any) -> dict[str, Any]:
     return found
 
 
-def _bound_memory(more: int) -> None:
-    """Let this process take so many bytes more than it has, where the system can tell."""
+def _bound(memory: int, seconds: int) -> None:
+    """Let this process take so many bytes, and compute so many seconds, more than it has, where the system can tell."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-        most = pages * resource.getpagesize() + more
+        most = pages * resource.getpagesize() + memory
         resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        until = math.ceil(time.process_time()) + seconds
+        resource.setrlimit(resource.RLIMIT_CPU, (until, resource.getrlimit(resource.RLIMIT_CPU)[1]))

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
+from palpate.errors import FrameError
 from palpate.live.clock import Clock
 from palpate.live.images import ImageSource, TouchImage, pixels_of
 from palpate.live.newest import Newest
@@ -65,7 +66,8 @@ def track_live(
 
     Images that come while a step is running replace one another, and the tracker goes on with the newest; all of them
     are recorded. Each is tracked with the sensor's pose at its time, see `PoseTrack.at`. `state` tells how it goes.
-    Raises what a source, the listener or the tracker raises.
+    A frame that the tracker refuses is left out, counted and said. Raises what a source, the listener or the tracker
+    raises, and a FrameError of the first frame.
     """
     clock, begin = sources.clock, sources.clock.now()
     stalls = _Stalls(state, begin)
@@ -81,7 +83,13 @@ def track_live(
             if place is None:
                 state.unplaced += 1
                 continue
-            estimate = tracker.update(Frame(image.time, place.pose, pixels_of(image, sources.size)))
+            try:
+                estimate = tracker.update(Frame(image.time, place.pose, pixels_of(image, sources.size)))
+            except FrameError as error:
+                if not state.tracked:  # nothing was right so far, so nothing will be
+                    raise
+                state.leave_out(str(error), clock.now())
+                continue
             if not state.tracked and tracker.tactile_reason:
                 state.note(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
             last = LiveEstimate(estimate, place, clock.now() - image.time)

@@ -32,7 +32,7 @@ class LiveEstimate(NamedTuple):
 class LiveState:
     """Counts of a live session; threads write what is theirs, and the table reads.
 
-    In the end, each image was tracked, dropped or without a pose.
+    In the end, each image was tracked, dropped, without a pose or left out.
     """
 
     say: Callable[[str], None]
@@ -45,6 +45,8 @@ class LiveState:
     """How many a newer one replaced while a step was running."""
     unplaced: int = 0
     """How many had no sensor pose at their time."""
+    left_out: int = 0
+    """How many the tracker refused."""
     poses: int = 0
     """How many sensor poses came and were taken."""
     refused: int = 0
@@ -62,6 +64,7 @@ class LiveState:
     _latencies: "array[float]" = field(default_factory=lambda: array("d"))
     _arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=_RATED))
     _refusal_said: float = -np.inf
+    _left_out_said: float = -np.inf
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def note(self, text: str) -> None:
@@ -82,6 +85,13 @@ class LiveState:
         self.contact_frames += last.estimate.contact
         self.statuses[last.estimate.status] += 1
         self._latencies.append(1e3 * last.latency)
+
+    def leave_out(self, reason: str, now: float) -> None:
+        """Count a frame that the tracker refused at a time [s], and say so, once a second at most."""
+        self.left_out += 1
+        if now - self._left_out_said >= _AGAIN:
+            self._left_out_said = now
+            self.note(f"a frame is left out, {self.left_out} so far: {reason}")
 
     def refuse(self, reason: str, now: float) -> None:
         """Count what is refused at a time [s], and say so, once a second at most."""
@@ -112,6 +122,7 @@ class LiveState:
             "tracked": self.tracked,
             "dropped": self.dropped,
             "without_pose": self.unplaced,
+            "left_out": self.left_out,
             "sensor_poses": self.poses,
             "refused_poses": self.refused,
             "rate_hz": self.rate,

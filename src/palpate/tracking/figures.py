@@ -53,7 +53,7 @@ def run_figure(run: Run) -> "Figure":
         list(handles.values()),
         list(handles),
         loc="outside lower center",
-        ncols=len(handles),
+        ncols=min(len(handles), 8),
         frameon=False,
         fontsize=9,
     )

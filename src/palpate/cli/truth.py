@@ -1,0 +1,112 @@
+"""`palpate truth`, `truth-print` and `truth-camera`: ground truth by an overhead camera and printed tags."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from palpate.cli.options import ForceOption, JsonOption, check_new
+
+VideoOption = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="VIDEO", help="A video file.")]
+CameraOption = Annotated[Path, tyro.conf.arg(metavar="CAMERA.json", help="The camera, from palpate truth-camera.")]
+
+
+def truth_print(
+    out: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT.pdf", help="The file to write.")],
+    /,
+    *,
+    shape: Annotated[str, tyro.conf.arg(metavar="NAME|FILE", help="The object, as palpate simulate takes it.")],
+    paper: Annotated[Literal["a4", "a3"], tyro.conf.arg(help="What it is printed on.")] = "a4",
+    force: ForceOption = False,
+) -> int:
+    """Write what to print for truth by a camera: tags for table, object and sensor, and a board to calibrate with."""
+    from palpate.cli.console import print_line
+    from palpate.simulation.objects import find_shape
+    from palpate.truth.sheets import write_sheets
+
+    check_new(out, force)
+    write_sheets(out, *find_shape(shape), paper, force)
+    print_line(f"{out}: print it at 100 % and measure the line of 100 mm")
+    return 0
+
+
+def truth_camera(
+    video: VideoOption,
+    /,
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="CAMERA.json", help="The file to write.")],
+    force: ForceOption = False,
+) -> int:
+    """Calibrate the overhead camera by a video of the printed board, held aslant all over the view."""
+    from palpate.cli.console import busy, print_line
+    from palpate.truth.camera import calibrated, save_camera
+    from palpate.truth.video import pictures
+
+    check_new(out, force)
+    with busy(f"looking for the board in {video.name}"):
+        camera = calibrated(picture for _, picture in pictures(video))
+    save_camera(camera, out, force)
+    print_line(f"{out}: corners are off by {camera.error:.2f} px; half a pixel and less is good")
+    return 0
+
+
+def truth(
+    recording: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING", help="What the robot recorded meanwhile.")
+    ],
+    video: VideoOption,
+    /,
+    *,
+    camera: CameraOption,
+    out: Annotated[Path, tyro.conf.arg(metavar="OUT.h5", help="The recording with ground truth.")],
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> int:
+    """Put ground truth into a recording, from a video of the push with tags on table, object and sensor."""
+    from palpate import formats
+    from palpate.cli.console import busy, number, print_json, print_table
+    from palpate.errors import FileError
+    from palpate.truth.alignment import align
+    from palpate.truth.camera import load_camera
+    from palpate.truth.record import with_truth
+    from palpate.truth.video import pictures
+    from palpate.truth.watched import watch
+
+    check_new(out, force)
+    given, seen_by = formats.load_recording(recording), load_camera(camera)
+    with busy(f"looking for tags in {video.name}"):
+        try:
+            tag_on_object, tag_on_sensor = watch(pictures(video), seen_by)
+            alignment = align(given.time, given.sensor_pose, tag_on_sensor)
+        except FileError as error:
+            raise FileError(str(error) if str(error).startswith(str(video)) else f"{video}: {error}") from error
+    found = with_truth(given, tag_on_object, alignment)
+    formats.write(found, out, overwrite=force)
+    assert found.object_pose is not None
+    known = int((found.object_pose == found.object_pose).all(axis=1).sum())
+    said = {
+        "frames": len(found),
+        "with_truth": known,
+        "delay_s": alignment.delay,
+        "delay_sigma_s": float(alignment.sigma[3]),
+        "object_height_mm": tag_on_object.height * 1e3,
+        "sensor_height_mm": tag_on_sensor.height * 1e3,
+        "residual_mm": alignment.residual * 1e3,
+        "table_sigma_mm": float(alignment.sigma[:2].max() * 1e3),
+        "file": str(out),
+    }
+    if json:
+        print_json(said)
+        return 0
+    rows = [
+        ("frames with ground truth", f"{known} of {len(found)}", ""),
+        ("recording's time less the video's", number(alignment.delay), "s"),
+        ("its standard deviation", number(1e3 * alignment.sigma[3]), "ms"),
+        ("tag of the object over the table", number(said["object_height_mm"]), "mm"),
+        ("tag of the sensor over the table", number(said["sensor_height_mm"]), "mm"),
+        ("robot and camera apart, root mean square", number(said["residual_mm"]), "mm"),
+        ("table in the world, standard deviation", number(said["table_sigma_mm"]), "mm"),
+        ("written", str(out), ""),
+    ]
+    print_table("truth", ("what", "value", "unit"), rows, numbers=(1,))
+    return 0
