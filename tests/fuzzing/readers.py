@@ -271,6 +271,12 @@ def presses(folder: Path) -> list[Path]:
     return [folder / "a.csv"]
 
 
+def read_press_table(path: Path) -> None:
+    """Read a table of presses beside the image that it names."""
+    path.with_name("a.png").write_bytes(encode_image(tiny_images(1)[0], "png"))
+    read_presses(path)
+
+
 def details(folder: Path) -> list[Path]:
     """Friction and other answers over a run."""
     (folder / "a.csv").write_text("time,friction,deviation\n0.0,0.5,0.1\n1.0,0.5,0.1\n")
@@ -335,7 +341,7 @@ READERS = {
     "svg": Reader(svgs, load_shape, ".svg"),
     "dxf": Reader(dxfs, lambda path: load_shape(path, "mm"), ".dxf"),
     "image": Reader(images, lambda path: decode_image(path.read_bytes(), "png", (12, 8))),
-    "presses": Reader(presses, read_presses),
+    "presses": Reader(presses, read_press_table),
     "details": Reader(details, read_details),
     "scores": Reader(scores, read_score),
     "packet": Reader(packets, lambda path: pose_in(path.read_bytes(), 1.0)),

@@ -48,7 +48,8 @@ def work(name: str, first: int, end: int, folder: Path) -> None:
     reader = READERS[name]
     seeds = seeds_of(reader, folder / "seeds")
     pages = int(Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY,) * 2)
+    most = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
     path, at = folder / f"file{reader.suffix}", os.open(folder / "at", os.O_WRONLY | os.O_CREAT)
     found: Counter[str] = Counter()
     for number in range(first, end):

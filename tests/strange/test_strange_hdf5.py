@@ -122,8 +122,9 @@ def test_rows_that_share_their_bytes_do_not_multiply(tmp_path):
     for index in range(1, 200):  # each refers to the same bytes as the first
         data[start + 16 * index : start + 16 * index + 16] = data[start : start + 16]
     path.write_bytes(data)
+    found = read_recording(path)
     with pytest.raises(FileError, match="image: says that its rows are longer than the file"):
-        read_recording(path)
+        found[1]
 
 
 @pytest.fixture
@@ -160,7 +161,7 @@ def test_nothing_outside_the_file_is_opened(path, secret, lead):
     edited(path, lambda file: file.__delitem__("time"))
     edited(path, lambda file: lead(file, secret))
     with h5py.File(path, "r") as file:
-        assert file["time"][3] == 3.0  # it would work
+        assert np.asarray(file["time"])[3] == 3.0  # it would work
     with pytest.raises(FileError, match=r"a\.h5: time: (is a link|keeps its values in another file)"):
         read_recording(path)
 

@@ -63,7 +63,7 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
     They are sorted; of several at one time the last counts. Raises FileError that names them by `name` where numbers
     are not finite or a quaternion has not length 1.
     """
-    near = is_near(numbers).all(axis=1)
+    near = np.asarray(is_near(numbers).all(axis=1))
     length = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
     good = near & (np.abs(length - 1.0) < 1e-2)
     if not good.all():

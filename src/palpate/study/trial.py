@@ -113,7 +113,7 @@ def read_trial(path: Path) -> Trial:
     about = json_object(str(arrays.pop("about")), f"{path}: about")
     n = len(np.atleast_1d(arrays["time"]))
     try:
-        found = {
+        found: dict[str, Any] = {
             name: checked_array(name, arrays[name], FLAGS if name == "contact" else NUMBERS, (n, *shape))
             for name, shape in _ARRAYS.items()
         }
