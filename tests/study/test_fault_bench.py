@@ -43,7 +43,7 @@ def scored(monkeypatch: Any, script: list[Any], begin: float = 0.0) -> FaultRun:
     monkeypatch.setattr(bench, "Tracker", Told)
     monkeypatch.setattr(Told, "script", script, raising=False)
     frames = tuple(Frame(0.5 * n, np.zeros(3), contact=True, object_pose=np.zeros(3)) for n in range(len(script)))
-    arrival = 0.5 * np.arange(len(script))
+    arrival = np.array([frame.time for frame in frames])
     stream = Stream(frames, arrival, Disc(0.1), DIGIT, np.zeros(3), begin=begin)
     return run_stream(stream, TrackerSettings())
 

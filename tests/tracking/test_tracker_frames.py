@@ -129,13 +129,14 @@ def test_lists_are_taken_where_arrays_are():
         SHAPES["rectangle"], sensor(), tuple(o[0]), how, first_pose_sigma=list(how.noise.first_pose.deviation)
     )
     for frame in frames(o, e):
-        given: Any = dataclasses.replace(
-            frame, sensor_pose=frame.sensor_pose.tolist(), object_pose=tuple(frame.object_pose)
-        )
+        assert frame.object_pose is not None
+        listed: Any = {"sensor_pose": frame.sensor_pose.tolist(), "object_pose": tuple(frame.object_pose)}
+        given = dataclasses.replace(frame, **listed)
         assert lists.update(given, seen) == arrays.update(frame, seen)
     pairs: Any = [1], [[0.0, 0.0, 0.0]], [np.eye(3).tolist()]
     assert RelativePoses(*pairs).pose.shape == (1, 3)
-    for wrong in (([0], *pairs[1:]), ([1.5], *pairs[1:]), ([1], [[0.0, 0.0]], pairs[2]), ([1, 2], *pairs[1:])):
+    wrongs: Any = (([0], *pairs[1:]), ([1.5], *pairs[1:]), ([1], [[0.0, 0.0]], pairs[2]), ([1, 2], *pairs[1:]))
+    for wrong in wrongs:
         with pytest.raises(EstimationError, match="relative poses"):
             RelativePoses(*wrong)
 

@@ -267,8 +267,12 @@ def shape_from_dict(data: Mapping[str, Any]) -> Shape:
     return kind(**values)
 
 
+def _is_real(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def _size(value: Any, what: str) -> float:
     # Compared before it is made a float, which cannot hold every whole number.
-    if not isinstance(value, Real) or isinstance(value, bool) or not SMALLEST <= value <= FARTHEST:
+    if not _is_real(value) or not SMALLEST <= value <= FARTHEST:
         raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from {SMALLEST:g} to {FARTHEST:g} m")
     return float(value)
