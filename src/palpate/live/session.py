@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from palpate.errors import FrameError
 from palpate.live.clock import Clock
 from palpate.live.images import ImageSource, TouchImage, pixels_of
 from palpate.live.newest import Newest
@@ -65,7 +66,11 @@ def track_live(
             if place is None:
                 state.unplaced += 1
                 continue
-            estimate = tracker.update(Frame(image.time, place.pose, pixels_of(image, sources.size)))
+            try:
+                estimate = tracker.update(Frame(image.time, place.pose, pixels_of(image, sources.size)))
+            except FrameError as error:
+                state.refuse(str(error), clock.now(), "frame")
+                continue
             if not state.tracked and tracker.tactile_reason:
                 state.note(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
             last = LiveEstimate(estimate, place, clock.now() - image.time)

@@ -83,12 +83,12 @@ class LiveState:
         self.statuses[last.estimate.status] += 1
         self._latencies.append(1e3 * last.latency)
 
-    def refuse(self, reason: str, now: float) -> None:
-        """Count what is refused at a time [s], and say so, once a second at most."""
+    def refuse(self, reason: str, now: float, what: str = "sensor pose") -> None:
+        """Count what is refused at a time [s], a pose or a frame, and say so, once a second at most."""
         self.refused += 1
         if now - self._refusal_said >= _AGAIN:
             self._refusal_said = now
-            self.note(f"a sensor pose is refused, {self.refused} so far: {reason}")
+            self.note(f"a {what} is refused, {self.refused} so far: {reason}")
 
     @property
     def rate(self) -> float | None:
