@@ -183,8 +183,10 @@ def digest(path: Path) -> str:
         data = json.dumps(
             [{key: row[key] for key in row if "ms" not in key and key != "wall_s"} for row in rows]
         ).encode()
-    elif path.suffix in (".html", ".png", ".tum") or (
-        path.name in ("summary.json", "results.json") and "out/training" not in str(path)
+    elif (
+        path.suffix in (".html", ".png", ".tum")
+        or (path.name in ("summary.json", "results.json")
+        and "out/training" not in str(path))
     ):
         data = b""  # times are in it, or figures of them
     else:
