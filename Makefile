@@ -10,14 +10,19 @@ BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 # Stamps: palpate with its simulation, which the demo needs, and the tools of development on top.
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
+READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test lint bench faults docs check-numbers study-report clean
+.PHONY: demo test ros-test test-matrix lint bench faults kills fuzz docs check-numbers study-report clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
 
 test: lint
 	$(BIN)/pytest -n 2
+
+# With a real rclpy from the package index, for tests only; `make test` uses it too once it is there, for fewer images.
+ros-test: $(READY_DEV) $(READY_ROS)
+	PALPATE_ROS_FRAMES=1800 $(BIN)/pytest -n 0 tests/ros2
 
 lint: $(READY_DEV)
 	$(BIN)/ruff check .
@@ -27,11 +32,25 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
+# Fifty kills of every command, at random times.
+kills: $(READY_DEV)
+	$(BIN)/python scripts/kill_commands.py
+
+# Everything anew in empty environments; outside CI's time.
+test-matrix: $(READY_DEV)
+	$(BIN)/python -m pip install --quiet uv
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
+
 # Nine recordings of nine sensor units that nothing was chosen on, each broken in every way; about a quarter of an hour.
 faults: $(READY_DEV)
 	rm -rf faults-run
 	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1664 --seconds 12 --workers 2
 	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
+
+# Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.
+COUNT ?= 100000
+fuzz: $(READY_DEV)
+	cd tests && nice ../$(BIN)/python -m fuzzing --count $(COUNT) --found ../fuzz-found
 
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
@@ -46,7 +65,7 @@ study-report: $(READY_DEV)
 	$(BIN)/python scripts/study_report.py
 
 clean:
-	rm -rf .venv demo-run faults-run docs/_build
+	rm -rf .venv .venv-ros demo-run faults-run docs/_build
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'
@@ -58,3 +77,9 @@ $(READY_DEV): $(READY)
 	$(INSTALL) '.[dev]'
 	@$(BROWSER)
 	touch $(READY_DEV)
+
+$(READY_ROS): pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-ros
+	.venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ros]' \
+		'ros-rclpy[fastrtps]' ros-sensor-msgs ros-geometry-msgs ros-diagnostic-msgs ros-std-msgs
+	touch $(READY_ROS)

@@ -1,8 +1,13 @@
 """The site of the documentation: `make docs` builds it into docs/_build/html."""
 
+import re
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+from numpy.typing import ArrayLike
+from sphinx.util.typing import stringify_annotation
 
 import palpate
 from palpate.field_docs import HEADING
@@ -12,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 project, author, copyright = "palpate", "The palpate authors", "The palpate authors"
 version = release = palpate.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml"]
 exclude_patterns = ["_build", "study"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
@@ -25,17 +30,31 @@ html_static_path = ["_static"]
 html_css_files = ["palpate.css"]
 html_show_sphinx = False
 
+default_role = "literal"
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
 autodoc_typehints = "signature"
 autodoc_class_signature = "separated"
 
+ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
+ARRAY = re.compile(r"~numpy\.ndarray\[.*?~numpy\.dtype\[[^]]*\]+")
 
-def _without_fields(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
-    """Leave out the fields that `help()` tells of a class: here each has an entry of its own."""
+
+def _tidy(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    """Leave out the fields that `help()` tells of a class, for each has an entry here; make other headings rubrics."""
     if what == "class" and HEADING in lines:
         del lines[lines.index(HEADING) :]
+    for k, (line, below) in enumerate(pairwise(tuple(lines))):
+        if line and below == "-" * len(line):
+            lines[k : k + 2] = [f".. rubric:: {line}", ""]
+
+
+def _as_written(app: Any, what: str, name: str, found: Any, options: Any, arguments: str, result: str) -> Any:
+    """Call what NumPy's types stand for by their names."""
+    return tuple(text and ARRAY.sub("NDArray", text.replace(ARRAY_LIKE, "ArrayLike")) for text in (arguments, result))
 
 
 def setup(app: Any) -> None:
     """Called by Sphinx."""
-    app.connect("autodoc-process-docstring", _without_fields, priority=400)
+    app.connect("autodoc-process-docstring", _tidy)
+    app.connect("autodoc-process-signature", _as_written)

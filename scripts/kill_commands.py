@@ -2,15 +2,13 @@
 
     python scripts/kill_commands.py [simulate evaluate tune train track] [--kills 50] [--seed 0]
 
-Each command runs on small recordings, as a process of its own, forked so that imports do not take most of its time.
-After SIGKILL every file that shows is whole; the next start ends with what a run ends with that was left alone, to the
-last digit where times do not enter, and no hidden file is left. Now and then a neighbour begins in the same folder
-while the command is at it, and is told.
+Each command runs on small recordings, in a process that is forked, so that imports do not take most of its time. After
+SIGKILL every file that shows has to be whole. The next start has to end with what a run makes that was left alone, to
+the last bit but for times, and with no hidden file. At every fifth kill a neighbour begins the same while the command
+is at it, and has to be told.
 """
 
-import csv
 import dataclasses
-import hashlib
 import io
 import json
 import os
@@ -23,23 +21,22 @@ import time
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-import h5py
 import numpy as np
+import onnxscript  # noqa: F401
 import torch
 import tyro
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-import onnxscript  # noqa: F401
 from recording_samples import pushed
 from training_samples import write_pushes
 
 from palpate.cli import main
 from palpate.estimation.warm_up import warm_up
-from palpate.formats.palpate_h5 import checksum, write_recording
+from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.simulation.scene import load_mujoco
 from palpate.study import report  # noqa: F401
 from palpate.training import features, heads, learn, results, train
@@ -47,10 +44,11 @@ from palpate.training.fit import FitSettings
 from palpate.tuning import tuning  # noqa: F401
 
 NEIGHBOUR = 5
-"""A neighbour comes with every fifth kill."""
+"""A neighbour comes with every so manieth kill."""
 TOLD = ("another process is writing it", "already exists", "holds", "is not empty")
-"""What a second run into a folder may be told."""
-FAST = ("--tactile", "none", "oracle")
+"""What it may be told: that somebody is there, or that something is."""
+TIMED = (".png", ".html", ".tum", "summary.json", "out/results.json", "sequences.csv")
+"""Ends of files that say how long something took, or that are drawn from such; what they are made of is compared."""
 
 Name = Literal["simulate", "evaluate", "tune", "train", "track"]
 
@@ -59,61 +57,60 @@ Name = Literal["simulate", "evaluate", "tune", "train", "track"]
 class Command:
     """A command to be killed."""
 
-    words: tuple[str, ...]
+    words: str
     """How it begins."""
-    again: tuple[str, ...]
-    """What is said beside that to go on."""
+    again: str
+    """What is said beside that to go on with what is there."""
     out: str
     """What it writes."""
 
 
 COMMANDS: dict[Name, Command] = {
-    "simulate": Command(("simulate", "out", "--shape", "disc", "--count", "3", "--seconds", "3"), ("--resume",), "out"),
-    "evaluate": Command(("evaluate", "pushes", "--out", "out", *FAST), ("--resume",), "out"),
-    "tune": Command(
-        ("tune", "pushes", "--out", "out.json", "--tactile", "oracle", "--evaluations", "12"),
-        ("--start", "out.json"),
-        "out.json",
-    ),
-    "train": Command(("train", "touches", "--out", "out"), ("--resume",), "out"),
-    "track": Command(("track", "pushes/push-0.h5", "--tactile", "oracle", "--out", "out"), ("--force",), "out"),
+    "simulate": Command("simulate out --shape disc --count 3 --seconds 3", "--resume", "out"),
+    "evaluate": Command("evaluate pushes --out out --tactile oracle", "--resume", "out"),
+    "tune": Command("tune pushes --out out.json --tactile oracle --evaluations 9", "--start out.json", "out.json"),
+    "train": Command("train touches --out out", "--resume", "out"),
+    "track": Command("track pushes/push-0.h5 --tactile oracle --out out", "--force", "out"),
 }
 
 
 def prepare(folder: Path) -> None:
-    """Make recordings, shrink trainings, and load what commands need, here and once for all processes."""
+    """Make recordings, shrink trainings, and load what commands need, once for all processes."""
     load_mujoco()
     warm_up()
     (folder / "pushes").mkdir()
     for index in range(3):
-        given = pushed(90)
+        given = pushed(60)
         bent = given.sensor_pose + np.array([0.0, 1e-4 * index, 0.0])
         write_recording(dataclasses.replace(given, sensor_pose=bent), folder / "pushes" / f"push-{index}.h5")
     (folder / "touches").mkdir()
     write_pushes(folder / "touches")
-    (folder / "touches" / "bare.h5").unlink()  # has no images and is there for another test
-    short = FitSettings(steps=12, check=2)
-    small = {learn: ("_GROUPS", 4), heads: ("_STEPS", 20), features: ("PAIRS", 4000), results: ("PAIRS", 4000)}
-    for module, (name, value) in small.items():
-        setattr(module, name, value)
-    learn._IMAGES, learn._HELD_OUT = 16, 1
-    train.TrainSettings = partial(train.TrainSettings, keypoint=short, touch=short)  # type: ignore[misc]
+    (folder / "touches" / "bare.h5").unlink()  # it has no images, and is there for a test
+    short = FitSettings(steps=8, check=2)
+    changes: dict[Any, dict[str, Any]] = {
+        train: {"TrainSettings": partial(train.TrainSettings, keypoint=short, touch=short)},
+        learn: {"_GROUPS": 4, "_IMAGES": 16, "_HELD_OUT": 1},
+        heads: {"_STEPS": 20},
+        features: {"PAIRS": 4000},
+        results: {"PAIRS": 4000},
+    }
+    for module, values in changes.items():
+        for name, value in values.items():
+            setattr(module, name, value)
 
 
-def begin(words: tuple[str, ...], folder: Path) -> int:
-    """Fork a process that runs a command in a folder; its output goes to the file `said`."""
+def begin(words: str, folder: Path) -> int:
+    """Fork a process that runs a command in a folder; what it prints goes to the file `said`."""
     process = os.fork()
     if process:
         return process
     code = 70
     try:
         os.chdir(folder)
-        said = os.open(folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        said = os.open("said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
         os.dup2(said, 1)
         os.dup2(said, 2)
-        code = main.main(words)
-    except SystemExit as stop:
-        code = int(stop.code or 0)
+        code = main.main(words.split())
     finally:
         sys.stderr.flush()
         os._exit(code)
@@ -124,128 +121,103 @@ def end(process: int) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
 
-def kill_after(process: int, seconds: float, folder: Path, words: tuple[str, ...], neighbour: bool) -> str:
-    """Kill a process after a time; says "killed", or "ended" where it was done before, and what became of a neighbour.
-
-    It is stopped while its neighbour runs, so that it is killed where it was.
-    """
-    time.sleep(seconds)
+def neighbour_is_told(process: int, words: str, folder: Path) -> bool:
+    """Stop a process where it is, begin the same beside it and kill it; False where the neighbour was the first."""
     os.kill(process, signal.SIGSTOP)
-    told = ""
-    if neighbour:
-        code = end(begin(words, folder))
-        said = (folder / "said").read_text()
-        told = " before it began" if code == 0 else " told" if any(each in said for each in TOLD) else said
+    code, said = end(begin(words, folder)), (folder / "said").read_text()
     os.kill(process, signal.SIGKILL)
-    return ("killed" if end(process) == -signal.SIGKILL else "ended") + told
+    if code != 0 and not any(each in said for each in TOLD):
+        raise AssertionError(f"a neighbour ended with {code}: {said}")
+    return code != 0
 
 
-def check_whole(path: Path) -> None:
-    """Raise an error unless a file is whole."""
-    data = path.read_bytes()
+def files_of(out: Path) -> dict[str, Path]:
+    """The files of an output, and hidden ones beside it, by their names."""
+    beside = [each for each in out.parent.iterdir() if each.name.startswith(".")]
+    found = [each for place in (out, *beside) for each in (place, *place.rglob("*")) if each.is_file()]
+    return {each.relative_to(out.parent).as_posix(): each for each in found}
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file, or a folder that it lies in, is hidden."""
+    return any(part.startswith(".") for part in name.split("/"))
+
+
+def content(name: str, path: Path) -> Any:
+    """What a file holds that is the same whenever it is made; raises an error unless the file is whole."""
+    data: Any = path.read_bytes()
     if path.suffix == ".h5":
-        with h5py.File(path) as file:
-            assert file.attrs["checksum"] == checksum(file), path
-    elif path.suffix == ".json":
-        json.loads(data)
+        source_of(path)
     elif path.suffix == ".npz":
         with np.load(path) as arrays:
-            assert all(arrays[name] is not None for name in arrays)
+            data = {key: arrays[key].tobytes() for key in arrays if key not in ("step_ms", "summary")}
+    elif path.suffix == ".pt":
+        state = torch.load(path, weights_only=True)
+        data = [state["step"], *(value.tolist() for value in state["best_state"].values())]
     elif path.suffix == ".png":
         Image.open(io.BytesIO(data)).load()
-    elif path.suffix == ".pt":
-        torch.load(path, weights_only=True)
-    elif path.suffix in (".csv", ".tum"):
-        assert not data or data.endswith(b"\n"), path
-    elif path.suffix == ".html":
-        assert data.rstrip().endswith(b"</html>"), path
-
-
-def files(path: Path) -> list[Path]:
-    """All files of an output, hidden ones too, and hidden files and folders beside it."""
-    beside = [each for each in path.parent.iterdir() if each.name.startswith(".")]
-    return [each for place in (path, *beside) for each in (place, *place.rglob("*")) if each.is_file()]
-
-
-def hidden(path: Path, folder: Path) -> bool:
-    return any(part.startswith(".") for part in path.relative_to(folder).parts)
-
-
-def digest(path: Path) -> str:
-    """What is the same in a file whenever and however fast it was made."""
-    if path.suffix == ".npz":
-        with np.load(path) as arrays:
-            data = b"".join(arrays[name].tobytes() for name in sorted(arrays) if name not in ("step_ms", "summary"))
-    elif path.suffix == ".pt":
-        data = repr([value.tolist() for value in torch.load(path, weights_only=True)["best_state"].values()]).encode()
-    elif path.name == "sequences.csv":
-        rows = csv.DictReader(path.read_text().splitlines())
-        data = json.dumps(
-            [{key: row[key] for key in row if "ms" not in key and key != "wall_s"} for row in rows]
-        ).encode()
-    elif (
-        path.suffix in (".html", ".png", ".tum")
-        or (path.name in ("summary.json", "results.json")
-        and "out/training" not in str(path))
-    ):
-        data = b""  # times are in it, or figures of them
+    elif path.suffix == ".json":
+        json.loads(data)
     else:
-        data = path.read_bytes()
-    return hashlib.sha256(data).hexdigest()
+        ends = {".html": (b"</html>", b"</html>\n"), ".csv": b"\n", ".tum": b"\n"}
+        assert not data or data.endswith(ends.get(path.suffix, b"")), f"{name} is cut"
+    return None if name.endswith(TIMED) else data
 
 
-def outcome(path: Path) -> dict[str, str]:
-    """What a command that went to its end has made."""
-    return {each.relative_to(path.parent).as_posix(): digest(each) for each in files(path)}
-
-
-def remove(path: Path) -> None:
-    for each in (path, *(each for each in path.parent.iterdir() if each.name.startswith("."))):
+def remove(out: Path) -> None:
+    """Remove an output and what is hidden beside it."""
+    for each in (out, *(each for each in out.parent.iterdir() if each.name.startswith("."))):
         shutil.rmtree(each) if each.is_dir() else each.unlink(missing_ok=True)
 
 
-def torture(name: Name, folder: Path, kills: int, random_: random.Random) -> Counter[str]:
-    """Kill a command so many times; returns what was seen."""
+def go_on(name: Name, folder: Path, wanted: dict[str, Any], seen: Counter[str]) -> None:
+    """Look at what a kill left, begin again and compare what comes of it."""
     command = COMMANDS[name]
-    out, seen = folder / command.out, Counter[str]()
-    begun = time.perf_counter()
+    out = folder / command.out
+    left = files_of(out)
+    for key, path in left.items():
+        if not is_hidden(key):
+            content(key, path)
+    seen["left hidden files"] += any(map(is_hidden, left))
+    seen["left files"] += out.exists()
+    from_start = not out.exists()
+    with_more = command.words if from_start and name in ("tune", "track") else f"{command.words} {command.again}"
+    code, said = end(begin(with_more, folder)), (folder / "said").read_text()
+    assert code == 0 or (name == "train" and "holds a model already" in said), said
+    found = {key: content(key, path) for key, path in files_of(out).items()}
+    assert found.keys() == wanted.keys(), f"other files: {found.keys() ^ wanted.keys()}"
+    if name != "tune" or from_start:  # a tuning that begins with what was found may find something better
+        different = [key for key in wanted if found[key] != wanted[key]]
+        assert not different, f"other content: {different}"
+    seen["went on to the same end"] += 1
+
+
+def torture(name: Name, folder: Path, kills: int, chance: random.Random) -> Counter[str]:
+    """Kill a command so many times; returns what was seen."""
+    command, seen = COMMANDS[name], Counter[str]()
+    out = folder / command.out
+    start = time.perf_counter()
     assert end(begin(command.words, folder)) == 0, (folder / "said").read_text()
-    seconds, wanted = time.perf_counter() - begun, outcome(out)
+    seconds, wanted = time.perf_counter() - start, {key: content(key, path) for key, path in files_of(out).items()}
     while seen["killed"] < kills:
         remove(out)
-        neighbour = seen["killed"] % NEIGHBOUR == NEIGHBOUR - 1
         process = begin(command.words, folder)
-        fate, _, told = kill_after(process, random_.uniform(0.0, seconds), folder, command.words, neighbour).partition(
-            " "
-        )
-        if fate == "ended" or told == "before it began":
-            seen["ended before the kill" if fate == "ended" else "neighbour came first"] += 1
-            continue
-        seen["killed"] += 1
-        if neighbour:
-            seen["neighbours told" if told == "told" else f"NEIGHBOUR: {told}"] += 1
+        time.sleep(chance.uniform(0.0, seconds))
+        told = True
         try:
-            left = files(out)
-            seen["left something hidden"] += any(hidden(each, folder) for each in left)
-            seen["left files"] += any(not hidden(each, folder) for each in left)
-            for each in left:
-                if not hidden(each, folder):
-                    check_whole(each)
-            fresh = not out.exists()
-            go_on = () if fresh and name in ("tune", "track") else command.again
-            code = end(begin((*command.words, *go_on), folder))
-            said = (folder / "said").read_text()
-            complete = name == "train" and "holds a model already" in said
-            assert code == 0 or complete, said
-            after = outcome(out)
-            if name == "tune" and not fresh:  # begins with what was found, and finds something else
-                assert list(after) == list(wanted), list(after)
-            else:
-                different = [key for key in {**wanted, **after} if wanted.get(key) != after.get(key)]
-                assert not different, f"differ: {different}"
-            seen["went on to the same end"] += 1
-        except Exception as error:
-            seen[f"FAILED: {type(error).__name__}: {' '.join(str(error).split())[:300]}"] += 1
+            if seen["killed"] % NEIGHBOUR == NEIGHBOUR - 1:
+                told = neighbour_is_told(process, command.words, folder)
+            os.kill(process, signal.SIGKILL)
+            if end(process) != -signal.SIGKILL or not told:
+                seen["ended before" if told else "neighbour was first"] += 1
+                continue
+            seen["killed"] += 1
+            seen["neighbours told"] += seen["killed"] % NEIGHBOUR == 0
+            go_on(name, folder, wanted, seen)
+        except AssertionError as error:
+            seen[f"FAILED {' '.join(str(error).split())[:300]}"] += 1
+        if seen["killed"] % 10 == 0:
+            print(f"{name}: {dict(seen)}", file=sys.stderr, flush=True)
     return seen
 
 
@@ -255,18 +227,18 @@ def kill_commands(
     kills: int = 50,
     seed: int = 0,
 ) -> int:
-    """Kill commands and print what was seen; 1 where anything failed."""
-    bad = False
+    """Kill commands and print what was seen; the exit code is 1 where anything failed."""
+    failed = False
     with tempfile.TemporaryDirectory() as folder:
         prepare(Path(folder))
         for name in names or tuple(COMMANDS):
-            begun = time.perf_counter()
+            start = time.perf_counter()
             seen = torture(name, Path(folder), kills, random.Random(f"{seed} {name}"))
             remove(Path(folder) / COMMANDS[name].out)
-            bad |= any(key.isupper() or key.startswith(("FAILED", "NEIGHBOUR")) for key in seen)
-            told = ", ".join(f"{key} {count}" for key, count in seen.items())
-            print(f"{name}: {told}; {time.perf_counter() - begun:.0f} s", flush=True)
-    return int(bad)
+            failed |= any(key.startswith("FAILED") for key in seen)
+            counts = ", ".join(f"{key} {count}" for key, count in seen.items())
+            print(f"{name}: {counts}; {time.perf_counter() - start:.0f} s", flush=True)
+    return int(failed)
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def draw_scene(axes: Axes, run: Run, index: int, limits: np.ndarray) -> None:
     draw_way(axes, run, index)
     draw_object(axes, run, index, 1.8, 1.0)
     draw_sensor(axes, run, index)
-    axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="its 95 % ellipse")
+    axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="95 % ellipse of the estimate")
     frame_above(axes)
     axes.set_aspect("equal", adjustable="box")
     axes.set(xlim=limits[:, 0], ylim=limits[:, 1])
@@ -96,22 +96,17 @@ def seen_from_above(run: Run) -> np.ndarray:
 
 
 def of_one_palette(pictures: list[Image.Image], touch: Axes) -> list[Image.Image]:
-    """Return pictures in the same 256 colours: those that lines have most, and as many for touch, which has grain."""
+    """Return pictures in the same 256 colours: those that lines have most, and as many that suit touch."""
     left, lower, width, height = (round(each) for each in touch.get_window_extent().bounds)
     crop = (left, pictures[0].height - lower - height, left + width, pictures[0].height - lower)
     last = pictures[-1].copy()
     felt = last.crop(crop)
     last.paste((255, 255, 255), crop)
     counts = sorted(last.getcolors(last.width * last.height) or [], reverse=True)
-    lines = [part for _, colour in counts[:128] for part in np.ravel(colour)]
+    lines: list[int] = np.ravel([colour for _, colour in counts[:128]]).astype(int).tolist()
     palette = Image.new("P", (1, 1))
     palette.putpalette([*lines, *(felt.quantize(256 - len(lines) // 3).getpalette() or [])])
-    found = []
-    for picture in pictures:
-        plain = picture.quantize(palette=palette, dither=Image.Dither.NONE)
-        plain.paste(picture.crop(crop).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG), crop)
-        found.append(plain)
-    return found
+    return [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
 
 
 def write_gif(pictures: list[Image.Image], path: Path) -> None:

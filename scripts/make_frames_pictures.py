@@ -82,9 +82,8 @@ def turn(axes: "Axes", place: np.ndarray, radius: float, first: float, last: flo
         )
     )
     middle = 0.5 * (first + last)
-    axes.text(
-        *(place + 1.25 * radius * np.array([math.cos(middle), math.sin(middle)])), name, color=colour, fontsize=12
-    )
+    at = place + 1.1 * radius * np.array([math.cos(middle), math.sin(middle)])
+    label(axes, at, name, color=colour, fontsize=11)
 
 
 def world() -> None:

@@ -157,7 +157,7 @@ def coverage_facts() -> set[str]:
 
 def limits() -> set[str]:
     """Return from where an estimate is wrong, and a sequence lost."""
-    return {f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG)}
+    return {"95", *(f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG))}
 
 
 def ways() -> str:
@@ -259,6 +259,11 @@ def real_runs() -> str:
     return table(("run", "knocks", "final error", "in 95 %: contact, end", "truth known", "statuses"), rows)
 
 
+def rendered_facts() -> set[str]:
+    """Return how many real runs there are, and that there is a 95 % region."""
+    return {"95", str(len(oracle_runs()))}
+
+
 def real_facts() -> set[str]:
     """Return what is said of single real runs."""
     runs = oracle_runs()
@@ -269,13 +274,12 @@ def real_facts() -> set[str]:
 def expected() -> str:
     """Return README's table of what to expect."""
     rendered, oracle = _real(sequences("rendered"), "recording"), _real(oracle_runs(), "file")
-    knocked_mit = "MIT, knocked by hand"
     rows = {
-        "simulated pushes, sensor units and outlines it has not seen": sequences("plain"),
+        "simulated pushes that nothing disturbs": sequences("plain"),
         "the same, and somebody shoves the object": sequences("knocked"),
         "real motion (MIT, CMU), touch images rendered": [row for runs in rendered.values() for row in runs],
         "real pushes by a round tip (MIT), yaw from ground truth": oracle["MIT, not knocked"],
-        "the same, knocked by hand": oracle[knocked_mit],
+        "the same, knocked by hand": oracle["MIT, knocked by hand"],
         "real pushes by two fingers (CMU), yaw from ground truth": oracle["CMU"],
     }
     return table(("", "runs", *SCORES[2:]), [_scored(*row) for row in rows.items()])
@@ -376,6 +380,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "real-facts": real_facts,
+    "rendered-facts": rendered_facts,
     "step-facts": step_facts,
 }
 """Numbers that may stand in blocks of prose."""

@@ -88,6 +88,6 @@ def test_the_reference_has_every_public_name():
 def test_readme_comes_to_ones_own_data_soon():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     before, _ = text.split("\n## On a sensor of your own\n")
-    assert "write_recording" in before
+    assert "from_arrays" in before
     assert len(before.split()) <= 600
     assert len(text.split()) <= 1200

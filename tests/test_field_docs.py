@@ -7,7 +7,7 @@ from palpate.field_docs import field_docs, with_field_docs
 
 def test_help_tells_the_fields_of_a_public_class():
     told = pydoc.plain(pydoc.render_doc(palpate.Estimate))
-    assert "The object's pose at one frame." in told
+    assert "The object's pose at one frame" in told
     assert "covariance\n" in told and "tangent space at the pose" in told
     assert str(palpate.Estimate.__doc__).count("Fields\n") == 1
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.files import existing_file
 from palpate.limits import ARRAYS
+from palpate.printable import one_line
 
 HEADER = re.compile(
     r"\{'descr': '([<>|][biufSU]\d{1,9})', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,200})\), \}\s*"
@@ -32,7 +33,7 @@ def read_arrays(path: Path | str) -> dict[str, NDArray[Any]]:
         raise FileError(f"{path}: {error}") from error
     # What damaged bytes lead to in zipfile, zlib and NumPy.
     except (OSError, EOFError, ValueError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        raise FileError(f"{path}: is no .npz, or is truncated or damaged ({' '.join(str(error).split())})") from error
+        raise FileError(f"{path}: is no .npz, or is truncated or damaged ({one_line(error)})") from error
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:

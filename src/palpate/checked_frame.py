@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.errors import FrameError, PalpateError
 from palpate.estimation.factors.measured import check_own
+from palpate.limits import FARTHEST
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import (
     ContactDirection,
@@ -18,8 +19,6 @@ from palpate.recording.measurements import (
     Turn,
     finite_numbers,
 )
-
-_FARTHEST = 1e6  # [m], [rad]: farther off, double precision does not tell what touches what
 
 
 def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: float, tips: int) -> Frame:
@@ -39,10 +38,10 @@ def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: floa
     if frame.contact is not None and not isinstance(frame.contact, bool | np.bool_):
         raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
     pose = finite_numbers(frame.sensor_pose, (3,))
-    if pose is None or np.abs(pose).max() > _FARTHEST:
+    if pose is None or np.abs(pose).max() > FARTHEST:
         raise FrameError(
             f"{when} has sensor pose {frame.sensor_pose}; it must be three finite numbers x [m], y [m], theta [rad], "
-            f"none beyond {_FARTHEST:g}"
+            f"none beyond {FARTHEST:g}"
         )
     if frame.image is not None:
         _check_image(when, frame.image)

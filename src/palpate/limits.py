@@ -51,12 +51,14 @@ TEXT = Limit("PALPATE_MAX_TEXT_MB", 100)
 """Bytes of a text file, once unpacked."""
 ARRAYS = Limit("PALPATE_MAX_ARRAYS_MB", 256)
 """Bytes of the arrays in one file, once unpacked; images, which are not packed any further, do not count."""
+DRAWING = Limit("PALPATE_MAX_DRAWING_MB", 5)
+"""Bytes of an SVG or DXF."""
 IMAGE = Limit("PALPATE_MAX_IMAGE_MB", 64)
 """Bytes of one image, once decoded: 3 a pixel."""
 CHUNK = Limit("PALPATE_MAX_CHUNK_MB", 64)
 """Bytes of one chunk of a bag, once unpacked."""
-SECONDS = Limit("PALPATE_MAX_SECONDS", 120, unit=1.0)
-"""Seconds that the HDF5 library may take for one file."""
+SECONDS = Limit("PALPATE_MAX_SECONDS", 5, unit=1.0)
+"""Seconds that the HDF5 library may take for each 20 MB of a file."""
 BAG = Limit("PALPATE_MAX_BAG_MB", 20_000)
 """Bytes of a bag whose files are packed as a whole, once unpacked; they are unpacked on the disk."""
 MESSAGES = Limit("PALPATE_MAX_MESSAGES", 10_000_000, unit=1.0)

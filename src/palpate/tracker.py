@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -98,7 +99,7 @@ class Tracker:
         settings = settings or TrackerSettings()
         self._first = _first_pose(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
-        self._sensor, self._settings, self._model = sensor, settings, model
+        self._shape, self._sensor, self._settings, self._model = shape, sensor, settings, model
         self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
         self._correction = calibration.direction if calibration else AS_TOLD
         self._contact_model = contact_model(shape, sensor, settings.pressure)
@@ -167,6 +168,24 @@ class Tracker:
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
         return self._estimate(frame.time)
+
+    def save(self, path: Path | str) -> None:
+        """Write all that is known, so that a process that restarts goes on with the same estimates to the last digit.
+
+        The file is written whole or not at all, replaces an earlier one and holds no code. Raises SettingError, in one
+        sentence, where something cannot be saved: the particle filter, a contact solved by iSAM2 or with measurements
+        of your own in it, touch of your own.
+        """
+        from palpate.tracker_state import save_tracker
+
+        save_tracker(self, path)
+
+    @staticmethod
+    def load(path: Path | str) -> "Tracker":
+        """Return the tracker that `save` wrote; raises FileError on anything else, or of another version of palpate."""
+        from palpate.tracker_state import load_tracker
+
+        return load_tracker(path)
 
     @property
     def tactile(self) -> TactileChoice:
@@ -260,9 +279,12 @@ class Tracker:
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame."""
         if self._tactile == "auto" and not self._is_touch_given:
-            self._tactile, self._tactile_reason = chosen(frame.image, self._sensor, self._model)
-            if self._tactile == "none":
-                self._touch = self._make_touch("none")
+            self._settle_touch(*chosen(frame.image, self._sensor, self._model))
+
+    def _settle_touch(self, tactile: Tactile, reason: str) -> None:
+        self._tactile, self._tactile_reason = tactile, reason
+        if tactile == "none":
+            self._touch = self._make_touch("none")
 
     def _make_touch(self, tactile: Tactile) -> Touch:
         given = self._settings.noise.relative_pose

@@ -16,6 +16,8 @@ from training_samples import SENSOR, write_pushes
 
 from palpate.cli import main
 from palpate.errors import EstimationError
+from palpate.files import whole_file
+from palpate.locks import held_folder
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS, NETWORKS, TouchModel, session
 from palpate.training import export, features, heads, learn, results, train
@@ -296,3 +298,32 @@ def test_a_training_that_was_cut_off_goes_on(trained, no_export, recordings, tmp
     # The same seed, the same table, whether it was cut off or not.
     for name, errors in found["mean_square_of_sine"].items():
         assert errors == pytest.approx(trained.found["mean_square_of_sine"][name], rel=1e-5)
+
+
+def test_a_training_that_was_cut_off_between_its_last_files_goes_on(
+    trained, model, no_export, recordings, tmp_path, capsys, monkeypatch
+):
+    out = shutil.copytree(trained.folder, tmp_path / "model")
+    (out / "model.json").unlink()  # the last file of all
+    (out / "pair.onnx").unlink()
+    (out / "training" / ".turns.png.part").write_bytes(b"half")
+    with (out / "training" / "touch.csv").open("a") as log:
+        log.write("6,1,1,1,1,1,1\n")  # of a look after the checkpoint
+    begun = (out / "training" / "touch.pt").stat().st_mtime_ns
+
+    def draws(*given: Any) -> None:
+        assert not (out / "model.json").exists()
+        with whole_file(given[-1] / "turns.png", overwrite=True) as part:
+            part.write_bytes(b"whole")
+
+    monkeypatch.setattr(train.figures, "training_figures", draws)
+    words = ("train", recordings, "--out", out, "--seed", "5")
+    with held_folder(out, "the folder of a model"):
+        assert palpate(*words, "--resume") == 2
+        assert "model: another process is writing it" in capsys.readouterr().err
+    assert palpate(*words, "--resume") == 3
+    assert TouchModel(out).settings == model.settings
+    assert (out / "training" / "touch.pt").stat().st_mtime_ns == begun
+    for name in ("touch.csv", "keypoint.csv"):
+        assert (out / "training" / name).read_bytes() == (trained.folder / "training" / name).read_bytes()
+    assert not list(out.rglob(".*"))

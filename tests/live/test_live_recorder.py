@@ -1,10 +1,12 @@
 import re
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 from live_samples import GEL
+from mcap.reader import make_reader
 from view_samples import CAMERA
 
 from palpate import formats
@@ -100,3 +102,19 @@ def test_what_is_recorded_is_a_recording(tmp_path):
     diagnosis = next(raw for raw in raw_messages(path) if raw.channel.topic == "/palpate/diagnostics").data
     for words in (b"displaced", b"it is gone", b"held", b"sensor pose age [ms]", b"50.0", b"4.0"):
         assert words in diagnosis
+
+
+def test_recording_for_long_keeps_nothing_in_memory(tmp_path):
+    image = TouchImage(0.0, b"image", "jpeg")
+    with recorder(tmp_path / "long.mcap", Disc(0.05), CAMERA) as taking:
+        for number in range(-10, 1000):
+            if number == 0:
+                tracemalloc.start()
+            taking.image(image._replace(time=10.0 + number))
+        kept, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert kept < 100 * 1000  # an index in memory takes 900 bytes an image
+    with (tmp_path / "long.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None and len(summary.chunk_indexes) == 1010
+        assert sum(1 for _ in make_reader(file).iter_messages()) == 1010

@@ -98,7 +98,9 @@ def test_poses_come_from_an_entry_point(tmp_path, monkeypatch):
     assert all(isinstance(each, TimedPose) for each in found)
     assert abs(found[-1].time - clock.now()) < 1.0
     assert [each.pose[0] for each in found] == pytest.approx([0.1 + 0.02 * (e.time - found[0].time) for e in found])
-    with pytest.raises(SettingError, match=r"allowed are udp:PORT or an entry point of palpate.poses, known are own_"):
+    with pytest.raises(
+        SettingError, match=r"allowed are udp:PORT, ros2:TOPIC or an entry point of palpate.poses, known are own_"
+    ):
         own_poses("other", clock)
 
 

@@ -173,8 +173,11 @@ MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, N
         ({"image_time": IMAGE_TIME[::-1]}, "time: frame 1 runs backwards"),
         ({"image_time": np.append(IMAGE_TIME[:-1], np.nan)}, "image_time: frame 19 is nan"),
         ({"image_time": []}, "image_time: found no times"),
-        ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "poses: .*span 196 m.*are these millimetres"),
-        ({"object_poses": POSES * 1e3 * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3]}, "object_poses: .*are these millimetres"),
+        ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "the sensor .poses.: .*span 126.7 m.*are these millimetres"),
+        (
+            {"object_poses": POSES * 1e3 * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3]},
+            "object_poses.: .*are these millimetres",
+        ),
         ({"sensor_T_gel": [50.0, 0.0, 0.0]}, "sensor_T_gel: .*are these millimetres"),
         ({"poses": IN_DEGREES}, "poses: found angles up to 1[78].* rad.*are these degrees"),
         ({"poses": W_FIRST}, "rolls by up to [0-9]+ degrees .* by 0 with them as w, x, y, z: is w first"),

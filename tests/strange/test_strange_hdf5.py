@@ -57,6 +57,7 @@ def test_half_an_answer_is_a_crash(path, planted):
 
 def test_what_takes_too_long_is_stopped(path, planted, monkeypatch):
     monkeypatch.setenv("PALPATE_MAX_SECONDS", "1")
+    monkeypatch.setattr(hdf5, "PATIENCE", 1)
     planted("import time; time.sleep(60)")
     before = time.monotonic()
     with pytest.raises(FileError, match="took longer than 1 s, allowed are 1; PALPATE_MAX_SECONDS allows more"):

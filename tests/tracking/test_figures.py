@@ -35,7 +35,15 @@ def test_figure_shows_paths_errors_and_contact(tracked):
     assert translation.get_ylabel() == "translation error [mm]"
     assert rotation.get_ylabel() == "rotation error [°]"
     assert rotation.get_xlabel() == "time [s]"
-    wanted = {"start", "truth", "estimate", "its 95 % ellipses", "contact", "1 sigma of the estimate", "error"}
+    wanted = {
+        "start",
+        "truth",
+        "estimate",
+        "95 % ellipses of the estimate",
+        "contact",
+        "1 sigma of the estimate",
+        "error",
+    }
     assert wanted < set(legend(figure))
     assert lines(above)["truth"] == pytest.approx(tracked.recording.object_pose[:, :2] * 1e3)
     assert lines(above)["estimate"] == pytest.approx(tracked.online.pose[:, :2] * 1e3)
@@ -66,7 +74,7 @@ def test_the_title_tells_the_final_pose_with_its_sigma(tracked):
 
 def test_ellipses_stand_along_the_way_at_the_instants_and_at_the_end(tracked):
     above = run_figure(tracked).axes[0]
-    along = lines(above)["its 95 % ellipses"]
+    along = lines(above)["95 % ellipses of the estimate"]
     pieces = np.split(along, np.flatnonzero(np.isnan(along[:, 0])))
     middles = [np.nanmean(piece[:-1], axis=0) for piece in pieces if np.isfinite(piece).any()]
     assert len(middles) == 12

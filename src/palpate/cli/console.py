@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from palpate.printable import printable
+
 LINE_EVERY = 30.0
 """[s] between lines of progress in a log."""
 
@@ -26,12 +28,12 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
 
     The columns of `numbers` are set to the right. Nothing is cut off: what is long is wrapped.
     """
-    table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD)
+    table = Table(title=printable(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
     for index, column in enumerate(columns):
         right = index in numbers
         table.add_column(column, justify="right" if right else "left", overflow="fold", no_wrap=right)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(printable(cell) for cell in row))
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = max(console.width, 160)  # nobody's window to wrap for
@@ -40,12 +42,12 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
 
 def print_line(text: str) -> None:
     """Print a line for people."""
-    print(text)
+    print(printable(text))
 
 
 def complain(error: Exception | str) -> None:
     """Print an error as one line on standard error."""
-    print(f"palpate: {' '.join(str(error).split())}", file=sys.stderr)
+    print(f"palpate: {printable(' '.join(str(error).split()))}", file=sys.stderr)
 
 
 @contextmanager

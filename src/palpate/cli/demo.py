@@ -48,8 +48,8 @@ def demo(
 
 def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
-    from palpate.simulation.folder import plan
     from palpate.geometry.objects import SHAPES
+    from palpate.simulation.folder import plan
     from palpate.simulation.recordings import simulate_recording
 
     (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)

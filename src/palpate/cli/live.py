@@ -1,9 +1,6 @@
 """`palpate live`: tracks as it happens, shows it and records it."""
 
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,8 +38,8 @@ def live(
     poses: Annotated[
         str | None,
         tyro.conf.arg(
-            metavar="udp:PORT|NAME",
-            help="Sensor poses, by UDP as JSON on this machine, or by an entry point of palpate.poses.",
+            metavar="udp:PORT|ros2:TOPIC|NAME",
+            help="Sensor poses: JSON by UDP on this machine, a ROS 2 topic, or an entry point of palpate.poses.",
             help_behavior_hint="(required with --camera)",
         ),
     ] = None,
@@ -83,6 +80,7 @@ def live(
     """
     from palpate.cli.console import busy, complain, print_json
     from palpate.errors import SettingError
+    from palpate.live.ended import ended_by_signals
     from palpate.live.recorder import recorder
     from palpate.live.session import track_live
     from palpate.live.state import LiveState
@@ -112,7 +110,7 @@ def live(
             from palpate.view.live import live_view
 
             log = stack.enter_context(live_view(rig.scene, rig.name, None, force, window=True))
-        stop = stack.enter_context(_ended_by_signals())
+        stop = stack.enter_context(ended_by_signals())
         table = LiveTable(f"palpate live: {rig.name}")
         state = LiveState(complain if not table.shown else lambda _: None)
         stack.enter_context(table.of(state))
@@ -149,18 +147,6 @@ def _rig(
     if bag != BagOptions(shape=bag.shape, shape_unit=bag.shape_unit):
         raise SettingError("--camera: of the options for bags, only --shape and --shape-unit are of use")
     return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, calibration)
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C and SIGTERM set, so that whatever is being written is written to its end."""
-    stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _report(state: "LiveState", record: Path | None) -> None:

@@ -21,6 +21,7 @@ from palpate.cli.train import train
 from palpate.cli.tune import tune
 from palpate.cli.view import view
 from palpate.errors import PalpateError
+from palpate.printable import PrintableFormatter
 
 COMMANDS = {
     "demo": demo,
@@ -52,7 +53,9 @@ def main(args: Sequence[str] | None = None) -> int:
     if words == ["--version"]:
         print(f"palpate {__version__}")
         return 0
-    logging.basicConfig(format="palpate: %(message)s", level=logging.WARNING)
+    log = logging.StreamHandler()
+    log.setFormatter(PrintableFormatter("palpate: %(message)s"))
+    logging.basicConfig(handlers=[log], level=logging.WARNING)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: names of files may be no text
     try:
@@ -77,6 +80,13 @@ def main(args: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader, such as `head`, has seen enough; Rich ends tables with 1 too
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:  # a disk that is full or was taken away, a folder that may not be written to
+        if debug:
+            raise
+        from palpate.cli.console import complain
+
+        complain(error)
+        return 2
 
 
 if __name__ == "__main__":

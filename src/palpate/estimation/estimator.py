@@ -44,7 +44,8 @@ class Estimator:
         """
         self._model, self._settings = model, settings
         self._factors = make_factors(settings, model)
-        self._begin_contact = make_smoother(smoother, settings, model)
+        self.begins_contact = make_smoother(smoother, settings, model)
+        """What makes the graph of a contact."""
         self._diagnosis = Diagnosis(model, settings.contact.deviation, settings.sensor_pose.calibration)
         deviation = np.concatenate([first_deviation, settings.priors.deviation])
         self.known = Prior(first_pose, settings.priors.mean, np.diag(np.square(deviation)))
@@ -153,7 +154,7 @@ class Estimator:
         if self._contact is None:
             self.known = self.expected(sensor_pose) if self._start is None else self._start
             self._start = None
-            self._contact = self._begin_contact(self.known, sensor_pose, measurements, time)
+            self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         elif knock is not None and isinstance(self._contact, FixedLag):
             self._contact.add(sensor_pose, measurements, time, knock)
         else:
@@ -179,7 +180,7 @@ class Estimator:
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
         self.known = self.known.loosened(self._diagnosis.covariance_of_motion(pushed))
         try:
-            self._contact = self._begin_contact(self.known, sensor_pose, measurements, time)
+            self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         except EstimationError:
             raise EstimationError(reason) from error
         self._believe(self._contact, sensor_pose)

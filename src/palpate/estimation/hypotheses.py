@@ -29,7 +29,7 @@ from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import SmootherName
+from palpate.estimation.smoother import BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places, starts
 from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
@@ -127,6 +127,11 @@ class Hypotheses:
     def known(self) -> Prior:
         """What is known of the object at the last frame, by the best hypothesis."""
         return self._best.estimator.known
+
+    @property
+    def begins_contact(self) -> BeginContact:
+        """What makes the graph of a contact, the same for all hypotheses."""
+        return self._best.estimator.begins_contact
 
     @property
     def touched(self) -> Touched | None:

@@ -36,6 +36,7 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
     said = [ContactDirection(0.0, 1e-4), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
     for with_pairs in (False, True):
         window = Window(factors, model, [prior], np.array([-0.05, 0.0, 0.0]), said, lag=3)
+        window.costs()  # of one step, which is compiled apart
         for step in range(1, 5):
             pairs = [pair] if with_pairs and step == 2 else []
             window.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), [*said, *pairs], 0.1 * step)

@@ -26,10 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import read_text
+from palpate.files import check_increasing, is_near, read_text
 from palpate.formats.sniff import NUMBER, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
+from palpate.limits import FARTHEST
 from palpate.recording import derived
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
@@ -70,6 +71,10 @@ def read(path: Path) -> Recording:
         raise FileError(f"{path}: found a single row, and the first row of a log is not valid")
     later = np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])
     rows = rows[later]
+    try:
+        check_increasing(rows[:, 0])
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
     time = rows[:, 0] - rows[0, 0]
     metres = np.array([1e-3, 1e-3, 1.0])
     sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
@@ -138,6 +143,8 @@ def _rows(path: Path) -> NDArray[np.float64]:
         if not ROW.fullmatch(line.strip()):
             raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers with commas between")
         rows.append([float(value) for value in line.split(",")])
+        if not is_near(np.array(rows[-1][1:])).all():
+            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected values up to {FARTHEST:g}")
     if not rows:
         raise FileError(f"{path}: holds no rows")
     return np.array(rows)

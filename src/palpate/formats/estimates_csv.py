@@ -12,6 +12,7 @@ import numpy as np
 from palpate.errors import FileError, SettingError
 from palpate.files import csv_rows, read_text, whole_file
 from palpate.formats.sniff import text_start
+from palpate.printable import one_line
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 
@@ -53,7 +54,7 @@ def trajectory_from_text(text: str, path: Path) -> Trajectory:
             terms = [float(value) for value in line[4:10]] if filled == {True} else None
             rows.append(([float(value) for value in line[:4]], terms, CONTACT[line[10]], line[11]))
         except ValueError as error:
-            raise FileError(f"{path}: line {number}: {error}") from error
+            raise FileError(f"{path}: line {number}: {one_line(error)}") from error
     if not rows:
         raise FileError(f"{path}: holds no estimates")
     poses, terms, contact, status = zip(*rows, strict=True)

@@ -2,15 +2,19 @@
 
 The HDF5 library can be crashed by a few changed bytes. Here it takes no other process along.
 
-Asked by a line of JSON on standard input, {"path": ..., "bytes": N, "most": M, "words": ...}: a file, or N bytes that
-follow if there is no path, how many bytes its arrays may have, and what to say of that. Answers with a line, {"error":
-...} or {"attributes": {...}, "arrays": {...}}, followed by the bytes of the arrays one after the other. See
-`hdf5.Contents` for what they are.
+Says that it is ready. Asked by a line of JSON on standard input, {"path": ..., "bytes": N, "most": M, "words": ...,
+"seconds": S, "rows": null}: a file, or N bytes that follow if there is no path, how many bytes its arrays may have,
+what to say of that, and how long it may compute. Answers with a line, {"error": ...} or {"attributes": {...}, "arrays":
+{...}}, followed by the bytes of the arrays one after the other. See `hdf5.Contents` for what they are. Of rows of bytes
+in a file only their count is told; asked with "rows": {"name": ..., "start": ..., "stop": ...}, it answers {"lengths":
+[...]} and the bytes of these.
 """
 
 import io
 import json
+import math
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -33,38 +37,51 @@ class Refused(Exception):
 def serve() -> None:
     """Answer until there is nothing more to answer."""
     asked, answer = sys.stdin.buffer, sys.stdout.buffer
+    answer.write(b"ready\n")
+    answer.flush()
     while line := asked.readline():
         question = json.loads(line)
-        source = question["path"] or io.BytesIO(asked.read(question["bytes"]))
+        source: Any = question["path"] or io.BytesIO(asked.read(question["bytes"]))
         size = Path(source).stat().st_size if question["path"] else question["bytes"]
-        _bound_memory(2 * size + question["most"] + HEADROOM)
-        said, buffers = _answer(source, size, question["most"], question["words"])
+        _bound(2 * size + question["most"] + HEADROOM, question["seconds"])
+        said, buffers = _answer(source, size, question)
         answer.write(json.dumps(said).encode() + b"\n")
         for buffer in buffers:
             answer.write(buffer)
         answer.flush()
 
 
-def _answer(source: Any, size: int, most: int, words: str) -> tuple[dict[str, Any], list[bytes]]:
-    found: dict[str, Any] = {"attributes": {}, "arrays": {}}
-    buffers: list[bytes] = []
+def _answer(source: Any, size: int, question: dict[str, Any]) -> tuple[dict[str, Any], list[bytes]]:
     try:
         with h5py.File(source, "r") as file:
-            found["attributes"] = _attributes(file)
-            for name, dataset in _datasets(file, ""):
-                is_bytes = h5py.check_vlen_dtype(dataset.dtype) == np.uint8
-                if is_bytes and dataset.ndim == 1:
-                    array, data = _rows(name, dataset, size, most)
-                else:
-                    array, data = _numbers(name, dataset, most, words)
-                    most -= len(data)
-                found["arrays"][name] = array | {"attributes": _attributes(dataset)}
-                buffers.append(data)
+            if wanted := question["rows"]:
+                dataset = dict(_datasets(file, ""))[wanted["name"]]
+                rows = _rows(wanted["name"], dataset, size, range(wanted["start"], wanted["stop"]))
+                return {"lengths": [len(row) for row in rows]}, rows
+            return _everything(file, size, question)
     except Refused as error:
         return {"error": str(error)}, []
     except Exception as error:  # damaged bytes can make anything of what the library reads
         return {"error": f"is truncated or damaged ({' '.join(str(error).split())[:300]})"}, []
-    return found, buffers
+
+
+def _everything(file: Any, size: int, question: dict[str, Any]) -> tuple[dict[str, Any], list[bytes]]:
+    arrays: dict[str, Any] = {}
+    buffers: list[bytes] = []
+    most = question["most"]
+    for name, dataset in _datasets(file, ""):
+        if h5py.check_vlen_dtype(dataset.dtype) == np.uint8 and dataset.ndim == 1:
+            array = {"count": _count(name, dataset, size, most)}
+            if not question["path"]:
+                data = _rows(name, dataset, size, range(len(dataset)))
+                array = {"lengths": [len(row) for row in data]}
+                buffers += data
+        else:
+            array, data = _numbers(name, dataset, most, question["words"])
+            most -= len(data)
+            buffers.append(data)
+        arrays[name] = array | {"attributes": _attributes(dataset)}
+    return {"attributes": _attributes(file), "arrays": arrays}, buffers
 
 
 def _datasets(group: Any, within: str) -> list[tuple[str, Any]]:
@@ -97,19 +114,23 @@ def _numbers(name: str, dataset: Any, most: int, words: str) -> tuple[dict[str, 
     return {"type": values.dtype.str, "shape": values.shape}, np.ascontiguousarray(values).tobytes()
 
 
-def _rows(name: str, dataset: Any, size: int, most: int) -> tuple[dict[str, Any], bytes]:
-    """Rows of bytes, such as images; they are not packed, so all together are no larger than the file."""
+def _count(name: str, dataset: Any, size: int, most: int) -> int:
     if 16 * len(dataset) > min(size, most):
         raise Refused(f"{name}: says that it has {len(dataset)} rows, more than a file of {size} bytes can hold")
+    return len(dataset)
+
+
+def _rows(name: str, dataset: Any, size: int, wanted: range) -> list[bytes]:
+    """Rows of bytes, such as images; they are not packed, so all together are no larger than the file."""
     rows: list[bytes] = []
     left = size
-    for start in range(0, len(dataset), ROWS):
-        for row in dataset[start : start + ROWS]:
+    for start in range(wanted.start, wanted.stop, ROWS):
+        for row in dataset[start : min(start + ROWS, wanted.stop)]:
             rows.append(np.asarray(row, np.uint8).tobytes())
             left -= len(rows[-1])
         if left < 0:
             raise Refused(f"{name}: says that its rows are longer than the file")
-    return {"lengths": [len(row) for row in rows]}, b"".join(rows)
+    return rows
 
 
 def _attributes(node: Any) -> dict[str, Any]:
@@ -125,11 +146,13 @@ def _attributes(node: Any) -> dict[str, Any]:
     return found
 
 
-def _bound_memory(more: int) -> None:
-    """Let this process take so many bytes more than it has, where the system can tell."""
+def _bound(memory: int, seconds: int) -> None:
+    """Let this process take so many bytes, and compute so many seconds, more than it has, where the system can tell."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-        most = pages * resource.getpagesize() + more
+        most = pages * resource.getpagesize() + memory
         resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        until = math.ceil(time.process_time()) + seconds
+        resource.setrlimit(resource.RLIMIT_CPU, (until, resource.getrlimit(resource.RLIMIT_CPU)[1]))

@@ -3,7 +3,8 @@
 import hashlib
 import json
 import mmap
-from collections.abc import Iterable, Mapping
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from palpate.formats.hdf5 import SIGNATURE, Contents, read_hdf5
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
+from palpate.recording.stored_images import IN_MEMORY
 from palpate.recording.trajectory import Trajectory
 
 NAME = "palpate"
@@ -23,6 +25,9 @@ DESCRIPTION = "palpate recording, HDF5 (.h5)"
 FORMAT = "palpate-recording"
 VERSION = 1
 EXTRA = "extra/"
+
+_OVERHEAD = 1.1
+"""Size of a file over that of its images, at most."""
 
 
 def detect(path: Path) -> bool:
@@ -47,9 +52,18 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write the HDF5 file, whole or not at all; an existing one is replaced only if `overwrite`."""
+    import h5py
+
+    size = sum(map(len, recording.image or ()))
     with whole_file(path, overwrite) as temporary:
-        # In memory first: HDF5 cannot close a file on a full disk.
-        temporary.write_bytes(recording_to_bytes(recording))
+        # In memory first, as HDF5 cannot close a file on a full disk; what is large goes there as it comes, if it fits.
+        if size <= IN_MEMORY:
+            temporary.write_bytes(recording_to_bytes(recording))
+        elif (free := shutil.disk_usage(temporary.parent).free) < _OVERHEAD * size:
+            raise OSError(f"it takes {_OVERHEAD * size / 1e9:.1f} GB, {free / 1e9:.1f} are free")
+        else:
+            with h5py.File(temporary, "w") as file:
+                _fill(file, recording)
 
 
 def recording_to_bytes(recording: Recording) -> bytes:
@@ -171,7 +185,7 @@ def _read(file: Contents, path: Path) -> Recording:
     )
 
 
-def _images(file: Contents, sensor: SensorProfile) -> tuple[tuple[bytes, ...] | None, Any]:
+def _images(file: Contents, sensor: SensorProfile) -> tuple[Sequence[bytes] | None, Any]:
     if "image" in file.arrays:
         raise FileError("image: expected one row of variable-length bytes for each frame")
     if "image" not in file.rows:

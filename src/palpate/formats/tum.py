@@ -1,5 +1,6 @@
 """TUM trajectories: lines `t x y z qx qy qz qw` [s, m]; '#' starts a comment. Planar ones only."""
 
+import math
 import re
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def read(path: Path) -> Trajectory:
         if not _is_unit(row):
             raise FileError(
                 f"{path}: line {number}: the quaternion {qx:g} {qy:g} {qz:g} {qw:g} has length "
-                f"{np.linalg.norm(values[4:]):.6g}, expected 1"
+                f"{math.hypot(*values[4:]):.6g}, expected 1"
             )
         if max(abs(z), abs(qx), abs(qy)) > TOLERANCE:
             raise FileError(
@@ -89,4 +90,4 @@ def lost(data: Recording | Trajectory) -> list[str]:
 
 
 def _is_unit(row: str) -> bool:
-    return bool(abs(np.linalg.norm([float(value) for value in row.split()[4:]]) - 1.0) < 1e-3)
+    return abs(math.hypot(*(float(value) for value in row.split()[4:])) - 1.0) < 1e-3

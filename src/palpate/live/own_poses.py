@@ -23,7 +23,7 @@ def own_poses(name: str, clock: Clock) -> PoseSource:
     if name not in found:
         known = f"known are {', '.join(sorted(found))}" if found else "none is installed"
         raise SettingError(
-            f"poses are to come from {name!r}; allowed are udp:PORT or an entry point of {GROUP}, {known}"
+            f"poses are to come from {name!r}; allowed are udp:PORT, ros2:TOPIC or an entry point of {GROUP}, {known}"
         )
     try:
         function: Callable[[], Iterable[Any]] = found[name].load()

@@ -43,8 +43,8 @@ class Refused(NamedTuple):
     """What is wrong with it, in words."""
 
 
-PoseSource = Callable[[threading.Event], Iterator[TimedPose | Refused]]
-"""Gives the poses as they come; ends at the event."""
+PoseSource = Callable[[threading.Event], Iterator[TimedPose | Refused | str]]
+"""Gives the poses as they come, and in between, in words, what is to be said of the source; ends at the event."""
 
 
 @dataclass(frozen=True, eq=False)

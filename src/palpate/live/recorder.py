@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from palpate.estimate import Estimate
-from palpate.formats.bags.estimates_mcap import add_estimates
 from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
 from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
 from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE
 from palpate.formats.bags.recording_mcap import IMAGES, SENSOR_POSES
 from palpate.geometry.shapes import Shape
+from palpate.live.estimate_messages import add_estimate
 from palpate.live.images import TouchImage, encoded_of
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.recording.plane import flat, out_of_plane
 from palpate.recording.sensor import SensorProfile
-from palpate.recording.trajectory import Trajectory
 
 _PLANE = flat()
 
@@ -55,23 +54,10 @@ class Recorder:
 
     def estimate(self, estimate: Estimate, place: SensorPlace, latency: float) -> None:
         """Record an estimate, with how the sensor's pose was known and how long it took [s]."""
-        one = Trajectory(
-            np.array([estimate.time]),
-            estimate.pose[None],
-            estimate.covariance[None],
-            np.array([estimate.contact]),
-            (estimate.status,),
-        )
-        said = {
-            "reason": estimate.reason,
-            "sensor pose": place.how,
-            "sensor pose age [ms]": f"{1e3 * place.age:.1f}",
-            "latency [ms]": f"{1e3 * latency:.1f}",
-        }
         stamp = self._stamp(estimate.time)
         with self._lock:
             if not self._closed:
-                add_estimates(self._file, one, [stamp], _PLANE, said)
+                add_estimate(self._file, _PLANE, stamp, estimate, place, latency)
                 self._file.flush()
 
     def close(self) -> None:

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from palpate.live.devices import Device, V4l2Device, camera_path
 from palpate.live.own_poses import own_poses
 from palpate.live.poses import PoseSource
 from palpate.live.replay import Replay
+from palpate.live.ros2_sources import ros2_poses
 from palpate.live.session import Sources
 from palpate.live.udp import UdpPoses
 from palpate.recording.recording import Recording
@@ -73,18 +73,16 @@ def camera_rig(
     sensor: SensorProfile = DIGIT,
     open_device: Callable[..., Device] = V4l2Device,
 ) -> Rig:
-    """A camera by number, path or serial, and a source of poses: udp:PORT, or an entry point of `palpate.poses`.
+    """A camera by number, path or serial, and poses by udp:PORT, ros2:TOPIC or an entry point of `palpate.poses`.
 
     Opens both. Raises SettingError where one of them is not there, or images do not lie as the calibration says.
     """
-    view = view_of(calibration)
-    height, width = sensor.image_height, sensor.image_width
-    size = (width, height) if view.quarter_turns % 2 else (height, width)
+    size = size_of_images(sensor, calibration)
     clock = Clock(time.time())
     path = camera_path(name)
     camera = Camera(partial(open_device, path, size), clock)
     try:
-        _check_size(path, camera.size, size)
+        check_size(f"camera {path}", camera.size, size)
         source = _pose_source(poses, clock)
     except SettingError:
         camera.close()
@@ -95,16 +93,25 @@ def camera_rig(
     return Rig(name, beforehand, measured, size, first, lambda: Sources(camera.images, source, clock, size))
 
 
-def _check_size(path: Path, found: tuple[int, int], expected: tuple[int, int]) -> None:
+def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> tuple[int, int]:
+    """Rows and columns of a sensor's images as they come, before they are turned as a calibration says."""
+    height, width = sensor.image_height, sensor.image_width
+    return (width, height) if view_of(calibration).quarter_turns % 2 else (height, width)
+
+
+def check_size(what: str, found: tuple[int, int], expected: tuple[int, int]) -> None:
+    """Raise SettingError where images of a source have not the rows and columns that are expected."""
     if found != expected:
         turned = "; palpate calibrate --presses finds how they are turned" if found == expected[::-1] else ""
         raise SettingError(
-            f"camera {path}: its images have {found[0]} rows and {found[1]} columns, expected {expected[0]} and "
+            f"{what}: its images have {found[0]} rows and {found[1]} columns, expected {expected[0]} and "
             f"{expected[1]}{turned}"
         )
 
 
 def _pose_source(name: str, clock: Clock) -> PoseSource:
+    if name.startswith("ros2:"):
+        return ros2_poses(name.removeprefix("ros2:"), clock)
     if not name.startswith("udp:"):
         return own_poses(name, clock)
     port: Any = name.removeprefix("udp:")

@@ -4,16 +4,16 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 from palpate.errors import FrameError
 from palpate.live.clock import Clock
 from palpate.live.images import ImageSource, TouchImage, pixels_of
 from palpate.live.newest import Newest
-from palpate.live.poses import PoseSource, PoseTrack, Refused
-from palpate.live.recorder import Recorder
+from palpate.live.poses import PoseSource, PoseTrack, Refused, SensorPlace, TimedPose
 from palpate.live.state import LiveEstimate, LiveState
 from palpate.recording.frame import Frame
-from palpate.tracker import Tracker
+from palpate.tracker import Estimate, Tracker
 from palpate.tracking.run import Watch
 
 STALL = 0.15
@@ -37,12 +37,28 @@ class Sources:
     """Rows and columns of an image as it comes."""
 
 
+class Listener(Protocol):
+    """Is told of everything that comes and is estimated, as it happens and from several threads."""
+
+    def image(self, image: TouchImage) -> None:
+        """Take an image as it came."""
+        ...
+
+    def pose(self, pose: TimedPose) -> None:
+        """Take a pose of the sensor as it came."""
+        ...
+
+    def estimate(self, estimate: Estimate, place: SensorPlace, latency: float) -> None:
+        """Take an estimate, with how the sensor's pose was known and how long it took [s]."""
+        ...
+
+
 def track_live(
     tracker: Tracker,
     sources: Sources,
     state: LiveState,
     stop: threading.Event,
-    recorder: Recorder | None = None,
+    listener: Listener | None = None,
     watch: Watch | None = None,
     seconds: float | None = None,
 ) -> None:
@@ -50,11 +66,11 @@ def track_live(
 
     Images that come while a step is running replace one another, and the tracker goes on with the newest; all of them
     are recorded. Each is tracked with the sensor's pose at its time, see `PoseTrack.at`. `state` tells how it goes.
-    Raises what a source, the recorder or the tracker raises.
+    Raises what a source, the listener or the tracker raises.
     """
     clock, begin = sources.clock, sources.clock.now()
     stalls = _Stalls(state, begin)
-    with _reading(sources, state, stop, recorder) as (newest, track, failures):
+    with _reading(sources, state, stop, listener) as (newest, track, failures):
         while not (stop.is_set() or failures or newest.over):
             image = newest.take(_LOOK)
             stalls.look(track.last, clock.now())
@@ -76,8 +92,8 @@ def track_live(
             last = LiveEstimate(estimate, place, clock.now() - image.time)
             state.estimated(last)
             state.dropped = newest.dropped
-            if recorder:
-                recorder.estimate(*last)
+            if listener:
+                listener.estimate(*last)
             if watch:
                 watch(tracker.frame, estimate, tracker.background)
     state.dropped = newest.dropped + (newest.take(0.0) is not None)
@@ -107,7 +123,7 @@ class _Stalls:
 
 @contextmanager
 def _reading(
-    sources: Sources, state: LiveState, stop: threading.Event, recorder: Recorder | None
+    sources: Sources, state: LiveState, stop: threading.Event, listener: Listener | None
 ) -> Iterator[tuple[Newest[TouchImage], PoseTrack, list[BaseException]]]:
     """Read both sources by threads; yields the newest image, the poses, and what the threads raised."""
     newest, track, failures = Newest[TouchImage](), PoseTrack(), list[BaseException]()
@@ -119,20 +135,23 @@ def _reading(
                 continue
             state.arrived(image.time)
             newest.put(image)
-            if recorder:
-                recorder.image(image)
+            if listener:
+                listener.image(image)
         newest.end()
 
     def read_poses() -> None:
         for pose in sources.poses(stop):
+            if isinstance(pose, str):
+                state.note(pose)
+                continue
             refused = pose if isinstance(pose, Refused) else track.add(pose)
             if refused:
                 state.refuse(refused.reason, sources.clock.now())
                 continue
             assert not isinstance(pose, Refused)
             state.poses += 1
-            if recorder:
-                recorder.pose(pose)
+            if listener:
+                listener.pose(pose)
 
     threads = [_started(read, failures) for read in (read_images, read_poses)]
     try:

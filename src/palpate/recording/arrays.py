@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import FileError, SettingError
 from palpate.files import FLAGS, NUMBERS, checked_array
 from palpate.geometry.shapes import Shape
-from palpate.recording.images import Codec, Images, encoded_images
+from palpate.recording.given_images import Images, encoded_images
+from palpate.recording.images import Codec
 from palpate.recording.motion import Placed, Times, always, at_times, poses_in_time
 from palpate.recording.plane import STEEPEST, Normal, Plane, check_plane, chosen_plane, planar
 from palpate.recording.recording import Recording
@@ -132,7 +133,6 @@ def _timed(name: str, poses: ArrayLike, time_name: str, time: ArrayLike) -> tupl
     numbers, known_at = _numbers(name, poses), nanoseconds(time_name, time)
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
-    check_metres(name, numbers[:, :3])
     return numbers, known_at
 
 

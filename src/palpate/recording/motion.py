@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.errors import FileError
+from palpate.files import is_near
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -62,8 +63,9 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
     They are sorted; of several at one time the last counts. Raises FileError that names them by `name` where numbers
     are not finite or a quaternion has not length 1.
     """
-    length = np.linalg.norm(numbers[:, 3:], axis=1)
-    good = np.isfinite(numbers).all(axis=1) & (np.abs(length - 1.0) < 1e-2)
+    near = is_near(numbers).all(axis=1)
+    length = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
+    good = near & (np.abs(length - 1.0) < 1e-2)
     if not good.all():
         wrong = int(np.argmin(good))
         raise FileError(

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.recording.motion import Placed, Times
+from palpate.recording.units import check_metres
 
 logger = logging.getLogger(__name__)
 
@@ -82,8 +83,10 @@ def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane
 def planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
     """Poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
 
-    Raises FileError where one is more than `off_plane` [m] off it or too steep; warns where some are tilted.
+    Raises FileError where one is more than `off_plane` [m] off it or too steep, or they are in millimetres, as it
+    seems; warns where some are tilted.
     """
+    check_metres(what, placed.position)
     pose, height, angle = into_plane(plane, placed.position, placed.rotation)
     if not len(pose):
         return pose

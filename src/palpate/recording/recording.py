@@ -1,6 +1,6 @@
 """Recording: what a sensor saw and where it was, frame by frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +13,10 @@ from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows
 from palpate.geometry.shapes import Shape
 from palpate.limits import FARTHEST
 from palpate.recording.frame import Frame
-from palpate.recording.images import Codec, Images, decode_image
+from palpate.recording.given_images import Images
+from palpate.recording.images import Codec, decode_image
 from palpate.recording.sensor import SensorProfile, known_sensor
+from palpate.recording.stored_images import StoredImages
 
 if TYPE_CHECKING:
     from palpate.recording.plane import Normal
@@ -38,8 +40,9 @@ class Recording:
     """(N,)"""
     episode: NDArray[np.int64] | None = None
     """(N,) number of the contact episode, -1 outside contact"""
-    image: tuple[bytes, ...] | None = None
-    """N encoded touch images; iterating over the recording decodes them one by one"""
+    image: Sequence[bytes] | None = None
+    """N encoded touch images, a tuple or read as they are asked for; iterating over the recording decodes them one by
+    one"""
     codec: Codec = "jpeg"
     """how the images are encoded"""
     contact_derived: bool = False
@@ -82,7 +85,7 @@ class Recording:
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
-            settle("image", _checked_images(self.image))
+            settle("image", self.image if isinstance(self.image, StoredImages) else _checked_images(self.image))
             if len(self.image) != n:
                 raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
         settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})
@@ -186,8 +189,9 @@ class Recording:
 
     def _decode(self, index: int) -> NDArray[np.uint8]:
         assert self.image is not None
+        data = self.image[index]
         try:
-            return decode_image(self.image[index], self.codec, (self.sensor.image_height, self.sensor.image_width))
+            return decode_image(data, self.codec, (self.sensor.image_height, self.sensor.image_width))
         except FileError as error:
             where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
             raise FileError(f"{where}: {error}") from error

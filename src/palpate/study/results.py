@@ -43,6 +43,7 @@ LOST_MM, LOST_DEG = 50.0, 30.0
 FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation_error_deg"}
 RMSES = {"rmse_mm": "translation_rmse_mm", "rmse_deg": "rotation_rmse_deg"}
 """What columns of the table are called in a trial's summary."""
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 SOON = 2.0
 """[s] in contact within which an estimate should recover from a knock."""
 
@@ -137,13 +138,23 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
         rows = [flat(trial) for trial in trials]
         with (
             whole_file(folder / "sequences.csv", overwrite=True) as part,
-            part.open("w", newline="", encoding="utf-8") as file,
+            part.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file,
         ):
             writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
             writer.writeheader()
-            writer.writerows(rows)
+            writer.writerows({key: as_cell(value) for key, value in row.items()} for row in rows)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error.strerror})") from error
+
+
+def as_cell(value: Any) -> Any:
+    """What is written for a value, such that no program for tables takes a name for a formula."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
+def of_cell(text: str) -> str:
+    """The word that `as_cell` wrote."""
+    return text.removeprefix("'")
 
 
 def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[str, Any]:

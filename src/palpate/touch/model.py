@@ -22,11 +22,21 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import existing_file, read_json, whole_file
+from palpate.limits import FARTHEST
+from palpate.printable import one_line
 from palpate.touch.difference import Difference
 
 Array = NDArray[np.float64]
 FORMAT, VERSION = "palpate-touch-model", 1
 NETWORKS = ("touch", "pair", "keypoint")
+ARRAYS = {
+    "touch": (("difference",), ("direction", "turn", "descriptor")),
+    "pair": (("earlier", "later"), ("turned",)),
+    "keypoint": (("difference",), ("keypoint", "kinds")),
+}
+"""What each network takes and gives."""
+LARGEST = 100 * 10**6
+"""[bytes] of a network; the shipped ones have less than one million."""
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
 """Kinds of contact that a model tells apart."""
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "digit"
@@ -91,7 +101,7 @@ class TouchModel:
         version = written.get("version")
         if not isinstance(version, int) or version > VERSION:
             raise FileError(f"{folder / 'model.json'}: version is {version!r}, this palpate reads up to {VERSION}")
-        self.networks = {name: existing_file(folder / f"{name}.onnx").read_bytes() for name in NETWORKS}
+        self.networks = {name: _network(folder / f"{name}.onnx") for name in NETWORKS}
         found = fingerprint(written.get("settings"), self.networks)
         if found != written.get("hash"):
             raise FileError(f"{folder}: hash is {found[:12]}, model.json says {str(written.get('hash'))[:12]}: altered")
@@ -120,17 +130,29 @@ class TouchModel:
         sine = np.sum((later - earlier) * (kinds @ np.asarray(self.settings.linear)), axis=1)
         return np.arcsin(np.clip(sine, -1.0, 1.0))
 
+    def _session(self, name: str) -> Any:
+        """What runs a network. Raises FileError where it is none, or has not the arrays of one."""
+        place = self.folder / f"{name}.onnx"
+        try:
+            found = session(self.networks[name])
+            has = {each.name for each in found.get_inputs()}, [each.name for each in found.get_outputs()]
+        except Exception as error:  # what ONNX Runtime makes of damaged bytes, of many kinds
+            raise FileError(f"{place}: is no network that can be run ({one_line(error)})") from error
+        if has != (set(ARRAYS[name][0]), list(ARRAYS[name][1])):
+            raise FileError(f"{place}: takes and gives {has}, expected {ARRAYS[name]}")
+        return found
+
     @cached_property
     def _touch(self) -> Any:
-        return session(self.networks["touch"])
+        return self._session("touch")
 
     @cached_property
     def _pair(self) -> Any:
-        return session(self.networks["pair"])
+        return self._session("pair")
 
     @cached_property
     def _keypoint(self) -> Any:
-        return session(self.networks["keypoint"])
+        return self._session("keypoint")
 
 
 @cache
@@ -171,11 +193,34 @@ def session(network: bytes) -> Any:
     return onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
 
 
+def _network(path: Path) -> bytes:
+    """The bytes of a network that is all in its file."""
+    size = existing_file(path).stat().st_size
+    if size > LARGEST:
+        raise FileError(f"{path}: has {size} bytes, allowed are {LARGEST}")
+    data = path.read_bytes()
+    # A tensor that is kept in another file names it under this key; ONNX Runtime would open it.
+    if b"location" in data:
+        raise FileError(f"{path}: keeps its numbers in another file, which is not opened")
+    return data
+
+
 def _settings(folder: Path, plain: Mapping[str, Any]) -> ModelSettings:
     try:
         spread = {name: Spread(**value) for name, value in plain["spread"].items()}
-        return ModelSettings(**{**plain, "spread": spread})
-    except (KeyError, TypeError, AttributeError) as error:
+        made = ModelSettings(**{**plain, "spread": spread})
+        numbers = [number for each in spread.values() for number in (each.scale, each.together)]
+        numbers += [made.image_height, made.image_width]
+        if spread.keys() != {"direction", "turn", "pair", "linear"} or not all(
+            isinstance(number, int | float) and 0.0 < number < FARTHEST for number in numbers
+        ):
+            raise TypeError("spread or the size of images is no set of numbers above 0")
+        if np.shape(made.linear) != (len(KINDS), 2) or not np.isfinite(np.asarray(made.linear, np.float64)).all():
+            raise TypeError(f"linear is no table of {len(KINDS)} rows of 2 numbers")
+        if not isinstance(made.sensor, str):
+            raise TypeError("sensor is no name")
+        return made
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise FileError(f"{folder / 'model.json'}: settings do not fit this version ({error})") from error
 
 

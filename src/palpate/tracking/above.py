@@ -26,7 +26,9 @@ def draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
     draw_start(axes, run)
     draw_way(axes, run, last)
     along = np.linspace(0, last, _ELLIPSES).astype(int)
-    axes.plot(*_joined(_ellipses(run, along)).T, color=ESTIMATE, lw=0.7, alpha=0.7, label="its 95 % ellipses")
+    axes.plot(
+        *_joined(_ellipses(run, along)).T, color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses of the estimate"
+    )
     for number, index in enumerate(instants, 1):
         draw_object(axes, run, index, 1.0, 0.6)
         draw_sensor(axes, run, index)

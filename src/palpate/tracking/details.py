@@ -16,6 +16,7 @@ from palpate.errors import FileError
 from palpate.estimation.hypotheses import Answer
 from palpate.files import read_csv, whole_file
 from palpate.formats.estimates_csv import COVARIANCE, UPPER
+from palpate.printable import one_line
 
 Array = NDArray[np.float64]
 Answers = tuple[tuple[Answer, ...], ...]
@@ -79,5 +80,5 @@ def _read(path: Path, columns: tuple[str, ...]) -> Array:
         try:
             rows.append([float(value) for value in line])
         except ValueError as error:
-            raise FileError(f"{path}: line {number}: {error}") from error
+            raise FileError(f"{path}: line {number}: {one_line(error)}") from error
     return np.array(rows, dtype=np.float64).reshape(-1, len(columns))

@@ -304,3 +304,16 @@ def test_what_is_no_bag(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.formats.bags.containers.find_spec", lambda name: None)
     with pytest.raises(SettingError, match=r"needs mcap, which is not installed: pip install palpate\[ros\]"):
         next(raw_messages(other))
+
+
+@pytest.mark.parametrize(("share", "least"), [(0.3, 10), (0.5, 25), (0.9, 50), (0.1, 0)])
+def test_a_db3_that_is_cut_off_is_read_as_far_as_sqlite_can(tmp_path, share, least):
+    write_bag(tmp_path / "bag", "ros2", push_messages())
+    whole = list(raw_messages(tmp_path / "bag"))
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    cut, found = tmp_path / "cut.db3", []
+    cut.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    with pytest.raises(CutShort if least else FileError, match=r"cut off (or damaged after \d+|before its)"):
+        for each in raw_messages(cut):
+            found.append(each)
+    assert len(found) >= least and all(each in whole for each in found)

@@ -275,6 +275,14 @@ def test_poses_of_one_topic_in_several_frames_are_refused(tmp_path):
         read(tmp_path / "a", few_images(3) + poses)
 
 
+def test_poses_in_millimetres_are_asked_about(tmp_path):
+    times = pose_times()
+    in_millimetres = true_pose(times) * np.array([1e3, 1e3, 1.0])
+    poses = [pose_message(stamp, pose, height=100.0) for stamp, pose in zip(times, in_millimetres, strict=True)]
+    with pytest.raises(FileError, match=r"/ee_pose.: found positions that span .* are these millimetres"):
+        read(tmp_path / "a", few_images(24) + poses)
+
+
 def test_poses_off_the_plane_are_refused_unless_they_are_allowed(tmp_path):
     rising = lifted(lambda seconds: 0.1 + 0.05 * max(0.0, seconds - 0.5))
     with pytest.raises(

@@ -18,6 +18,7 @@ from palpate.recording.motion import Placed
 from palpate.recording.plane import Plane, chosen_plane, planar
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT, SensorProfile
+from palpate.recording.stored_images import SpooledImages
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +63,7 @@ def _recording(
     time = stamps + round(choices.time_offset * 1e9)
     frame, placed = placed_at(streams, chosen.sensor, found, time)
     stamps, time, placed = _known(found.path, stamps, time, placed)
-    images = tuple(streams.images[stamp] for stamp in stamps.tolist())
+    images = SpooledImages(streams.spool, [streams.images[stamp] for stamp in stamps.tolist()])
     assert streams.codec is not None
     try:
         decode_image(images[0], streams.codec, (sensor.image_height, sensor.image_width))

@@ -12,7 +12,8 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.formats.bags.mcap_file import leading_attachments
-from palpate.formats.bags.mcap_writer import MessageWriter, nanoseconds, new_mcap
+from palpate.formats.bags.mcap_writer import nanoseconds, new_mcap
+from palpate.formats.bags.message_sink import MessageSink
 from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
 from palpate.formats.estimates_csv import trajectory_from_text, trajectory_to_text
 from palpate.recording.plane import Plane, flat, out_of_plane, spatial_covariance
@@ -43,7 +44,7 @@ def write_estimates_mcap(
 
 
 def add_estimates(
-    file: MessageWriter, trajectory: Trajectory, stamps: Sequence[int], plane: Plane, said: Mapping[str, str] = NOTHING
+    sink: MessageSink, trajectory: Trajectory, stamps: Sequence[int], plane: Plane, said: Mapping[str, str] = NOTHING
 ) -> None:
     """Add the messages of estimates with their stamps [ns]; `said` is more that each diagnosis is to tell."""
     position, rotation = out_of_plane(plane, trajectory.pose)
@@ -51,13 +52,13 @@ def add_estimates(
         None if trajectory.covariance is None else spatial_covariance(plane, trajectory.pose, trajectory.covariance)
     )
     for index, stamp in enumerate(stamps):
-        header, pose = file.header(stamp, plane.frame), file.pose(position[index], rotation[index])
-        file.add(POSES, POSE, stamp, header=header, pose=pose)
+        header, pose = sink.header(stamp, plane.frame), sink.pose(position[index], rotation[index])
+        sink.add(POSES, POSE, stamp, header=header, pose=pose)
         if spatial is not None:
-            both = file.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36))
-            file.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
+            both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36))
+            sink.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
         if trajectory.status is not None:
-            _add_diagnostics(file, trajectory, index, stamp, plane.frame, said)
+            _add_diagnostics(sink, trajectory, index, stamp, plane.frame, said)
 
 
 def read_estimates_mcap(path: Path) -> Trajectory | None:
@@ -67,7 +68,7 @@ def read_estimates_mcap(path: Path) -> Trajectory | None:
 
 
 def _add_diagnostics(
-    file: MessageWriter, trajectory: Trajectory, index: int, stamp: int, frame: str, said: Mapping[str, str]
+    sink: MessageSink, trajectory: Trajectory, index: int, stamp: int, frame: str, said: Mapping[str, str]
 ) -> None:
     assert trajectory.status is not None
     status = trajectory.status[index]
@@ -79,14 +80,14 @@ def _add_diagnostics(
         values |= {"sigma x [mm]": f"{x * 1e3:.2f}", "sigma y [mm]": f"{y * 1e3:.2f}"}
         values["sigma yaw [deg]"] = f"{np.degrees(yaw):.2f}"
     values |= said
-    diagnosis = file.make(
+    diagnosis = sink.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=LEVELS.get(status, WARN),
         name="palpate: object pose",
         message=status,
         hardware_id="palpate",
-        values=[file.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+        values=[sink.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
-    file.add(
-        DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=file.header(stamp, frame), status=[diagnosis]
+    sink.add(
+        DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=sink.header(stamp, frame), status=[diagnosis]
     )

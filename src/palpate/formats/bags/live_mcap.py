@@ -7,7 +7,8 @@ can be tracked again.
 import json
 from pathlib import Path
 
-from palpate.errors import FileError, SettingError, ShapeError
+from palpate.errors import FileError, PalpateError
+from palpate.files import json_object
 from palpate.formats.bags.bag_recording import read_bag
 from palpate.formats.bags.choices import BagChoices
 from palpate.formats.bags.mcap_file import leading_attachments
@@ -30,9 +31,9 @@ def read_live_mcap(path: Path) -> Recording | None:
     if data is None:
         return None
     try:
-        said = json.loads(data)
+        said = json_object(data, ATTACHMENT)
         shape, sensor = shape_from_dict(said["shape"]), sensor_from_dict(said["sensor"])
-    except (ValueError, TypeError, KeyError, SettingError, ShapeError) as error:
+    except (TypeError, KeyError, PalpateError) as error:
         raise FileError(f"{path}: the attachment {ATTACHMENT} is damaged ({error})") from error
     # By the log's clock, which is the headers': a replay may begin at 0 s, a stamp that stands for none.
     return read_bag(path, shape, BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log"), sensor).recording

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.files import new_file, whole_file
 from palpate.formats.bags.containers import check_installed
+from palpate.formats.bags.growing_index import keep_index_on_disk
+from palpate.formats.bags.message_sink import MessageSink
 from palpate.formats.bags.messages import ros_types
 
 Array = NDArray[np.float64]
@@ -20,7 +22,7 @@ LATEST = 2.0**31
 """[s] A stamp has no later time, and none below 0."""
 
 
-class MessageWriter:
+class MessageWriter(MessageSink):
     """Puts messages and attachments into an MCAP that is open."""
 
     def __init__(self, writer: Any) -> None:
@@ -49,21 +51,6 @@ class MessageWriter:
     def make(self, type_: str, **fields: Any) -> Any:
         """A message, or a part of one."""
         return self._store.types[type_](**fields)
-
-    def header(self, time: int, frame: str) -> Any:
-        """The header of a message of a time [ns] in a frame."""
-        stamp = self.make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
-        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-    def pose(self, position: Array, rotation: Array) -> Any:
-        """A pose in space: position (3,) [m], quaternion x, y, z, w (4,)."""
-        x, y, z = position.tolist()
-        qx, qy, qz, qw = rotation.tolist()
-        return self.make(
-            "geometry_msgs/msg/Pose",
-            position=self.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-            orientation=self.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-        )
 
 
 @contextmanager
@@ -101,6 +88,7 @@ def growing_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageW
     try:
         with path.open("wb") as file:
             writer = Writer(file, compression=CompressionType.NONE)
+            keep_index_on_disk(writer)
             writer.start(profile="ros2", library="palpate")
             try:
                 yield MessageWriter(writer)

@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.formats.bags.raw import Channel, RawMessage
@@ -78,7 +79,12 @@ def image_of(message: Any) -> tuple[bytes, Codec]:
     image that is read.
     """
     if hasattr(message, "format"):
-        return _compressed(message)
+        return compressed_image(message)
+    return encode_image(raw_image(message), "png"), "png"
+
+
+def raw_image(message: Any) -> NDArray[np.uint8]:
+    """The pixels (height, width, 3) RGB of an Image. FileError where it is no colour image that is read."""
     if message.encoding not in COLOURS:
         raise FileError(f"images are encoded as {message.encoding!r}, allowed are {', '.join(COLOURS)}: colour images")
     height, width, step = message.height, message.width, message.step
@@ -88,10 +94,11 @@ def image_of(message: Any) -> tuple[bytes, Codec]:
             "expected 3 a column and all rows"
         )
     pixels = np.asarray(message.data, np.uint8).reshape(height, step)[:, : 3 * width].reshape(height, width, 3)
-    return encode_image(np.ascontiguousarray(pixels[:, :, ::-1] if COLOURS[message.encoding] else pixels), "png"), "png"
+    return np.ascontiguousarray(pixels[:, :, ::-1] if COLOURS[message.encoding] else pixels)
 
 
-def _compressed(message: Any) -> tuple[bytes, Codec]:
+def compressed_image(message: Any) -> tuple[bytes, Codec]:
+    """The bytes of a CompressedImage and how they are encoded. FileError where it is no colour image that is read."""
     data = message.data.tobytes()
     colour = message.format.split(";")[0].strip()
     if colour.startswith("mono") or colour.endswith("C1"):

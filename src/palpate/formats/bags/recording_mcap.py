@@ -21,6 +21,7 @@ from palpate.formats.palpate_h5 import recording_from_bytes, recording_to_bytes
 from palpate.recording.images import Codec
 from palpate.recording.plane import flat, out_of_plane
 from palpate.recording.recording import Recording
+from palpate.recording.stored_images import ImageSpool, SpooledImages
 
 ATTACHMENT, MEDIA_TYPE = "palpate-recording.h5", "application/x-hdf5"
 IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
@@ -61,26 +62,26 @@ def read_recording_mcap(path: Path) -> Recording | None:
         if not 0 < frames <= len(recording) or 0 < len(images) < frames:
             found = f"{frames} frames and {len(images)} images"
             raise FileError(f"holds {found} of a recording of {len(recording)} frames, expected one image a frame")
-        return replace(_first(recording, frames), image=tuple(images[:frames]) or None, codec=codec)
+        return replace(_first(recording, frames), image=images.first(frames) if images else None, codec=codec)
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
 
 
-def _read_frames(path: Path) -> tuple[list[bytes], Codec, int]:
+def _read_frames(path: Path) -> tuple[SpooledImages, Codec, int]:
     """The images, how they are encoded, and how many frames are whole."""
-    images: list[bytes] = []
+    spool, places = ImageSpool(), list[tuple[int, int]]()
     codec: Codec = "jpeg"
     frames = 0
     try:
         for raw in raw_messages(path):
             if raw.channel.topic == IMAGES:
                 message = decoded(raw)
-                images.append(message.data.tobytes())
+                places.append(spool.add(message.data.tobytes()))
                 codec = message.format
             frames += raw.channel.topic == SENSOR_POSES
     except CutShort as error:
         warn_of_cut(error, frames, "frames")
-    return images, codec, frames
+    return SpooledImages(spool, places), codec, frames
 
 
 def _first(recording: Recording, count: int) -> Recording:

@@ -1,24 +1,18 @@
 """Reading a bag of ROS 2 that is an SQLite database, or a folder of packed files, by `rosbags`."""
 
-import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from palpate.errors import FileError
 from palpate.formats.bags.raw import Channel, CutShort, RawMessage
+from palpate.formats.bags.sqlite_file import check_tables, filled_up, is_cut
 from palpate.formats.bags.unpack import check_unpacked, unpacked
 
 LARGEST_METADATA = 10**6
 """[bytes] of metadata.yaml; a recorder writes some thousand."""
-
-PLAIN = re.compile(
-    r"create\s+(table|(unique\s+)?index)\b(?!.*(generated\s+always|\bas\s*\())", re.IGNORECASE | re.DOTALL
-)
-"""Statements that define nothing which is computed when it is read."""
 
 
 def bag_metadata(folder: Path) -> str:
@@ -33,11 +27,13 @@ def ros2_messages(path: Path) -> Iterator[RawMessage]:
     """The messages of a bag by their times. Raises CutShort where it ends too early, FileError if it is none."""
     from rosbags.rosbag2 import Reader
 
+    if path.is_file() and is_cut(path):
+        yield from _messages_of_cut(path)
     if path.is_dir():
         bag_metadata(path)
         check_unpacked(sorted(path.glob("*.zstd")))
     for database in sorted(path.glob("*.db3")) if path.is_dir() else [path]:
-        _check_tables(database)
+        check_tables(database)
     try:
         reader = Reader(path)
         reader.open()
@@ -60,18 +56,24 @@ def ros2_messages(path: Path) -> Iterator[RawMessage]:
         reader.close()
 
 
-def _check_tables(path: Path) -> None:
-    """FileError unless the tables of a database are plain ones: a view can make rows without end."""
-    try:
-        with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True)) as database:
-            statements = [row[0] for row in database.execute("select sql from sqlite_master where sql is not null")]
-            if unusual := [each for each in statements if not isinstance(each, str) or not PLAIN.match(each)]:
-                raise FileError(f"{path}: has a table that is none of a bag's: {str(unusual[0])[:80]!r}")
-            topics = database.execute("select count(*), count(distinct id) from topics").fetchone()
-            if topics[0] != topics[1]:
-                raise FileError(f"{path}: has several topics of one number")
-    except (sqlite3.Error, UnicodeError, OverflowError) as error:
-        raise FileError(f"{path}: cannot be opened ({' '.join(str(error).split())})") from error
+def _messages_of_cut(path: Path) -> Iterator[RawMessage]:
+    """Those in front of the cut; then raises CutShort, or FileError where there are none."""
+    count = 0
+    with filled_up(path) as whole:
+        try:
+            with closing(sqlite3.connect(whole)) as database:
+                check_tables(whole)
+                topics = {number: (name, type_) for number, name, type_ in database.execute(_TOPICS)}
+                for topic, time, data in database.execute(_MESSAGES):
+                    name, type_ = topics[topic]
+                    if not isinstance(time, int) or not isinstance(data, bytes):
+                        raise ValueError(f"a message is a {type(data).__name__}")
+                    yield RawMessage(Channel(name, type_, "cdr"), time, data)
+                    count += 1
+        except (sqlite3.Error, FileError, KeyError, TypeError, ValueError) as error:
+            if not count:
+                raise FileError(f"{path}: is cut off before its first message") from error
+    raise CutShort(f"{path}: is cut off or damaged after {count} messages")
 
 
 def _leave_packed(reader: Any) -> bool:
@@ -81,3 +83,7 @@ def _leave_packed(reader: Any) -> bool:
         return False
     within.metadata = within.metadata._replace(compression_mode=None)
     return True
+
+
+_TOPICS = "SELECT id, name, type FROM topics"
+_MESSAGES = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"

@@ -16,6 +16,7 @@ from palpate.formats.bags.messages import TRANSFORM_TYPES, Pose, decoded, image_
 from palpate.formats.bags.raw import CutShort
 from palpate.recording.images import Codec
 from palpate.recording.motion import Placed, Poses, always, at_times, poses_in_time
+from palpate.recording.stored_images import ImageSpool
 
 logger = logging.getLogger(__name__)
 
@@ -24,8 +25,10 @@ logger = logging.getLogger(__name__)
 class Streams:
     """What was read of a bag."""
 
-    images: dict[int, bytes] = field(default_factory=dict)
-    """Encoded images by their times [ns], in the order of the bag."""
+    spool: ImageSpool = field(default_factory=ImageSpool)
+    """Encoded images."""
+    images: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """Where in the spool they are, by their times [ns], in the order of the bag."""
     codec: Codec | None = None
     """How they are encoded."""
     poses: dict[str, Poses] = field(default_factory=dict)
@@ -112,4 +115,4 @@ def _add_image(streams: Streams, topic: str, message: Any, log_time: int | None)
         )
     streams.codec = codec
     time = (stamp_of(message) or 0) if log_time is None else log_time
-    streams.images[time] = data
+    streams.images[time] = streams.spool.add(data)

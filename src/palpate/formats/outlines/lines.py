@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError, ShapeError
+from palpate.files import is_near
 from palpate.geometry.shapes import Polygon
+from palpate.limits import FARTHEST
 
 logger = logging.getLogger(__name__)
 
@@ -35,6 +37,8 @@ def outline_of_lines(what: str, lines: Sequence[Array]) -> Polygon:
     """
     import shapely
 
+    if not all(is_near(line).all() for line in lines):
+        raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
     lines = [line for line in lines if len(line) > 1]
     if not lines:
         raise ShapeError("holds no lines that can be read")

@@ -3,7 +3,6 @@
 import re
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,8 @@ from palpate.errors import FileError, ShapeError
 from palpate.files import existing_file
 from palpate.formats.outlines.lines import need, outline_of_lines
 from palpate.geometry.shapes import Polygon
+from palpate.limits import DRAWING
+from palpate.printable import one_line
 
 INCH = 0.0254
 """[m]"""
@@ -31,11 +32,12 @@ def read_svg(path: Path, scale: float | None) -> Polygon:
     need("svgelements")
     import svgelements
 
+    DRAWING.check(existing_file(path).stat().st_size, f"{path}: is a drawing")
     try:
         page = svgelements.SVG.parse(str(existing_file(path)), ppi=PIXELS)
         lines = [_points(part) for element in page.elements() for part in _parts(element)]
-    except (ParseError, ValueError, TypeError, AttributeError, KeyError, IndexError, ZeroDivisionError) as error:
-        raise FileError(f"{path}: is no SVG that can be read ({error})") from error
+    except Exception as error:  # damaged bytes can make anything of what the library reads
+        raise FileError(f"{path}: is no SVG that can be read ({one_line(error)})") from error
     if scale is not None:
         metres = scale / abs(svgelements.Matrix(page.viewbox_transform or "").a)
     elif _PHYSICAL.fullmatch(str(page.values.get("width", ""))):

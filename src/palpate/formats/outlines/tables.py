@@ -9,6 +9,7 @@ from palpate.errors import PalpateError, ShapeError
 from palpate.files import read_json, read_text
 from palpate.formats.outlines.scan import is_scan, shape_of_scan
 from palpate.geometry.shapes import Polygon, Shape, shape_from_dict, shape_to_dict
+from palpate.printable import one_line
 
 logger = logging.getLogger(__name__)
 
@@ -25,9 +26,11 @@ def read_table(path: Path, scale: float | None) -> Shape:
     try:
         points = np.array(rows, np.float64) * (scale or 1.0)
     except ValueError as error:
-        raise ShapeError(f"is no table of numbers x y ({error})") from error
+        raise ShapeError(f"is no table of numbers x y ({one_line(error)})") from error
+    if not rows:
+        raise ShapeError("is no table of numbers x y: it holds none")
     if points.shape[1:] != (2,):
-        raise ShapeError(f"found {len(rows)} rows of {len(rows[0]) if rows else 0} numbers, expected x y a row")
+        raise ShapeError(f"found {len(rows)} rows of {len(rows[0])} numbers, expected x y a row")
     if not is_scan(points):
         return Polygon(points)
     found = shape_of_scan(points)

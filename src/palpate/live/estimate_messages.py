@@ -1,0 +1,41 @@
+"""An estimate of a live session as ROS messages, alike in what is recorded and what is published."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from palpate.formats.bags.estimates_mcap import NOTHING, add_estimates
+from palpate.formats.bags.message_sink import MessageSink
+from palpate.live.poses import SensorPlace
+from palpate.recording.plane import Plane
+from palpate.recording.trajectory import Trajectory
+from palpate.tracker import Estimate
+
+
+def add_estimate(
+    sink: MessageSink,
+    plane: Plane,
+    stamp: int,
+    estimate: Estimate,
+    place: SensorPlace,
+    latency: float,
+    more: Mapping[str, str] = NOTHING,
+) -> None:
+    """Add the messages of an estimate in a plane with its stamp [ns].
+
+    Its diagnosis tells how the sensor's pose was known, how long the estimate took [s], and `more`.
+    """
+    one = Trajectory(
+        np.array([estimate.time]),
+        estimate.pose[None],
+        estimate.covariance[None],
+        np.array([estimate.contact]),
+        (estimate.status,),
+    )
+    said = {
+        "reason": estimate.reason,
+        "sensor pose": place.how,
+        "sensor pose age [ms]": f"{1e3 * place.age:.1f}",
+        "latency [ms]": f"{1e3 * latency:.1f}",
+    }
+    add_estimates(sink, one, [stamp], plane, {**said, **more})

@@ -1,0 +1,114 @@
+"""A tracker in a file: what it was made of and all that it knows, so that a process that restarts goes on.
+
+The estimates that follow are those of a tracker that was not interrupted, to the last digit, with the same palpate.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import palpate
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.estimation.settings_file import noise_from_dict
+from palpate.estimation.unknowns import UNKNOWNS
+from palpate.geometry.shapes import shape_from_dict, shape_to_dict
+from palpate.recording.sensor import sensor_from_dict, sensor_to_dict
+from palpate.saved_state import StateFile, Unsaved, write_state
+from palpate.touch.learnt import View
+from palpate.touch.model import TouchModel, shipped_model
+from palpate.tracker import Tracker, TrackerSettings
+
+FORMAT = "palpate-tracker"
+_MADE = ("_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given")
+"""Attributes of a tracker that it is made with; all others are what it knows."""
+
+
+def save_tracker(tracker: Tracker, path: Path | str) -> None:
+    """See Tracker.save."""
+    smoother = tracker._settings.smoother
+    if smoother == "particle-filter":
+        raise SettingError("a tracker with the particle filter cannot be saved: what it draws next is in no file")
+    if tracker._is_touch_given:
+        raise SettingError("a tracker with a touch of your own cannot be saved: palpate cannot make it anew")
+    known = {name: value for name, value in vars(tracker).items() if name not in _MADE}
+    if tracker._last is not None:
+        known["_last"] = replace(tracker._last, measurements=())
+    try:
+        write_state(path, _about(tracker), known, _given(tracker))
+    except Unsaved as error:
+        if smoother == "isam2":
+            reason = "GTSAM keeps the graph of a contact to itself; save between contacts, or track with fixed-lag"
+        else:
+            reason = f"no file holds {error}; save between contacts"
+        raise SettingError(f"{path}: the tracker cannot be saved now: {reason}") from error
+
+
+def load_tracker(path: Path | str) -> Tracker:
+    """See Tracker.load."""
+    file = StateFile(path)
+    try:
+        about = file.about
+        if about.get("format") != FORMAT:
+            raise FileError(f"format is {about.get('format')!r}, expected {FORMAT!r}")
+        if about["palpate"] != palpate.__version__:
+            raise FileError(
+                f"was saved by palpate {about['palpate']}, and this is {palpate.__version__}; begin anew from its last "
+                "pose: a state goes on with the version that saved it"
+            )
+        tracker = _made(about)
+        vars(tracker).update(file.state(_given(tracker)))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise FileError(f"{file.path}: is no saved tracker ({error!r})") from error
+    except PalpateError as error:
+        raise FileError(f"{file.path}: {str(error).removeprefix(f'{file.path}: ')}") from error
+    return tracker
+
+
+def _about(tracker: Tracker) -> dict[str, Any]:
+    """What a tracker is made of, as plain data."""
+    model = tracker._model
+    learnt = tracker.tactile.startswith(("learnt", "auto"))
+    return {
+        "format": FORMAT,
+        "palpate": palpate.__version__,
+        "shape": shape_to_dict(tracker._shape),
+        "sensor": sensor_to_dict(tracker._sensor),
+        "settings": asdict(tracker._settings),
+        "tactile": [tracker.tactile, tracker.tactile_reason],
+        "model": None if model is None else str(model.folder.absolute()),
+        "model_hash": (model or shipped_model()).hash if learnt else None,
+    }
+
+
+def _made(about: dict[str, Any]) -> Tracker:
+    """A tracker as it was made, which knows nothing yet."""
+    settings = about["settings"]
+    settings = TrackerSettings(**{**settings, "noise": noise_from_dict(settings["noise"])})
+    model = None if about["model"] is None else TouchModel(about["model"])
+    if about["model_hash"] not in (None, (model or shipped_model()).hash):
+        raise FileError("its touch model is another one now, so that estimates would not be the same")
+    shape, sensor = shape_from_dict(about["shape"]), sensor_from_dict(about["sensor"])
+    tracker = Tracker(shape, sensor, None, settings, model)
+    if settings.tactile == "auto" and about["tactile"][0] != "auto":
+        tracker._settle_touch(*about["tactile"])
+    return tracker
+
+
+def _given(tracker: Tracker) -> dict[str, Any]:
+    """What a tracker makes anew and does not change, by names."""
+    return {
+        "contact model": tracker._contact_model,
+        "begin contact": tracker._estimator.begins_contact,
+        **{f"unknown {one.name}": one for one in UNKNOWNS},
+        **dict(_tools(tracker._touch, "touch")),
+    }
+
+
+def _tools(thing: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The functions and networks that touch works with."""
+    for field, value in vars(thing).items():
+        if callable(value) or isinstance(value, TouchModel):
+            yield f"{name}.{field}", value
+        elif isinstance(value, View):
+            yield from _tools(value, f"{name}.{field}")

@@ -1,0 +1,187 @@
+"""The node between two processes of a real ROS 2, in an environment of its own that `make ros-test` makes."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import palpate.ros2
+from palpate import formats
+from palpate.errors import SettingError
+from palpate.geometry import se2
+from palpate.live.clock import Clock
+from palpate.live.ros2_sources import ros2_poses
+from palpate.recording.frame import Frame
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT
+from palpate.simulation.objects import SHAPES
+from palpate.tracker import Tracker, TrackerSettings
+
+ROOT = Path(__file__).parents[2]
+PYTHON = ROOT / ".venv-ros" / "bin" / "python"
+FRAMES = int(os.environ.get("PALPATE_ROS_FRAMES", "90"))
+SHAPE = SHAPES["rectangle"]
+FIRST = (0.3, 0.05, 0.4)
+PATIENCE = 120.0  # [s]
+LAUNCH = Path(palpate.ros2.__file__).with_name("palpate.launch.xml")
+
+needs_rclpy = pytest.mark.skipif(
+    not PYTHON.exists(), reason="no rclpy to test the ROS 2 node with: `make ros-test` makes .venv-ros, which has it"
+)
+
+
+def push(path: Path) -> Recording:
+    """A rectangle that is pushed aslant for half of each two seconds, in images that a DIGIT could give."""
+    time = np.arange(FRAMES) / 60.0
+    touching = time % 2.0 > 0.6
+    moved = 0.0005 * np.cumsum(touching)
+    truth: Any = np.column_stack([FIRST[0] + moved * np.cos(0.4), FIRST[1] + moved * np.sin(0.4), 0.4 + 0.0 * moved])
+    away = np.where(touching, 0.0, -0.02)
+    sensor: Any = se2.compose(truth, np.column_stack([away - 0.11815, 0.005 + 0.0 * away, 0.0 * away]))
+    row, column = np.mgrid[0:320, 0:240]
+    gel = np.random.default_rng(1).normal(90.0, 3.0, (320, 240, 3))
+    mark = 60.0 * np.exp(-(((row - 160) / 90) ** 4) - ((column - 130) / 25) ** 2)[:, :, None]
+    free, pressed = (encode_image(image.clip(0, 255).astype(np.uint8), "png") for image in (gel, gel + mark))
+    images = tuple(pressed if touch else free for touch in touching)
+    recording = Recording(time, sensor, SHAPE, DIGIT, image=images, codec="png")
+    formats.write(recording, path)
+    return recording
+
+
+def environment() -> dict[str, str]:
+    """ROS on the loopback address alone, apart from any other on this machine."""
+    domain = str(1 + os.getpid() % 100)
+    profile = str(Path(__file__).with_name("loopback.xml"))
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": domain,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_DEFAULT_PROFILES_FILE": profile,
+    }
+
+
+def words(**given: str) -> list[str]:
+    """The words of the command in the launch file, its variables as given."""
+    root = ElementTree.parse(LAUNCH).getroot()
+    values = {arg.get("name"): arg.get("default", "") for arg in root.iter("arg")} | given
+    executable = root.find("executable")
+    assert executable is not None and "" not in values.values()
+    return re.sub(r"\$\(var (\w+)\)", lambda name: values[name[1]], executable.get("cmd") or "").split()
+
+
+@contextmanager
+def node(*given: str) -> Iterator[subprocess.Popen[str]]:
+    """The node while the block runs."""
+    process = subprocess.Popen(given, stderr=subprocess.PIPE, text=True, env=environment())
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@needs_rclpy
+def test_two_processes_at_60_hz(tmp_path):
+    recording = push(tmp_path / "push.h5")
+    command = words(
+        python=str(PYTHON),
+        shape="rectangle",
+        first_pose="[0.3,0.05,0.4]",
+        image="/digit/image_raw",
+        sensor_pose="/robot/sensor_pose",
+        tactile="none",
+    )
+    robot = [str(PYTHON), str(Path(__file__).with_name("robot.py")), str(tmp_path / "push.h5"), str(tmp_path / "heard")]
+    with node(*command) as process:
+        subprocess.run(robot, check=True, env=environment(), timeout=PATIENCE + FRAMES / 60)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, said
+    heard = json.loads((tmp_path / "heard").read_text())
+    check_counts(heard, said)
+    check_estimates(heard, recording)
+
+
+def check_counts(heard: dict[str, Any], said: str) -> None:
+    """None of the images is lost but those that the node counts; `before` are its counts when the push begins."""
+    counted = re.search(r"(\d+) images, (\d+) tracked, (\d+) dropped, (\d+) without a sensor pose, (\d+) lost", said)
+    assert counted, said
+    images, tracked, dropped, unplaced, lost = map(int, counted.groups())
+    before = heard["before"][0][3]
+    assert images - int(before["images"]) == FRAMES
+    assert tracked + dropped + unplaced == images
+    assert (str(unplaced), str(lost)) == (before["without a sensor pose"], before["lost by ROS"])
+    assert len(heard["poses"]) == len(heard["diagnoses"]) == len(heard["contacts"]) == tracked
+
+
+def check_estimates(heard: dict[str, Any], recording: Recording) -> None:
+    """Estimates are those of a direct run on the same frames, their covariances about the axes of the header."""
+    published = dict(heard["published"])
+    sensor = replace(DIGIT, rate=60.0)
+    tracker = Tracker(SHAPE, sensor, FIRST, TrackerSettings("none"))
+    turned_by = 0.0
+    for (stamp, frame, pose, covariance), contact, (at, level, status, values) in zip(
+        heard["poses"], heard["contacts"], heard["diagnoses"], strict=True
+    ):
+        index = published[stamp]
+        time = (stamp - heard["published"][0][0]) * 1e-9
+        direct = tracker.update(Frame(time, recording.sensor_pose[index], recording[index].image))
+        x, y, z, qx, qy, qz, qw = pose
+        yaw = 2.0 * np.arctan2(qz, qw)
+        assert (frame, at, z, qx, qy) == ("base", stamp, 0.25, 0.0, 0.0)
+        assert se2.between(direct.pose, np.array([x, y, yaw])) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+        turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+        expected = np.zeros((6, 6))
+        expected[np.ix_((0, 1, 5), (0, 1, 5))] = turn @ direct.covariance @ turn.T
+        assert np.reshape(covariance, (6, 6)) == pytest.approx(expected, rel=1e-3, abs=1e-10)
+        assert (contact, status, values["contact"]) == (direct.contact, direct.status, str(direct.contact).lower())
+        assert values["sensor pose"] == "known" and level in (0, 1, 2)
+        turned_by = max(turned_by, abs(expected[0, 1]) / np.sqrt(expected[0, 0] * expected[1, 1]))
+    assert any(heard["contacts"]) and not all(heard["contacts"])
+    assert turned_by > 0.1  # else a covariance that is not turned would look the same
+
+
+@needs_rclpy
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((), "the object is not known: the parameters shape and first_pose say it"),
+        (("-p", "shape:=disc", "-p", "first_pose:=[0.1, 0.0]"), "first_pose is [0.1, 0.0]; allowed are three finite"),
+    ],
+)
+def test_what_a_node_is_not_told(given, expected):
+    with node(str(PYTHON), "-m", "palpate.ros2", "--ros-args", *given) as process:
+        _, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2 and expected in said and "Traceback" not in said
+
+
+def test_without_rclpy_it_says_what_to_do(capsys):
+    from palpate.ros2.__main__ import main
+
+    assert main([]) == 2
+    assert "source its setup.bash" in " ".join(capsys.readouterr().err.split())
+
+
+@needs_rclpy
+def test_poses_of_a_topic_are_those_of_the_plane_through_the_first():
+    script = [str(PYTHON), str(Path(__file__).with_name("pose_topic.py"))]
+    done = subprocess.run(script, capture_output=True, text=True, env=environment(), timeout=PATIENCE)
+    first, off, broken, last = done.stdout.splitlines()
+    assert (first, last) == ("[0.5, 0.0, 0.0]", "[0.5, 0.0, 0.0]")
+    assert "30.0 mm off the plane of the first" in off and "a quaternion of length 1" in broken
+
+
+def test_a_topic_of_poses_needs_rclpy():
+    with pytest.raises(SettingError, match="ROS 2 topics need rclpy"):
+        ros2_poses("/robot/sensor_pose", Clock(0.0))

@@ -1,0 +1,102 @@
+"""The examples, each run as a script on little data."""
+
+import re
+import runpy
+import sys
+from typing import Any
+
+import pytest
+from recording_samples import pushed
+from test_package import EXAMPLES
+from view_samples import imaged_push
+
+from palpate.formats.palpate_h5 import write_recording
+
+
+@pytest.fixture
+def example(capsys, monkeypatch) -> Any:
+    """What an example prints, in lines."""
+
+    def run(name: str, *words: object) -> list[str]:
+        monkeypatch.setattr(sys, "argv", [name, *map(str, words)])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return capsys.readouterr().out.splitlines()
+
+    return run
+
+
+def numbers(line: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", line)]
+
+
+def test_examples_are_short_and_numbered():
+    names = sorted(path.name for path in EXAMPLES.glob("*.py"))
+    assert all(len((EXAMPLES / name).read_text().splitlines()) < 60 for name in names)
+    assert {name[:2] for name in names} >= {"01", "03", "05", "06", "07", "08"}
+
+
+def test_track_a_recording(example, tmp_path):
+    write_recording(pushed(), tmp_path / "push.h5")
+    *said, pose, sigma, off = example("01_track_a_recording.py", tmp_path / "push.h5")
+    assert [line.split()[:3] for line in said][:2] == [["0.00", "s:", "resting"], ["0.17", "s:", "tracking"]]
+    assert len(numbers(pose)) == len(numbers(sigma)) == 3
+    assert off == f"{numbers(off)[0]:.1f} mm from the ground truth"
+
+
+def test_a_live_loop(example, tmp_path):
+    write_recording(imaged_push(), tmp_path / "push.h5")
+    *said, counts = example("03_live_loop.py", tmp_path / "push.h5", 20)
+    # A line a second: frames 0 and 30, in the middle of the push.
+    assert [line.split()[0] for line in said] == ["free", "touching"]
+    assert abs(numbers(said[-1])[0] - 322.0) < 10.0  # the object is at 300 mm and was pushed for 22 mm
+    assert counts.startswith("50 frames, 0 left out; a step took ")
+
+
+def test_a_sensor_of_ones_own(example):
+    contact, moved = example("05_own_sensor.py")
+    assert contact == "my gel: contact in 60 frames, 100% of all told right"
+    found, truth = numbers(moved)
+    assert truth == 40.0 and abs(found - truth) < 2.0
+
+
+def test_a_camera_puts_a_wrong_pose_right(example):
+    lines = example("06_camera_opinion.py")
+    errors = {line.split(":")[0]: numbers(line) for line in lines}
+    assert list(errors) == ["first pose", "tag seen", "and pushed"]
+    assert errors["first pose"] == [20.0, 5.0]
+    assert errors["tag seen"][0] < 8.0  # the tag is 54 mm from the centre, and nothing tells the yaw
+    assert errors["and pushed"][0] < 1.5
+    assert errors["and pushed"][1] < 1.0
+
+
+def test_train_on_your_data(example, tmp_path, monkeypatch):
+    pytest.importorskip("torch", reason="torch is not installed: pip install palpate[train]")
+    from training_samples import DISC, RECTANGLE, pushes
+
+    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.training import features, heads, learn, results, train
+
+    # Little of everything; networks are exported in tests/cli/test_train.py, which takes seconds.
+    for module, name, value in (
+        *((learn, "_GROUPS", 2), (learn, "_IMAGES", 8), (learn, "_HELD_OUT", 1), (heads, "_STEPS", 5)),
+        *((features, "PAIRS", 1000), (results, "PAIRS", 1000)),
+    ):
+        monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(train.figures, "training_figures", lambda *_: None)
+    monkeypatch.setattr(train, "exported", lambda *_: TouchModel(SHIPPED).networks)
+    write_recording(pushes(DISC, 3), tmp_path / "push-0.h5")
+    write_recording(pushes(RECTANGLE, 2), tmp_path / "push-1.h5")
+    write_recording(pushed(), tmp_path / "bare.h5")
+    said = example("07_train_on_your_data.py", tmp_path, tmp_path / "model", 1)
+    assert "key points, 1 to do" in said and "touch, 1 to do" in said
+    assert f"left out: {tmp_path / 'bare.h5'}: has no image; learning needs them" in said
+    assert [line.split(":")[0] for line in said[-4:]] == ["constant", "descriptor pair", "image turn", "push-1.h5"]
+
+
+def test_a_study_on_a_cluster(example, tmp_path):
+    pytest.importorskip("distributed", reason="not installed: pip install palpate[cluster]")
+    for number in range(2):
+        write_recording(pushed(20 + number), tmp_path / f"disc-{number}.h5")
+    counts, *table = example("08_study_on_a_cluster.py", tmp_path, tmp_path / "report")
+    assert counts == "4 runs of 2 recordings, 0 of them from before"
+    assert [line.split(":")[0] for line in table] == ["none", "constant"]

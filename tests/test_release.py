@@ -1,0 +1,102 @@
+"""What is released: a wheel that holds the package and nothing else, and works without what the extras bring."""
+
+import re
+import subprocess
+import sys
+import tarfile
+import zipfile
+from email.parser import Parser
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+from recording_samples import pushed
+
+import palpate
+from palpate.formats.palpate_h5 import write_recording
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# In a Python that finds no module of an extra: runs commands and prints their exit codes.
+WITHOUT = """
+import sys
+from importlib.machinery import PathFinder
+class Finder(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        return None if name.partition(".")[0] in MISSING else super().find_spec(name, path, target)
+MISSING = set(sys.argv[1].split(","))
+sys.meta_path = [Finder if each is PathFinder else each for each in sys.meta_path]
+import palpate
+from palpate.cli.main import main
+print(palpate.__file__)
+print([main(words.split()) for words in sys.argv[2:]])
+"""
+
+
+def hatchling(folder: Path, target: str, out: Path) -> None:
+    words = [sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", str(out)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel that is built from the source distribution."""
+    pytest.importorskip("hatchling", reason="hatchling is not installed: pip install palpate[dev]")
+    folder = tmp_path_factory.mktemp("release")
+    hatchling(ROOT, "sdist", folder)
+    name = f"palpate-{palpate.__version__}"
+    with tarfile.open(folder / f"{name}.tar.gz") as packed:
+        packed.extractall(folder, filter="data")
+    for file in ("README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", "tests/test_release.py"):
+        assert (folder / name / file).is_file(), file
+    hatchling(folder / name, "wheel", folder)
+    return folder / f"{name}-py3-none-any.whl"
+
+
+def test_the_wheel_holds_the_package_and_nothing_else(wheel):
+    source = ROOT / "src"
+    wanted = {path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file()}
+    with zipfile.ZipFile(wheel) as packed:
+        found = {name for name in packed.namelist() if ".dist-info/" not in name}
+    assert found == {name for name in wanted if "__pycache__" not in name}
+
+
+def test_the_wheel_works_without_the_extras(wheel, tmp_path):
+    words = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(tmp_path)]
+    subprocess.run([*words, str(wheel)], check=True)
+    assert (tmp_path / "bin" / "palpate").exists()
+    write_recording(pushed(), tmp_path / "push.h5")
+    lacking = {
+        "sim": "simulate out",
+        "train": "train . --out out",
+        "view": "view push.h5",
+        "ros": "convert push.h5 push.mcap",
+    }
+    words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.h5 push.tum --lossy"]
+    environment = {"PYTHONPATH": str(tmp_path), "NO_COLOR": "1"}
+    done = subprocess.run([*words, *lacking.values()], cwd=tmp_path, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    place, *_, codes = done.stdout.splitlines()
+    assert Path(place).is_relative_to(tmp_path)
+    assert codes == "[0, 2, 2, 2, 2]"
+    for extra, line in zip(lacking, done.stderr.splitlines(), strict=True):
+        assert line.endswith(f"pip install palpate[{extra}]")
+
+
+def modules_of_extras(wheel: Path) -> list[str]:
+    """The modules that only extras bring, as the wheel's metadata says it."""
+    with zipfile.ZipFile(wheel) as packed:
+        (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA"))
+        said = Parser().parsestr(packed.read(name).decode()).get_all("Requires-Dist", [])
+    always, extras = set(), set()
+    for requirement in said:
+        match = re.match(r"[\w.-]+", requirement)
+        assert match is not None
+        (extras if "extra ==" in requirement else always).add(match[0].lower().replace("_", "-"))
+    by_module = packages_distributions()
+    lacking = extras - always - {"palpate"}
+    return [
+        module for module, names in by_module.items() if {name.lower().replace("_", "-") for name in names} <= lacking
+    ]
