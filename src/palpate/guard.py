@@ -6,7 +6,7 @@ somewhere else. So no single frame decides what becomes of all later ones.
 """
 
 from collections import deque
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ DRAWN_BACK = 5e-3
 _AGREE = 3  # poses in a row from which on the sensor is where they say
 
 
-class _Pose(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Pose:
     time: float
     pose: Array
 

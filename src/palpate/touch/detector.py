@@ -32,7 +32,8 @@ _LIGHT = 2.0  # [grey levels] of a cell off the light's plane, above which it ha
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
 _DIMMEST, _BRIGHTEST = 0.3, 3.0  # times the untouched gel's light
 _OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.45 at most
-_SAME, _CHANGES = 6, 0.1  # images in a row that are the same to the last bit; share of values that noise changes
+_SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
+_FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an image that shows nothing
 _SPARSE = 8  # pixels, of which one is looked at for that
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
@@ -103,7 +104,7 @@ class ContactDetector:
             check_channel_order(image, background)
             self._checked = True
         self._check_alive(image)
-        share = self._significant(image)
+        share = 1.0 if _is_flat(image) and not _is_flat(background.mean) else self._significant(image)
         if share > _OTHER:
             check_channel_order(image, background)
             raise SettingError(
@@ -169,6 +170,11 @@ class ContactDetector:
         cells = area_means(image, *self._size)
         light = np.clip(_light(cells, self._mean), _DIMMEST, _BRIGHTEST)
         return float((np.abs(cells - light * self._mean) > self._tolerance).mean())
+
+
+def _is_flat(image: Image | Levels) -> bool:
+    """Whether an image is all of one level, as black and saturated ones are."""
+    return float(np.ptp(image[::_SPARSE, ::_SPARSE])) < _FLAT
 
 
 def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:
