@@ -98,7 +98,7 @@ class LiveState:
         self.refused += 1
         if now - self._refusal_said >= _AGAIN:
             self._refusal_said = now
-            self.note(f"a {what} is refused, {self.refused} so far: {reason}")
+            self.note(f"a sensor pose is refused, {self.refused} so far: {reason}")
 
     @property
     def rate(self) -> float | None:
