@@ -218,7 +218,7 @@ def ball_facts() -> set[str]:
     facts = {"95"}
     for row in loaded("docs/study/real_gel.json").values():
         facts |= {f"{row['constant_pairs_rms_deg']:.0f}", f"{row['rms_after_offset_deg']:.1f}"}
-        facts |= {f"{100.0 * row['in_95_share']:.0f}"}
+        facts |= {f"{100.0 * row['in_95_share']:.0f}", f"{abs(row['offset_deg']):.1f}"}
     return facts
 
 

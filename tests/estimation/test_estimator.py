@@ -189,7 +189,8 @@ def test_a_graph_that_is_lost_begins_anew_where_it_was(caplog):
     estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
     fed(estimator, given)
     before, path = estimator.known, estimator.path()
-    pair = RelativePoses(np.array([1]), np.full((1, 3), np.nan), np.eye(3)[None])
+    pair = RelativePoses(np.array([1]), np.zeros((1, 3)), np.eye(3)[None])
+    pair.pose[:] = np.nan  # which is refused when it is made
     sensor_pose = given.sensor[-1] + [2e-3, 0.0, 0.0]
     with pytest.raises(EstimationError) as caught:
         estimator.touch(sensor_pose, [pair], 0.3)

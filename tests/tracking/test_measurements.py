@@ -11,7 +11,7 @@ import pytest
 from push_samples import frames, pushed, with_settings
 from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, poses, settings, small_frame, statuses, track
 
-from palpate import EstimationError, Frame, Measurement, ObjectPose, OwnMeasurement, SettingError
+from palpate import EstimationError, Frame, FrameError, Measurement, ObjectPose, OwnMeasurement
 from palpate.geometry import se2
 from palpate.tracking.metrics import rotation_errors, translation_errors
 
@@ -173,7 +173,7 @@ def test_an_unknown_that_is_not_known_is_named_and_the_frame_refused(contact):
         o, e = np.tile(o[0], (11, 1)), np.tile([-0.5, 0.0, 0.0], (11, 1))
     given = frames(o, e, contact)
     tracker, _ = track("rectangle", given[:10], o[0], settings("none"))
-    with pytest.raises(SettingError, match="unknown 'colour' is not known; known are object_pose, sensor_in_object"):
+    with pytest.raises(FrameError, match="unknown 'colour' is not known; known are object_pose, sensor_in_object"):
         tracker.update(given[10], [OfColour(np.zeros(3))])
     # Nothing else is lost.
     alone, found = track("rectangle", given, o[0], settings("none"))

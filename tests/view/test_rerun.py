@@ -83,7 +83,7 @@ def test_the_push_is_seen_from_above_in_millimetres_with_y_up(entities):
 
 def test_truth_that_is_not_known_is_not_drawn(entities):
     assert [len(strip) for strip in at(entities["/above/truth/outline"], 3)] == [0]
-    assert [len(strip) for strip in at(entities["/above/truth/outline"], 2)] == [81]
+    assert [len(strip) for strip in at(entities["/above/truth/outline"], 2)] == [101]
     assert at(entities["/above/truth/path"], 4) == []
 
 

@@ -28,7 +28,7 @@ from palpate.recording.stored_images import StoredImages
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 PATIENCE = 10
 """How many times the seconds that the library may compute it may take, on a disk that is slow or a busy machine."""
-AT_ONCE = 64
+AT_ONCE = 32
 """Rows of bytes that are read at once."""
 T = TypeVar("T")
 
@@ -60,17 +60,22 @@ class Rows(StoredImages):
 
     def read(self, index: int) -> bytes:
         """One row. Raises FileError, with the name of the file, where it is damaged there."""
-        path, name, count = self._given
         number, rows = self._batch
         if index // AT_ONCE != number:
             number = index // AT_ONCE
-            start, stop = number * AT_ONCE, min((number + 1) * AT_ONCE, count)
             try:
-                rows = _by_child(lambda child: _rows(child, path, name, start, stop))
-            except FileError as error:
-                raise FileError(f"{path}: {name} of frame {index}: {error}") from error
+                rows = self._read(number * AT_ONCE, min((number + 1) * AT_ONCE, len(self)))
+            except FileError:  # one of them is damaged; others are not
+                return self._read(index, index + 1)[0]
             self._batch = number, rows
         return rows[index % AT_ONCE]
+
+    def _read(self, start: int, stop: int) -> tuple[bytes, ...]:
+        path, name, _ = self._given
+        try:
+            return _by_child(lambda child: _rows(child, path, name, start, stop))
+        except FileError as error:
+            raise FileError(f"{path}: {name} of frame {start}: {error}") from error
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Rows, self._given

@@ -62,7 +62,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
         elif (free := shutil.disk_usage(temporary.parent).free) < _OVERHEAD * size:
             raise OSError(f"it takes {_OVERHEAD * size / 1e9:.1f} GB, {free / 1e9:.1f} are free")
         else:
-            with h5py.File(temporary, "w") as file:
+            with h5py.File(temporary, "w", locking=False) as file:  # `whole_file` holds the lock
                 _fill(file, recording)
 
 
