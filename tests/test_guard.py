@@ -95,6 +95,52 @@ def test_a_pose_that_stands_still_from_full_speed_on_is_frozen():
     assert guard.blind == 0.0
 
 
+def test_a_pose_that_goes_on_from_where_it_stood_was_not_frozen():
+    guard = guard_after(20)
+    for frame in range(20, 40):
+        guard.check_pose(frame / RATE, at(19), touched=True)
+    assert guard.blind == pytest.approx(0.02)
+    assert not guard.check_pose(40 / RATE, at(19.5), touched=True)  # half a millimetre
+    assert guard.blind == guard.unseen == 0.0
+    for frame in range(41, 60):
+        guard.check_pose(frame / RATE, at(frame - 20.5), touched=True)
+    for frame in range(60, 80):  # from now on nobody wonders that it stands
+        guard.check_pose(frame / RATE, at(38.5), touched=True)
+        assert guard.blind == 0.0
+
+
+def test_a_contact_that_ends_while_the_pose_is_frozen_leaves_the_way_unseen():
+    guard = guard_after(20)
+    for frame in range(20, 40):
+        guard.check_pose(frame / RATE, at(19), touched=True)
+    guard.check_pose(40 / RATE, at(19), touched=False)
+    assert guard.unseen == pytest.approx(0.02) and guard.blind == 0.0
+
+
+def test_poses_that_stand_before_a_contact_are_known_to_stand_exactly():
+    guard = StreamGuard(RATE)
+    for frame in range(10):
+        guard.check_pose(frame / RATE, at(0), touched=False)
+    for frame in range(10, 40):
+        guard.check_pose(frame / RATE, at(frame - 9.5), touched=frame > 12)
+    for frame in range(40, 60):
+        guard.check_pose(frame / RATE, at(29.5), touched=True)
+        assert guard.blind == 0.0
+
+
+def test_what_may_be_pushed_between_two_frames():
+    guard = guard_after(20)
+    guard.check_pose(50 / RATE, at(50) + np.array([0.0, 0.04, 0.0]), touched=True)  # 31 mm along, 40 across
+    assert guard.pushed == pytest.approx(np.hypot(0.031, 0.04))
+    guard = guard_after(20)
+    guard.check_pose(50 / RATE, at(50) + np.array([0.0, 0.04, 0.0]), touched=False)
+    assert guard.pushed == pytest.approx(0.031)  # for 31 frames at 1 mm a frame
+    guard = guard_after(20)
+    guard.check_pose(20 / RATE, at(19), touched=True)  # it stands when it is seen last
+    guard.check_pose(50 / RATE, at(50), touched=False)
+    assert guard.pushed == 0.0
+
+
 def test_a_robot_that_slows_down_and_stands_is_not_frozen():
     guard = guard_after(20)
     place = 19.0

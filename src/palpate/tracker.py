@@ -128,7 +128,6 @@ class Tracker:
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._guard = StreamGuard(self._sensor.rate)
         self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
-        self._blind = 0.0  # [m] that the sensor may have gone unseen in this contact
         self._last: Frame | None = None
         self._interval = 1.0 / self._sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._touched_at = -math.inf  # [s] time of the last frame of contact
@@ -221,14 +220,14 @@ class Tracker:
         estimator, touched = self._estimator, self._estimator.touched
         if touched:
             self._touched_at = time
-        self._blind = self._guard.blind
+        blind = self._guard.blind
         return Estimate(
             time,
             estimator.known.pose.copy(),
-            estimator.covariance + estimator.covariance_of_motion(self._blind),
+            estimator.covariance + estimator.covariance_of_motion(blind),
             estimator.in_contact,
-            "faulty" if self._blind else estimator.status,
-            _FROZEN.format(1e3 * self._blind) if self._blind else estimator.reason,
+            "faulty" if blind else estimator.status,
+            _FROZEN.format(1e3 * blind) if blind else estimator.reason,
             estimator.answers,
             _friction(estimator.known),
             touched and touched.point,
@@ -248,10 +247,8 @@ class Tracker:
 
     def _moved_unseen(self, frame: Frame) -> float:
         """How far the object may have been moved as nobody looked [m], where a contact is over."""
-        assert self._last is not None
-        if self._paused(frame):
-            return float(np.hypot(*(frame.sensor_pose - self._last.sensor_pose)[:2]))
-        return max(self._blind, DRAWN_BACK if self._guard.drawn_back else 0.0)
+        guard = self._guard
+        return guard.pushed if self._paused(frame) else max(guard.unseen, DRAWN_BACK if guard.drawn_back else 0.0)
 
     def _checked(self, frame: Frame, measurements: Sequence[Measurement]) -> Frame:
         """The frame as it is taken: its image as the profile's lie, contact as the image tells, all that is measured.
