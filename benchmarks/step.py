@@ -49,7 +49,8 @@ from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import DIGIT
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 Array = NDArray[np.float64]
 Row = dict[str, float | str]

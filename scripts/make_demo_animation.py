@@ -15,7 +15,7 @@ from PIL import Image
 from palpate.cli.demo import TACTILE, demo_recording
 from palpate.geometry import se2
 from palpate.geometry.lines import closed_outline
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.above import ESTIMATE, draw_object, draw_sensor, draw_start, draw_way, frame_above
 from palpate.tracking.figures import draw_errors, draw_touch
 from palpate.tracking.poses import pose_words, world_sigma

@@ -330,31 +330,23 @@ def _written(value: Any) -> str:
 
 
 def faults() -> str:
-    """Return the table of faults, each on a few recordings before what guards against them was there and after."""
-    rows: dict[str, dict[str, list[dict[str, str]]]] = {}
+    """Return the table of the fault bench."""
     with (STUDY / "faults.csv").open(encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            rows.setdefault(row["fault"], {}).setdefault(row["when"], []).append(row)
-    cells = [[name, *_fault(runs.get("before", [])), *_fault(runs.get("after", []))] for name, runs in rows.items()]
-    columns = ("final error [mm]", "told in 1 s", "silently wrong")
-    return table(("fault", *columns, *(f"now: {column}" for column in columns)), cells)
+        rows = list(csv.DictReader(file))
+    cells = [
+        [
+            row["fault"],
+            *(f"{float(row[key]):.1f}" for key in ("final_mm", "times_clean")),
+            *(_whole(row[key]) for key in ("inside_percent", "told_percent", "silent_percent", "refused_percent")),
+        ]
+        for row in rows
+    ]
+    columns = ("final error [mm]", "times clean", "in 95 % [%]", "told in 1 s [%]", "silently wrong [%]", "refused [%]")
+    return table(("fault", *columns), cells)
 
 
-def _fault(runs: Sequence[Row]) -> list[str]:
-    """Final error in the median, and of how many runs it is told in a second, or they are silent for longer."""
-    if not runs:
-        return ["-", "-", "-"]
-    ends = [float(run["final_mm"]) for run in runs if run["final_mm"] != "nan"]
-    told, silent = (sum(judge(run) for run in runs) for judge in (_is_told, _is_silent))
-    return [f"{median(ends):.1f}" if ends else "-", f"{told} of {len(runs)}", f"{silent} of {len(runs)}"]
-
-
-def _is_told(run: Row) -> bool:
-    return float(run["told_after"]) <= 1.0
-
-
-def _is_silent(run: Row) -> bool:
-    return float(run["silent_s"]) > 1.0
+def _whole(number: str) -> str:
+    return "-" if number == "nan" else f"{float(number):.0f}"
 
 
 TABLES: dict[str, Callable[[], str]] = {

@@ -10,7 +10,8 @@ from palpate.estimate import Estimate
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]

@@ -34,6 +34,6 @@ from .touch.calibration import Calibration as Calibration
 from .touch.calibration import load_calibration as load_calibration
 from .touch.model import TouchModel as TouchModel
 from .tracker import Tracker as Tracker
-from .tracker import TrackerSettings as TrackerSettings
+from .tracker_settings import TrackerSettings as TrackerSettings
 
 __version__: str

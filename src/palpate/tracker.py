@@ -2,10 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from numbers import Integral
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +15,9 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import SmootherName
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
-from palpate.geometry.shapes import PRESSURES, Shape
+from palpate.geometry.shapes import Shape
 from palpate.guard import DRAWN_BACK, StreamGuard
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement, finite_numbers
@@ -32,43 +29,13 @@ from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch
+from palpate.tracker_settings import TrackerSettings
 
 Array = NDArray[np.float64]
 
 _ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
 _FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
-
-
-@dataclass(frozen=True)
-class TrackerSettings:
-    """How to track; raises SettingError on a word that is not known."""
-
-    tactile: TactileChoice = "auto"
-    """What touch says; see `touch.modes.Tactile`. auto is learnt where there are images that fit the model, else
-    none."""
-    smoother: SmootherName = "fixed-lag"
-    """How the graph of a contact is solved; see `estimation.smoother.SmootherName`."""
-    noise: NoiseSettings = NoiseSettings()
-    """How much each factor is believed."""
-    pressure: str | float = "uniform"
-    """How the object presses on the table, which gives c; or c itself [m]."""
-    hypotheses: int = 9
-    """How many answers are kept at most while touch cannot tell which is right; 1 keeps one whatever happens."""
-
-    def __post_init__(self) -> None:
-        for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):
-            if (found := getattr(self, name)) not in allowed:
-                raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
-        if not isinstance(self.noise, NoiseSettings):
-            raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
-        radius = None if isinstance(self.pressure, str) else finite_numbers(self.pressure, ())
-        if self.pressure not in PRESSURES and (radius is None or radius <= 0.0):
-            raise SettingError(
-                f"pressure is {self.pressure!r}; allowed are {', '.join(PRESSURES)} or a friction radius above 0 [m]"
-            )
-        if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
-            raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is 1 or more")
 
 
 class Tracker:

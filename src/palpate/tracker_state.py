@@ -17,7 +17,8 @@ from palpate.recording.sensor import sensor_from_dict, sensor_to_dict
 from palpate.saved_state import StateFile, Unsaved, write_state
 from palpate.touch.learnt import View
 from palpate.touch.model import TouchModel, shipped_model
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 FORMAT = "palpate-tracker"
 _MADE = ("_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given")

@@ -19,7 +19,7 @@ from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.modes import Tactile, TactileChoice
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
 

@@ -21,7 +21,7 @@ from palpate.simulation.folder import plan, simulate_folder
 from palpate.simulation.objects import find_shape
 from palpate.simulation.places import kinds
 from palpate.simulation.recordings import simulate_recording
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import track
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")

@@ -26,7 +26,8 @@ from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.objects import SHAPES
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 ROOT = Path(__file__).parents[2]
 PYTHON = ROOT / ".venv-ros" / "bin" / "python"

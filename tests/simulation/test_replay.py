@@ -19,7 +19,7 @@ from palpate.simulation.real_motion import real_contacts, real_motion
 from palpate.simulation.replay import replay_folder, replay_recording
 from palpate.simulation.unit import draw_unit
 from palpate.touch.detector import ContactDetector
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import track
 
 HALF = 0.045  # [m] of the square, whose edge x = -HALF is pushed

@@ -11,6 +11,7 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.errors import FileError, FrameError
+from palpate.estimate import Estimate
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
 from palpate.recording.frame import Frame
@@ -19,7 +20,7 @@ from palpate.study.faults import bench
 from palpate.study.faults.bench import FaultRun, run_faults, run_stream
 from palpate.study.faults.stream import Stream
 from palpate.study.faults.table import rows_of, write_table
-from palpate.tracker import Estimate, TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 
 
 class Told:

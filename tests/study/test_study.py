@@ -23,7 +23,7 @@ from palpate.study.results import ALL, flat, recovered, results_of, table, write
 from palpate.study.study import DIED, run_study
 from palpate.study.trial import Method, Trial, read_trial
 from palpate.touch.model import SHIPPED, TouchModel
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import track
 
 NONE, ORACLE, LEARNT = (Method(tactile, "fixed-lag") for tactile in ("none", "oracle", "learnt"))

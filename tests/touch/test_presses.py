@@ -19,7 +19,8 @@ from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
 from palpate.touch.presses import Presses, PressFit, learn_from_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])
 MOUNTED = [AS_IT_IS, CameraView(2), CameraView(1), CameraView(0, True), CameraView(3, True)]

@@ -9,7 +9,7 @@ from palpate import formats
 from palpate.estimation.settings import STICKING
 from palpate.geometry import se2
 from palpate.recording.recording import Recording
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.inspection import inspect_recording
 from palpate.tracking.run import Run, track
 

@@ -15,7 +15,7 @@ from palpate.recording.images import encode_image
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.view import CameraView
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking import run_folder
 from palpate.tracking.run import track
 from palpate.tracking.run_folder import FILES, RECORDING, check_folder, write_run

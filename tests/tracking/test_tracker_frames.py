@@ -13,7 +13,8 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement, RelativePoses
 from palpate.recording.sensor import DIGIT, SensorProfile
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 SEEN = ObjectPose(np.zeros(3), 1e-4 * np.eye(3))
 

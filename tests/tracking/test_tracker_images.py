@@ -17,7 +17,8 @@ from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.untouched import calibrate
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import Run, track
 
 

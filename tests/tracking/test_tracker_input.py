@@ -10,7 +10,8 @@ from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_fram
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.settings import PRESETS, NoiseSettings
 from palpate.recording.frame import Frame
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 
 def test_a_frame_with_neither_image_nor_contact_flag():

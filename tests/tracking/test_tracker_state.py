@@ -22,7 +22,8 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.relative import NoTouch
 from palpate.touch.view import CameraView
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 
 def goes_on(tracker: Tracker, seen: list[Frame], at: int, path: Path, before: int = 0) -> Tracker:

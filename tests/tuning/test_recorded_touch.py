@@ -15,7 +15,7 @@ from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.simulation.recordings import simulate_recording
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import track
 from palpate.tuning.recorded_touch import RecordedTouch, record_touch, record_touch_of_files, track_recorded
 

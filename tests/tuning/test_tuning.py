@@ -15,7 +15,7 @@ from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Turn
 from palpate.recording.recording import Recording
 from palpate.simulation.limit_surface import Steering, draw_residuals, push
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tuning import tuning
 from palpate.tuning.likelihood import negative_log_likelihood
 from palpate.tuning.parameters import check_parameters, tunable, value_of, with_value

@@ -29,7 +29,7 @@ def demo(
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
     from palpate.recording.sensor import DIGIT
-    from palpate.tracker import TrackerSettings
+    from palpate.tracker_settings import TrackerSettings
     from palpate.tracking.run import track
     from palpate.tracking.run_folder import new_run, write_files
 

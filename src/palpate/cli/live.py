@@ -87,7 +87,8 @@ def live(
     from palpate.live.table import LiveTable
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
-    from palpate.tracker import Tracker, TrackerSettings
+    from palpate.tracker import Tracker
+    from palpate.tracker_settings import TrackerSettings
 
     check_model(model, [tactile])
     if tactile == "oracle":

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from palpate.recording.recording import Recording
     from palpate.touch.calibration import Calibration
     from palpate.touch.model import TouchModel
-    from palpate.tracker import TrackerSettings
+    from palpate.tracker_settings import TrackerSettings
 
 
 def track(
@@ -87,7 +87,7 @@ def track(
     from palpate.estimation.settings_file import noise_of
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
-    from palpate.tracker import TrackerSettings
+    from palpate.tracker_settings import TrackerSettings
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")

@@ -57,7 +57,7 @@ def tune(
     from palpate.locks import only_writer
     from palpate.study.files import find_recordings
     from palpate.touch.model import SHIPPED, TouchModel
-    from palpate.tracker import TrackerSettings
+    from palpate.tracker_settings import TrackerSettings
     from palpate.tuning.parameters import check_parameters
     from palpate.tuning.recorded_touch import record_touch_of_files
     from palpate.tuning.tuning import HELD_OUT

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from palpate.errors import FrameError
+from palpate.estimate import Estimate
 from palpate.live.clock import Clock
 from palpate.live.images import ImageSource, TouchImage, pixels_of
 from palpate.live.newest import Newest
 from palpate.live.poses import PoseSource, PoseTrack, Refused, SensorPlace, TimedPose
 from palpate.live.state import LiveEstimate, LiveState
 from palpate.recording.frame import Frame
-from palpate.tracker import Estimate, Tracker
+from palpate.tracker import Tracker
 from palpate.tracking.run import Watch
 
 STALL = 0.15

@@ -17,7 +17,8 @@ from palpate.ros2.parameters import Parameters, parameters_of
 from palpate.ros2.publisher import Publisher
 from palpate.simulation.objects import find_shape
 from palpate.touch.calibration import load_calibration
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that are subscribed to; a user remaps them."""

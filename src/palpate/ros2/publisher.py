@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from palpate.estimate import Estimate
 from palpate.formats.bags.estimates_mcap import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.formats.bags.message_sink import MessageSink
 from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
@@ -12,7 +13,6 @@ from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.ros2 import Ros2Node, message_type
 from palpate.live.state import LiveState
 from palpate.recording.plane import Plane
-from palpate.tracker import Estimate
 
 CONTACT = "/palpate/contact"
 TOPICS = {

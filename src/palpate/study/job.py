@@ -20,7 +20,7 @@ from palpate.study.files import group_of
 from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import Run, track
 from palpate.tracking.truth import trusted_truth
 

@@ -18,7 +18,8 @@ from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import TouchModel, shipped_model
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.details import Answers
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise

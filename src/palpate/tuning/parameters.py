@@ -8,7 +8,7 @@ from palpate.errors import SettingError
 from palpate.estimation.setting import Tunable
 from palpate.estimation.settings import NoiseSettings
 from palpate.touch.modes import TELL_DIRECTION, TELL_TURN, Tactile
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 
 PRESSURE = "pressure"
 """c [m], for recordings of one object."""

@@ -22,7 +22,8 @@ from palpate.touch.background import Background
 from palpate.touch.detector import detector_for
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.modes import Tactile, make_touch
-from palpate.tracker import Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.truth import trusted_truth
 
 Array = NDArray[np.float64]

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.parallel import spread
-from palpate.tracker import TrackerSettings
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.metrics import inside_95, nees, rms, rotation_errors, translation_errors
 from palpate.tuning.likelihood import negative_log_likelihood
 from palpate.tuning.parameters import PRESSURE, check_parameters, tunable, value_of, values_of, with_value

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FileError, FrameError
+from palpate.estimate import Estimate
 from palpate.formats import load_recording
 from palpate.geometry import se2
 from palpate.parallel import spread
@@ -18,7 +19,8 @@ from palpate.study.faults.faults import FAULTS
 from palpate.study.faults.stream import Stream, stream_of
 from palpate.study.job import quiet
 from palpate.touch.model import TouchModel
-from palpate.tracker import Estimate, Tracker, TrackerSettings
+from palpate.tracker import Tracker
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.metrics import CONTENT, inside_95, nees, rotation_errors, translation_errors
 from palpate.tracking.recovery import is_far
 
