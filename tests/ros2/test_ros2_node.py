@@ -51,10 +51,12 @@ def push(path: Path) -> Recording:
     away = np.where(touching, 0.0, -0.02)
     sensor: Any = se2.compose(truth, np.column_stack([away - 0.11815, 0.005 + 0.0 * away, 0.0 * away]))
     row, column = np.mgrid[0:320, 0:240]
-    gel = np.random.default_rng(1).normal(90.0, 3.0, (320, 240, 3))
+    gels = np.random.default_rng(1).normal(90.0, 3.0, (4, 320, 240, 3))  # no camera says the same twice
     mark = 60.0 * np.exp(-(((row - 160) / 90) ** 4) - ((column - 130) / 25) ** 2)[:, :, None]
-    free, pressed = (encode_image(image.clip(0, 255).astype(np.uint8), "png") for image in (gel, gel + mark))
-    images = tuple(pressed if touch else free for touch in touching)
+    free, pressed = (
+        [encode_image(image.clip(0, 255).astype(np.uint8), "png") for image in gels + more] for more in (0.0, mark)
+    )
+    images = tuple((pressed if touch else free)[index % len(gels)] for index, touch in enumerate(touching))
     recording = Recording(time, sensor, SHAPE, DIGIT, image=images, codec="png")
     formats.write(recording, path)
     return recording

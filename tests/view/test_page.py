@@ -130,7 +130,10 @@ def test_it_plays_to_the_end_and_pauses(written, browser):
     opened(browser, written)
     play = "document.getElementById('play').click()"
     word = "document.getElementById('play').textContent"
-    words = browser.execute_script(f"{play}; const playing = {word}; {play}; return [playing, {word}]")
+    words = browser.execute_async_script(
+        f"const done = arguments[0]; {play}; const playing = {word};"
+        f"setTimeout(() => {{ {play}; done([playing, {word}]); }}, 100)"
+    )
     assert words == ["Pause", "Play"] and float(shown(browser, "time").split()[0]) < 1.6  # not the end any more
     move_slider(browser, FRAMES - 5)
     browser.set_script_timeout(10)
