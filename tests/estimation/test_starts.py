@@ -1,5 +1,6 @@
 """Where a sensor may have met an object that is known roughly: places all round the outline, by hand."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -248,3 +249,11 @@ def test_what_is_rough(number):
         deviation[number] = share * limit
         assert is_rough(known(deviation)) == (share > 1.0)
     assert not is_rough(known((0.0059, 0.0059, 0.149)))
+
+
+def test_a_pose_of_which_nothing_is_known_any_more_begins_somewhere():
+    prior = known(FAR)
+    covariance = prior.covariance.copy()
+    covariance[:3, :3] = 1e12  # as after a long doubt: it has no inverse
+    model = model_of("rectangle")
+    assert starts(dataclasses.replace(prior, covariance=covariance), model, POSE, felt(0.0))

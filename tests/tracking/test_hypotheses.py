@@ -273,13 +273,3 @@ def test_hypotheses_that_hold_on_to_nothing_do_not_count(monkeypatch):
     all_lost = tracked(frames(o, e), o[0], tactile="oracle")
     check_answers(all_lost)
     np.testing.assert_array_equal(poses(all_lost), poses(usual))
-
-
-def test_a_pose_of_which_nothing_is_known_any_more_is_no_answer(monkeypatch, caplog):
-    o, e = pushed("rectangle", 6)
-    given = frames(o, e)
-    tracker, _ = track("rectangle", given[:4], o[0], settings("none"))
-    assert tracker.update(given[4]).status == "tracking"
-    monkeypatch.setattr(hypotheses, "_BOUNDLESS", 1e-5)
-    assert tracker.update(given[5]).status == "indeterminate"
-    assert "says nothing of some pose" in caplog.text

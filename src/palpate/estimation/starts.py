@@ -44,7 +44,8 @@ def starts(
     tip, center = model.centers[0], center - prior[DEPTH][0] * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
     found: list[tuple[Prior, float]] = []
-    information = np.linalg.inv(prior.pose_covariance)
+    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
+    information = np.linalg.pinv(prior.pose_covariance, hermitian=True)
     for at, outward in zip(center, normal, strict=True):
         if said:
             yaws = [np.angle(-outward) - said[0].angle + float(prior[DIRECTION_BIAS][0])]
