@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from palpate.estimation.hypotheses import Answer
 from palpate.geometry import se2
@@ -17,6 +19,15 @@ from palpate.tracking.run import Run, track
 CAMERA = SensorProfile(name="small", radius=0.01, half_width=0.006, image_height=40, image_width=30)
 FRAMES, FIRST, LAST = 50, 20, 39
 """Frames, and the first and last of contact."""
+
+
+def without_display(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in this folder, on a Linux without a display, with lines of 120 columns."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def imaged_push() -> Recording:

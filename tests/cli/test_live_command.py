@@ -16,7 +16,7 @@ import pytest
 from bag_samples import push_messages, write_bag
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from view_samples import FRAMES, imaged_push
+from view_samples import FRAMES, imaged_push, without_display
 
 from palpate import formats
 from palpate.cli import main
@@ -28,11 +28,7 @@ from palpate.live.table import table_of
 @pytest.fixture(autouse=True)
 def _in_folder(tmp_path, monkeypatch):
     """Every test works in a folder of its own that holds push.h5 at 60 Hz, and has no display."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setattr("sys.platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
+    without_display(tmp_path, monkeypatch)
     push = imaged_push()
     formats.write(replace(push, time=np.arange(FRAMES) / 60.0), "push.h5")
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from view_samples import imaged_push
+from view_samples import imaged_push, without_display
 
 from palpate import formats
 from palpate.cli import main
@@ -16,11 +16,7 @@ pytest.importorskip("rerun", reason="the extra view is not installed")
 @pytest.fixture(autouse=True)
 def _in_folder(tmp_path, monkeypatch):
     """Every test works in a folder of its own that holds push.h5, and has no display."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setattr("sys.platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
+    without_display(tmp_path, monkeypatch)
     formats.write(imaged_push(), "push.h5")
 
 

@@ -151,13 +151,16 @@ def check_model(model: Path | None, tactile: Collection[str]) -> None:
 def pressure_of(text: str) -> str | float:
     """Return what --pressure says: a name, or a friction radius [m]; SettingError where it is neither."""
     from palpate.errors import SettingError
+    from palpate.geometry.shapes import PRESSURES
 
-    if text in ("uniform", "rim", "corner"):
+    if text in PRESSURES:
         return text
     try:
         radius = float(text)
     except ValueError:
         radius = math.nan
     if not 0.0 < radius < math.inf:
-        raise SettingError(f"--pressure is {text!r}; allowed are uniform, rim, corner or a friction radius above 0 [m]")
+        raise SettingError(
+            f"--pressure is {text!r}; allowed are {', '.join(PRESSURES)} or a friction radius above 0 [m]"
+        )
     return radius
