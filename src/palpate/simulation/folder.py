@@ -13,6 +13,7 @@ from palpate.geometry.shapes import Shape
 from palpate.locks import held_folder, remove_parts
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
 from palpate.simulation.recordings import COUNT, simulate_recording, simulated_source
@@ -37,6 +38,8 @@ class Job:
     """Seed of its sensor unit; None draws one for this recording alone."""
     knocks: bool = False
     """Whether someone shoves the object now and then."""
+    sensor: SensorProfile = DIGIT
+    """What pushes it."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,12 @@ class Outcome:
 
 
 def plan(
-    shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None, knocks: bool = False
+    shapes: Mapping[str, Shape],
+    count: int,
+    seed: int = 0,
+    unit: int | None = None,
+    knocks: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> list[Job]:
     """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
     if not 1 <= count <= COUNT:
@@ -68,7 +76,7 @@ def plan(
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit, knocks))
+            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit, knocks, sensor))
     return jobs
 
 
@@ -93,7 +101,7 @@ def simulate_folder(
         raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
 
     def source(job: Job) -> str:
-        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks)
+        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks, job.sensor)
 
     make = partial(_simulate, seconds=seconds, images=images)
     return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress)
@@ -144,7 +152,8 @@ def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[s
 
 
 def _simulate(job: Job, seconds: float, images: bool) -> Recording:
-    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit, knocks=job.knocks)
+    told = job.shape, job.kind, job.seed, seconds, images
+    return simulate_recording(*told, unit=job.unit, knocks=job.knocks, sensor=job.sensor)
 
 
 def _opened(folder: Path, resume: bool) -> set[str]:
