@@ -49,7 +49,7 @@ def test_a_round_outline_is_touched_where_it_lies_on_the_pad():
     # Beyond the flat part the edge is round: its centre is 2 mm behind the front.
     beyond = touch(DISC, -0.05, -HALF - 0.02, 0.0)
     at_edge = np.hypot(-0.052, -0.02) - 0.052
-    assert beyond["gap"] == pytest.approx(at_edge, abs=5e-4)
+    assert at_edge < beyond["gap"] < at_edge + 2e-4 * math.log(15)
 
 
 @pytest.mark.parametrize("model", [SQUARE, DISC, contact_model(Ellipse(0.105, 0.131), GELSIGHT_MINI)])

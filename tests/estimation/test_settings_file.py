@@ -154,7 +154,9 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
 
 ABOVE = "it must be a finite number above 0"
 THREE = "it must be 3 finite numbers above 0"
-GROUPS = "sensor_pose, first_pose, contact, direction, place, turn, relative_pose, sticking, balance, friction_cone, priors"
+GROUPS = (
+    "sensor_pose, first_pose, contact, direction, place, turn, relative_pose, sticking, balance, friction_cone, priors"
+)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
 
-_SPACING, _RADIUS = (1.2e-3, 2.4e-3), (1.8e-4, 3.5e-4)  # [m] from dot to dot, and of a dot
+_SPACING, _RADIUS = (1.2e-3, 2.4e-3), (1.8e-4, 3e-4)  # [m] from dot to dot, and of a dot
 _OFF_GRID = 0.05  # of the spacing, by which a dot may be off the grid
 _DARK = (0.5, 0.9)  # share of the light that a dot takes away
 _PRESSED_APART = 4e-4  # [m] by which a slope of 1 moves a dot outwards
 _BORDER = 0.6  # [px] over which a dot's border goes over into the gel
+_SHIFT = 4  # bits of a pixel to which a dot's place is drawn
 _COARSE = 4e-4  # [m] over which the skin moves as one
 
 
@@ -46,17 +47,15 @@ def visible_through(
     pitch is the width of a pixel [m], height (height, width) how far the skin is pressed in [m], None where it is not,
     and shear how far the object has moved it towards +y [m].
     """
+    import cv2
+
     dots = markers.dots if height is None else markers.dots + _moved(markers.dots, pitch, height, shear)
-    left = np.ones((*shape[:2], 1), np.float32)
-    reach = int(np.ceil(markers.radius + 2.0))
-    for column, row in dots.tolist():
-        x, y = round(column), round(row)
-        top, bottom, first, last = max(y - reach, 0), y + reach + 1, max(x - reach, 0), x + reach + 1
-        part = left[top:bottom, first:last, 0]
-        rows, columns = np.ogrid[top : top + part.shape[0], first : first + part.shape[1]]
-        away = np.hypot(columns - column, rows - row) - markers.radius
-        part *= 1.0 - markers.dark / (1.0 + np.exp(np.minimum(away / _BORDER, 50.0)))
-    return left
+    dark = np.zeros(shape[:2], np.uint8)
+    parts = 2**_SHIFT
+    for column, row in np.rint(dots * parts).astype(int).tolist():
+        cv2.circle(dark, (column, row), round(markers.radius * parts), 255, cv2.FILLED, cv2.LINE_AA, _SHIFT)
+    soft = cv2.GaussianBlur(dark, (0, 0), _BORDER).astype(np.float32)
+    return 1.0 - np.float32(markers.dark / 255.0) * soft[..., None]
 
 
 def _moved(dots: Image, pitch: float, height: Image, shear: float) -> Image:

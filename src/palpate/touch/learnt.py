@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, ContactPlace, Measurement, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import Difference, difference, reduced
@@ -46,6 +46,9 @@ class ImageTouch:
         if self._direction is not None:
             angle, variance = look.direction
             said.append(ContactDirection(self._direction.true(angle), variance * spread["direction"].factor))
+            if look.place is not None:
+                place, variance = look.place
+                said.append(ContactPlace(place, variance * spread["place"].factor))
         if self._turn:
             angle, variance = look.turn
             said.append(Turn(angle, variance * spread["turn"].factor))

@@ -6,7 +6,8 @@
 | pair.onnx | earlier (P, D), later (P, D) | turned (P, 2) |
 | keypoint.onnx | difference (1, 3, 32, 128) | keypoint (1, 2), kinds (1, C), which are logits |
 
-Direction, turn and turned are means [rad] and log variances. Training writes the folder, `TouchModel` reads it.
+Direction, turn and turned are means [rad] and log variances. That of a flat gel gives place (1, 2) [cm] besides, after
+the others. Training writes the folder, `TouchModel` reads it.
 """
 
 import hashlib
@@ -39,8 +40,13 @@ LARGEST = 100 * 10**6
 """[bytes] of a network; the shipped ones have less than one million."""
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
 """Kinds of contact that a model tells apart."""
-SHIPPED = Path(__file__).resolve().parents[1] / "data" / "digit"
+_DATA = Path(__file__).resolve().parents[1] / "data"
+SHIPPED = _DATA / "digit"
 """The model of the DIGIT that comes with palpate."""
+SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
+"""Those that come with palpate, by the names of their sensor profiles."""
+PLACE = "place"
+"""What only models of flat gels tell."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,8 @@ class ModelSettings:
     image_width: int
     """Columns of its images [px]."""
     spread: Mapping[str, Spread]
-    """Of "direction", "turn", "pair" and "linear". The last predicts no variance: its scale is the variance [rad^2]."""
+    """Of "direction", "turn", "pair" and "linear", and of "place" where a model tells it. The linear one predicts no
+    variance: its scale is the variance [rad^2]."""
     linear: tuple[tuple[float, float], ...]
     """Change of sin(yaw) per change of the key point's column and row, for each of KINDS: the paper's linear model."""
     training: Mapping[str, Any]
@@ -86,6 +93,8 @@ class Look:
     """Yaw up to an offset of the contact, mean [rad] and variance [rad^2]."""
     descriptor: NDArray[np.float32]
     """(D,) what `TouchModel.compare` takes."""
+    place: tuple[float, float] | None = None
+    """Where along y a flat pad is touched, mean [m] and variance [m^2]; None on a round tip."""
 
 
 class TouchModel:
@@ -110,8 +119,10 @@ class TouchModel:
 
     def look(self, difference: Difference) -> Look:
         """Return what a difference from the untouched gel (32, 128, 3) says; see `touch.difference`."""
-        direction, turn, descriptor = self._touch.run(None, {"difference": _batch(difference)})
-        return Look(_gaussian(direction[0]), _gaussian(turn[0]), descriptor[0])
+        direction, turn, descriptor, *place = self._touch.run(None, {"difference": _batch(difference)})
+        centimetres = _gaussian(place[0][0]) if place else None
+        told = centimetres and (1e-2 * centimetres[0], 1e-4 * centimetres[1])
+        return Look(_gaussian(direction[0]), _gaussian(turn[0]), descriptor[0], told)
 
     def compare(self, earlier: NDArray[np.float32], later: NDArray[np.float32]) -> tuple[Array, Array]:
         """Return the sensor's turn (P,) [rad] from descriptors (P, D) to one (D,), and its variance (P,)."""
@@ -138,8 +149,10 @@ class TouchModel:
             has = {each.name for each in found.get_inputs()}, [each.name for each in found.get_outputs()]
         except Exception as error:  # what ONNX Runtime makes of damaged bytes, of many kinds
             raise FileError(f"{place}: is no network that can be run ({one_line(error)})") from error
-        if has != (set(ARRAYS[name][0]), list(ARRAYS[name][1])):
-            raise FileError(f"{place}: takes and gives {has}, expected {ARRAYS[name]}")
+        takes, gives = ARRAYS[name]
+        gives = (*gives, PLACE) if name == "touch" and PLACE in self.settings.spread else gives
+        if has != (set(takes), list(gives)):
+            raise FileError(f"{place}: takes and gives {has}, expected {takes, gives}")
         return found
 
     @cached_property
@@ -155,10 +168,14 @@ class TouchModel:
         return self._session("keypoint")
 
 
+def shipped_model(sensor: str = "DIGIT") -> TouchModel:
+    """Return the model that comes with palpate for a profile of this name, opened once; else that of the DIGIT."""
+    return _opened(SHIPPED_OF.get(sensor, SHIPPED))
+
+
 @cache
-def shipped_model() -> TouchModel:
-    """Return the model of the DIGIT that comes with palpate, opened once."""
-    return TouchModel(SHIPPED)
+def _opened(folder: Path) -> TouchModel:
+    return TouchModel(folder)
 
 
 def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, bytes]) -> None:
@@ -211,7 +228,7 @@ def _settings(folder: Path, plain: Mapping[str, Any]) -> ModelSettings:
         made = ModelSettings(**{**plain, "spread": spread})
         numbers = [number for each in spread.values() for number in (each.scale, each.together)]
         numbers += [made.image_height, made.image_width]
-        if spread.keys() != {"direction", "turn", "pair", "linear"} or not all(
+        if spread.keys() - {PLACE} != {"direction", "turn", "pair", "linear"} or not all(
             isinstance(number, int | float) and 0.0 < number < FARTHEST for number in numbers
         ):
             raise TypeError("spread or the size of images is no set of numbers above 0")

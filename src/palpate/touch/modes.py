@@ -51,7 +51,7 @@ def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None 
         return "none", "there are no images"
     if len(sensor.tips) > 1:
         return "none", f"the sensor has {len(sensor.tips)} tips, and the touch model reads images of one"
-    made_for = (model or shipped_model()).settings
+    made_for = (model or shipped_model(sensor.name)).settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         found = f"{sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px"
         return "none", f"{found}, and the touch model reads {made_for.image_height} x {made_for.image_width} px"
@@ -94,7 +94,7 @@ def make_touch(
         raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
     if len(sensor.tips) > 1:
         raise SettingError(f"tactile is {tactile}, which reads images of one tip; sensor {sensor.name!r} has several")
-    model, view = model or shipped_model(), View(background)
+    model, view = model or shipped_model(sensor.name), View(background)
     made_for = model.settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         raise SettingError(

@@ -109,7 +109,7 @@ def track(
         if progress:
             progress(index + 1)
     settings = replace(settings, tactile=tracker.tactile)
-    model = (model or shipped_model()) if settings.tactile.startswith("learnt") else None
+    model = (model or shipped_model(recording.sensor.name)) if settings.tactile.startswith("learnt") else None
     online, answers, friction = gathered(estimates)
     contact = np.asarray(online.contact, np.bool_)
     smoothed = _with_left_out(tracker.smoothed(), np.array(taken), recording.time)
