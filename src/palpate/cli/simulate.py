@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from palpate.cli.options import DaskOption, JsonOption, ShapeUnit, ShapeUnitOption, WorkersOption
+from palpate.cli.options import DaskOption, JsonOption, SensorOption, ShapeUnit, ShapeUnitOption, WorkersOption
 
 if TYPE_CHECKING:
     from palpate.geometry.shapes import Shape
@@ -51,7 +51,7 @@ def simulate(
     knocks: Annotated[
         bool, tyro.conf.arg(help="Someone shoves the object now and then, which the sensor does not know.")
     ] = False,
-    sensor: Annotated[str, tyro.conf.arg(metavar="NAME", help="What pushes: digit or gelsight-mini.")] = SENSOR,
+    sensor: SensorOption = SENSOR,
     workers: WorkersOption = 1,
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
