@@ -51,6 +51,13 @@ def simulate(
     knocks: Annotated[
         bool, tyro.conf.arg(help="Someone shoves the object now and then, which the sensor does not know.")
     ] = False,
+    ideal: Annotated[
+        bool,
+        tyro.conf.arg(
+            help="State mounting, outline, time and first pose exactly, which no real set-up does, and let the gel not "
+            "drift.",
+        ),
+    ] = False,
     workers: WorkersOption = 1,
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
@@ -68,13 +75,13 @@ def simulate(
     begin = time.perf_counter()
     failed: dict[str, str] = {}
     if replay:
-        _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks)
+        _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks, ideal)
         with busy("reading"):
             recordings, failed = _recordings(replay)
         with progress_bar("rendering", len(recordings)) as progress:
             outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress)
     else:
-        jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks)
+        jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks, ideal)
         with progress_bar("simulating", len(jobs)) as progress:
             outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
     failed |= outcome.failed
@@ -97,7 +104,7 @@ def simulate(
     return 3 if failed else 0
 
 
-def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bool, knocks: bool) -> None:
+def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bool, knocks: bool, ideal: bool) -> None:
     """SettingError for options that say what a recording's motion is to be, which a replay takes from its file."""
     from palpate.errors import SettingError
 
@@ -107,6 +114,7 @@ def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bo
         "--seconds": seconds != SECONDS,
         "--no-images": not images,
         "--knocks": knocks,
+        "--ideal": ideal,
     }
     if wrong := [option for option, is_given in given.items() if is_given]:
         raise SettingError(f"--replay takes object and motion from its file; {', '.join(wrong)} cannot go with it")

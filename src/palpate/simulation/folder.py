@@ -37,6 +37,8 @@ class Job:
     """Seed of its sensor unit; None draws one for this recording alone."""
     knocks: bool = False
     """Whether someone shoves the object now and then."""
+    ideal: bool = False
+    """Whether nothing is wrong but noise."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,12 @@ class Outcome:
 
 
 def plan(
-    shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None, knocks: bool = False
+    shapes: Mapping[str, Shape],
+    count: int,
+    seed: int = 0,
+    unit: int | None = None,
+    knocks: bool = False,
+    ideal: bool = False,
 ) -> list[Job]:
     """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
     if not 1 <= count <= COUNT:
@@ -68,7 +75,8 @@ def plan(
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit, knocks))
+            file = f"{'-'.join([name, *place])}-{number:06d}.h5"
+            jobs.append(Job(file, shape, kind, number, unit, knocks, ideal))
     return jobs
 
 
@@ -93,7 +101,7 @@ def simulate_folder(
         raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
 
     def source(job: Job) -> str:
-        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks)
+        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks, job.ideal)
 
     make = partial(_simulate, seconds=seconds, images=images)
     return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress)
@@ -144,7 +152,7 @@ def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[s
 
 
 def _simulate(job: Job, seconds: float, images: bool) -> Recording:
-    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit, knocks=job.knocks)
+    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, None, job.unit, job.knocks, job.ideal)
 
 
 def _opened(folder: Path, resume: bool) -> set[str]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
+from palpate.estimation.settings import NoiseSettings
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
@@ -45,8 +46,8 @@ class Run:
     """What the untouched sensor looks like, where it was given and not taken from the first frames."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
-    first_pose_sigma: Array | None
-    """How well it was known, (3,) [m, m, rad]; None where the noise settings say so."""
+    first_pose_sigma: Array
+    """How well it was known, (3,) [m, m, rad]."""
     online: Trajectory
     """The estimate at each frame from all frames up to it, with covariance, contact and status."""
     smoothed: Trajectory
@@ -77,18 +78,18 @@ def track(
 ) -> Run:
     """Track the object of a recording; `progress` is called after each frame with the number done, and `watch`.
 
-    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
-    `calibration` and `first_pose_sigma` are the Tracker's.
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start, and `first_pose_sigma` (3,) how well that is known; by
+    default they are those of `first_pose_of`. `model` and `calibration` are the Tracker's.
     A frame that cannot be used is left out: the estimate before stands for it, with status "faulty".
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
     cannot go on, or cannot use the first frame.
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
-    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
+    first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     _check(recording, settings)
     sensor = _turned(recording.sensor, calibration)
-    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
+    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=sigma)
     estimates: list[Estimate] = []
     taken: list[bool] = []
     step_ms = np.empty(len(recording))
@@ -127,7 +128,6 @@ def track(
     )
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
     return Run(
         recording,
         settings,
@@ -185,8 +185,29 @@ def _check(recording: Recording, settings: TrackerSettings) -> None:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
 
 
-def first_pose_of(recording: Recording) -> Array:
-    """Return the first ground truth (3,) [m, m, rad]. Raises SettingError where there is none."""
+def first_pose_of(
+    recording: Recording,
+    noise: NoiseSettings,
+    given: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """Return the first pose (3,) [m, m, rad] and how well it is known (3,).
+
+    It is what is given; else what the recording says; else the first ground truth. Raises SettingError where there is
+    none of them.
+    """
+    deviation = np.array(noise.first_pose.deviation)
+    if given is not None:
+        first = np.asarray(given, np.float64)
+    elif recording.first_pose is not None:
+        first = recording.first_pose
+        deviation = deviation if recording.first_pose_sigma is None else recording.first_pose_sigma
+    else:
+        first, deviation = _first_truth(recording), np.array(noise.first_pose.truth)
+    return first, deviation if sigma is None else np.asarray(sigma, np.float64)
+
+
+def _first_truth(recording: Recording) -> Array:
     name = recording.file or "the recording"
     known = trusted_truth(recording)
     if recording.object_pose is None or not known.any():

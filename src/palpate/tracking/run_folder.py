@@ -98,7 +98,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "pressure": run.settings.pressure,
         "hypotheses": run.settings.hypotheses,
         "first_pose": run.first_pose.tolist(),
-        "first_pose_sigma": None if run.first_pose_sigma is None else run.first_pose_sigma.tolist(),
+        "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
         "noise": asdict(noise),
     }
