@@ -14,6 +14,7 @@ from palpate.live.clock import Clock
 from palpate.live.own_poses import own_poses
 from palpate.live.poses import Refused, TimedPose
 from palpate.live.udp import UdpPoses
+from palpate.own_code import own_code
 
 RUBBISH = [
     b"",
@@ -89,10 +90,11 @@ def install(folder: Path, module: str, code: str, monkeypatch: Any) -> None:
     (info / "entry_points.txt").write_text(f"[palpate.poses]\n{module} = {module}:poses\n")
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, module, raising=False)
+    own_code.cache_clear()
 
 
 def test_poses_come_from_an_entry_point(tmp_path, monkeypatch):
-    install(tmp_path, "own_poses", (EXAMPLES / "own_poses.py").read_text(), monkeypatch)
+    install(tmp_path, "own_poses", (EXAMPLES / "own_package/my_robot_poses.py").read_text(), monkeypatch)
     clock = Clock(time.time())
     found = gathered(own_poses("own_poses", clock), 4)
     assert all(isinstance(each, TimedPose) for each in found)
@@ -105,7 +107,7 @@ def test_poses_come_from_an_entry_point(tmp_path, monkeypatch):
 
 
 def test_the_example_runs():
-    lines = python(str(EXAMPLES / "own_poses.py")).splitlines()
+    lines = python(str(EXAMPLES / "own_package/my_robot_poses.py")).splitlines()
     assert len(lines) == 3 and all("theta 0.00 rad" in line for line in lines)
 
 
@@ -113,7 +115,9 @@ def test_an_entry_point_that_gives_rubbish_or_raises(tmp_path, monkeypatch):
     code = "import time\ndef poses():\n    yield 7\n    yield 1.0, 2.0\n    yield time.time(), 1, 2, float('nan')\n"
     install(tmp_path, "bad_poses", code + "    raise KeyError('robot')\n", monkeypatch)
     source, found = own_poses("bad_poses", Clock(time.time())), []
-    with pytest.raises(SettingError, match=r"poses 'bad_poses' \(bad_poses:poses\) ended with KeyError: 'robot'"):
+    with pytest.raises(
+        SettingError, match=r"entry point 'bad_poses' of palpate.poses \(bad_poses:poses\) ended with KeyError: 'robot'"
+    ):
         for item in source(threading.Event()):
             found.append(item)
     assert len(found) == 3 and all(isinstance(each, Refused) for each in found)
