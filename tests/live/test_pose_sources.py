@@ -1,18 +1,22 @@
 import json
 import socket
+import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from live_samples import SIZE, FakeTracker, images_at, state, wait_for
 from test_package import EXAMPLES, python
 
 from palpate.errors import SettingError
 from palpate.live.clock import Clock
 from palpate.live.own_poses import own_poses
 from palpate.live.poses import Refused, TimedPose
+from palpate.live.session import Sources, track_live
 from palpate.live.udp import UdpPoses
 from palpate.own_code import own_code
 
@@ -79,6 +83,39 @@ def test_udp_keeps_to_loopback_and_a_port_in_use_is_said():
     stop = threading.Event()
     stop.set()
     assert list(source.poses(stop)) == []
+
+
+SENDER = """
+import json, socket, sys, time
+sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+while True:
+    sender.sendto(json.dumps({"time": time.time(), "pose": [0.1, 0.2, 0.3]}).encode(), ("127.0.0.1", int(sys.argv[1])))
+    time.sleep(0.005)
+"""
+
+
+def test_a_source_that_is_killed_and_begun_again_five_times():
+    clock, stop = Clock(time.time()), threading.Event()
+    source, (counts, said) = UdpPoses(0, clock), state()
+
+    def robot() -> None:
+        for times in range(1, 6):
+            before = counts.poses
+            sender = subprocess.Popen([sys.executable, "-S", "-c", SENDER, str(source.port)])
+            wait_for(lambda before=before: counts.poses > before + 20)
+            sender.kill()
+            sender.wait()
+            wait_for(lambda times=times: sum("have stalled" in text for text in said) == times)
+        stop.set()
+
+    hand = threading.Thread(target=robot)
+    hand.start()
+    images = images_at(clock, clock.now() + np.arange(3000) / 60)
+    track_live(FakeTracker(), Sources(images, source.poses, clock, SIZE), counts, stop)  # pyright: ignore[reportArgumentType]
+    hand.join()
+    assert sum("have stalled" in text for text in said) == 5 and sum("sensor poses come" in text for text in said) >= 4
+    assert counts.refused == 0 and counts.poses > 100 and counts.unplaced > 0
+    assert counts.images == counts.tracked + counts.dropped + counts.unplaced
 
 
 def install(folder: Path, module: str, code: str, monkeypatch: Any) -> None:
