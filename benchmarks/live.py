@@ -9,7 +9,7 @@ own. Where there is no display, the viewer takes everything all the same, withou
 - `latency_ms` from image to estimate;
 - `rss_growth_mb`: the most memory of the process in the last tenth of the time, less that after a minute or a fifth of
   the time; `viewer_rss_mb` is the viewer's;
-- `images`, and how many of them were tracked, dropped, without a pose and left out; `counts_agree` says whether the file
+- `images`, and how many were tracked, dropped, without a pose and left out; `counts_agree` says whether the file
   that was recorded has all images, and an estimate for each but those;
 - `reached`: which of TARGETS were. They are for a quiet machine.
 """
