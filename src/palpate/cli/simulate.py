@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from palpate.cli.options import DaskOption, JsonOption, ShapeUnit, ShapeUnitOption, WorkersOption
+from palpate.cli.options import DaskOption, JsonOption, ShapeUnit, ShapeUnitOption, ShardOption, WorkersOption
 
 if TYPE_CHECKING:
     from palpate.geometry.shapes import Shape
@@ -62,12 +62,14 @@ def simulate(
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
     dask: DaskOption = None,
+    shard: ShardOption = None,
     json: JsonOption = False,
 ) -> int:
     """Simulate recordings of a DIGIT that pushes objects: poses, touch images, contacts and forces."""
     import time
 
     from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
+    from palpate.shards import part_of_work
     from palpate.simulation.folder import plan, simulate_folder
     from palpate.simulation.objects import PAPER
     from palpate.simulation.replay import replay_folder
@@ -78,12 +80,12 @@ def simulate(
         _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks, ideal)
         with busy("reading"):
             recordings, failed = _recordings(replay)
-        with progress_bar("rendering", len(recordings)) as progress:
-            outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress)
+        with progress_bar("rendering", len(part_of_work(tuple(recordings), shard))) as progress:
+            outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress, shard)
     else:
         jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks, ideal)
-        with progress_bar("simulating", len(jobs)) as progress:
-            outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
+        with progress_bar("simulating", len(part_of_work(jobs, shard))) as progress:
+            outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress, shard)
     failed |= outcome.failed
     wall_s = time.perf_counter() - begin
     for name, why in failed.items():
