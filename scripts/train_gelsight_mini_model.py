@@ -16,6 +16,8 @@ from palpate.simulation.objects import PAPER, find_shape
 from palpate.training.fit import FitSettings
 from palpate.training.train import TrainSettings, train
 
+RECORDINGS = 25
+"""Of each of the paper's objects, to learn from."""
 STUDIED = ("disc", "rectangle-edges", "ellipse")
 """Kinds of contact of the study; true corners on a flat pad are not what it is good for."""
 SEQUENCES = 10
@@ -25,11 +27,10 @@ SEQUENCES = 10
 def main(folder: Path) -> None:
     """Simulate, train, simulate other units, track them."""
     shapes = dict(map(find_shape, PAPER))
-    rectangle = {"rectangle": shapes["rectangle"]}
-    learned = plan(shapes, 30, seed=1, sensor=GELSIGHT_MINI) + plan(rectangle, 30, seed=4, sensor=GELSIGHT_MINI)
+    learned = plan(shapes, RECORDINGS, seed=1, sensor=GELSIGHT_MINI)
     with progress_bar("simulating", len(learned)) as progress:
         simulate_folder(folder / "train", learned, seconds=6.0, resume=True, progress=progress)
-    settings = TrainSettings(keypoint=FitSettings(steps=150), touch=FitSettings(steps=600))
+    settings = TrainSettings(keypoint=FitSettings(steps=60, check=30), touch=FitSettings(steps=450, check=75))
     train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
     jobs = [job for job in plan(shapes, 3 * SEQUENCES, seed=3, sensor=GELSIGHT_MINI) if job.kind in STUDIED]
     judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
