@@ -230,7 +230,7 @@ class Tracker:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         else:
             try:
-                image = self._view.of(frame.image)
+                image = self._detector.read(self._view.of(frame.image))
                 frame = replace(frame, contact=self._detector.update(image), image=image)
             except (SettingError, IndexError) as error:  # the latter of an image without three channels
                 raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error

@@ -11,7 +11,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
-from palpate.recording.sensor import DIGIT
+from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.simulation.gel import draw_side, render
 from palpate.simulation.pushes import Sequence, draw_sequence, measured
 from palpate.simulation.systematic import draw_errors, misstated
@@ -42,12 +42,13 @@ def simulate_recording(
     unit: int | None = None,
     knocks: bool = False,
     ideal: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> Recording:
-    """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT.
+    """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT or another sensor.
 
     World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
     images or not; with a seed of its own, `unit`, the sensor unit is the same in many recordings. The recording's
-    sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
+    sensor is the profile as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
     object now and then, and extra/knocked says when.
     Mounting, outline, time and first pose are stated with the errors of a real set-up, see `systematic`; an `ideal`
     recording has noise alone.
@@ -60,14 +61,14 @@ def simulate_recording(
     unit_seed, *seeds = _seeds(shape, kind, seed, unit)
     pushes, noise, camera, shoves, wrong = (np.random.default_rng(each) for each in seeds)
     errors = None if ideal else draw_errors(wrong)
-    sensor_unit = draw_unit(DIGIT, unit_seed)
+    sensor_unit = draw_unit(sensor, unit_seed)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         with threadpool_limits(1):
-            sensor = replace(DIGIT, radius=sensor_unit.radius)
+            gel = replace(sensor, radius=sensor_unit.radius)
             drift = errors.gel_drift if errors else (0.0, 0.0)
-            sequence = draw_sequence(shape, kind, sensor, pushes, seconds, shoves if knocks else None, drift)
+            sequence = draw_sequence(shape, kind, gel, pushes, seconds, shoves if knocks else None, drift)
             pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
     finally:
         cv2.setNumThreads(threads)
@@ -76,12 +77,12 @@ def simulate_recording(
         time=sequence.time,
         sensor_pose=measured(sequence.sensor_pose, noise),
         shape=shape,
-        sensor=DIGIT,
+        sensor=sensor,
         object_pose=measured(motion.object_pose, noise),
         contact=motion.contact,
         episode=episode_numbers(motion.contact),
         image=pictures,
-        source=simulated_source(shape, kind, seed, seconds, images, unit, knocks, ideal),
+        source=simulated_source(shape, kind, seed, seconds, images, unit, knocks, ideal, sensor),
         frames=_FRAMES | {"extra": _FRAMES["extra"] + _KNOCKED} if knocks else _FRAMES,
         extra={
             "normal_force": motion.normal_force,
@@ -106,6 +107,7 @@ def simulated_source(
     unit: int | None = None,
     knocks: bool = False,
     ideal: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> str:
     """Return the words that say where a simulated recording comes from, and from what it can be made again.
 
@@ -115,7 +117,8 @@ def simulated_source(
     of_folder, number = divmod(seed, COUNT)
     touch = f"drawn touch images of unit {drawn}" if images else f"no touch images, gel of unit {drawn}"
     which = f"{kind}, {float(seconds)!r} s, seed {of_folder}, recording {number}"
-    return f"simulated by palpate: MuJoCo, {which}, {touch}{', knocked' * knocks}{'' if ideal else WRONG}"
+    of = "" if sensor == DIGIT else f", {sensor.name}"
+    return f"simulated by palpate: MuJoCo, {which}, {touch}{', knocked' * knocks}{of}{'' if ideal else WRONG}"
 
 
 def _seeds(shape: Shape, kind: str, seed: int, unit: int | None) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:

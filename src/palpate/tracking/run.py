@@ -136,7 +136,7 @@ def track(
             saving.see(steps)
     tracker, estimates, step_ms = steps.tracker, steps.estimates, np.array(steps.step_ms)
     settings = replace(settings, tactile=tracker.tactile)
-    model = (model or shipped_model()) if settings.tactile.startswith("learnt") else None
+    model = (model or shipped_model(recording.sensor.name)) if settings.tactile.startswith("learnt") else None
     online, answers, friction = gathered(estimates)
     contact = np.asarray(online.contact, np.bool_)
     smoothed = _with_left_out(tracker.smoothed(), np.array(steps.taken), recording.time)

@@ -20,7 +20,7 @@ from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.detector import detector_for
-from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, make_touch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
@@ -61,7 +61,9 @@ def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | Non
         raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
     contact, measurements = recording.contact, None
     if recording.image is not None:
-        frames = list(_frame_by_frame(recording, tactile, (model or TouchModel(SHIPPED)) if learnt else None))
+        frames = list(
+            _frame_by_frame(recording, tactile, (model or shipped_model(recording.sensor.name)) if learnt else None)
+        )
         contact = np.array([touched for touched, _ in frames])
         measurements = tuple(said for _, said in frames) if learnt else None
     assert contact is not None
@@ -164,6 +166,7 @@ def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | 
     touching = False
     for frame in recording:
         assert frame.image is not None
+        frame = replace(frame, image=detector.read(frame.image))
         was, touching = touching, detector.update(frame.image)
         if was and not touching:
             touch.end_contact()
