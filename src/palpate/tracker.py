@@ -267,9 +267,8 @@ def _first_pose(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Track
         sigma = _ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
     deviation = finite_numbers(sigma, (3,))
     if deviation is None or not (deviation > 0.0).all():
-        raise SettingError(
-            f"first pose sigma is {sigma!r}; it must be three numbers above 0: x [m], y [m], theta [rad]"
-        )
+        found = np.asarray(sigma).tolist()
+        raise SettingError(f"first pose sigma is {found}; it must be three numbers above 0: x [m], y [m], theta [rad]")
     return first, deviation
 
 

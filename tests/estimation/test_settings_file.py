@@ -93,7 +93,8 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
     assert asdict(read) == {
         # Which version 1 had not.
         "sensor_pose": {"deviation": (1.5e-4, 2e-4, 2e-3), "calibration": (1e-3, 1e-3, 9e-3)},
-        "first_pose": {"deviation": (6e-4, 7e-4, 6e-3), "rest": (2e-5, 3e-5, 2e-4)},
+        # Version 1 did not tell a stated pose from a true one.
+        "first_pose": {"deviation": (6e-4, 7e-4, 6e-3), "truth": (6e-4, 7e-4, 6e-3), "rest": (2e-5, 3e-5, 2e-4)},
         "contact": {"deviation": 2e-3, "kernel": 3.5},
         "direction": {"share": 1.9, "kernel": 2.9},
         "place": {"share": 2.0, "kernel": 3.0},  # which version 1 had not

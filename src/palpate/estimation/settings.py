@@ -61,7 +61,7 @@ object is knocked and touch tells yaw alone, far too sure of itself where the co
 
 PUBLISHED = NoiseSettings(
     sensor_pose=SensorPoseSettings(deviation=(1e-5, 1e-5, 1e-5), calibration=(0.0, 0.0, 0.0)),
-    first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
+    first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), truth=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
     contact=ContactSettings(deviation=1e-2, kernel=None),
     direction=DirectionSettings(share=1.0, kernel=None),
     place=PlaceSettings(share=1.0, kernel=None),

@@ -23,7 +23,7 @@ is by then. What is drawn, and why:
   all of the image shows nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,17 +78,19 @@ def draw_sequence(
     rng: np.random.Generator,
     seconds: float = 15.0,
     knocks: np.random.Generator | None = None,
+    gel_drift: tuple[float, float] = (0.0, 0.0),
 ) -> Sequence:
     """Draw a world and a sequence of pushes in it, at the rate of the sensor; the same generator gives the same.
 
     `kind` is one of `kinds(shape)`. With a generator for `knocks` someone shoves the object; until the first time
-    everything is as without. Raises SettingError on a kind or duration that is not allowed.
+    everything is as without. `gel_drift` is that of the world. Raises SettingError on a kind or duration that is not
+    allowed.
     """
     if kind not in kinds(shape):
         raise SettingError(f"kind of contact is {kind!r}; a {type(shape).__name__.lower()} allows {kinds(shape)}")
     if not SECONDS[0] <= seconds <= SECONDS[1]:
         raise SettingError(f"a sequence of {seconds!r} s was asked for; allowed is {SECONDS[0]} to {SECONDS[1]} s")
-    settings = draw_settings(shape, rng)
+    settings = replace(draw_settings(shape, rng), gel_drift=gel_drift)
     object_pose = rng.uniform((-0.1, -0.1, -np.pi), (0.1, 0.1, np.pi))
     contacts = max(1, round(seconds / rng.uniform(5.0, 7.5)))
     around = Surroundings(shape, sensor)

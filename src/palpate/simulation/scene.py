@@ -44,6 +44,8 @@ class WorldSettings:
     """Coulomb friction between gel and object."""
     gel_stiffness: float = 4000.0
     """Normal force per indentation of the gel [N/m], of a patch as a round tip has it."""
+    gel_drift: tuple[float, float] = (0.0, 0.0)
+    """Shares of friction and stiffness of the gel by which they grow [1/s]."""
     time_step: float = 0.002
     """Longest time step of the simulation [s]; a frame is divided evenly."""
 
@@ -133,8 +135,7 @@ def build_model(
     _add_pusher(mujoco, spec, sensor, row)
     _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), len(row))
     model = spec.compile()
-    stiffer = _FLAT_STIFFER / len(row) if len(row) > 1 else 1.0
-    _set_gel_stiffness(mujoco, model, stiffer * settings.gel_stiffness)
+    set_gel_stiffness(model, settings.gel_stiffness)
     return model, mujoco.MjData(model)
 
 
@@ -252,17 +253,25 @@ def _area(corners: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)).__abs__())
 
 
-def _set_gel_stiffness(mujoco: Any, model: Any, stiffness: float) -> None:
+def gel_pairs(model: Any) -> list[int]:
+    """Return which pairs of geoms are of gel and object."""
+    return [i for i in range(model.npair) if model.pair(i).name.startswith("part")]
+
+
+def set_gel_stiffness(model: Any, stiffness: float) -> None:
     """Set the contact of gel and object so that its normal force at rest is `stiffness` times the indentation.
+
+    Of a flat pad that is so on a patch of it; see _FLAT_STIFFER.
 
     MuJoCo gives contacts a stiffness k per unit of inertia; at rest f (1 - d) / d A = k d r with the impedance d and
     the inverse inertia A, see "Computation: constraint model" in its documentation. k = 1 / (d t)^2 for critical
     damping, where t is the time constant that a contact pair is given.
     """
     inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in ("gel", "object"))
-    k = stiffness * (1.0 - _PLIANT) / _PLIANT**2 * inverse_inertia
+    spheres = sum(model.geom(i).name.startswith("gel") for i in range(model.ngeom))
+    of_each = _FLAT_STIFFER / spheres if spheres > 1 else 1.0
+    k = of_each * stiffness * (1.0 - _PLIANT) / _PLIANT**2 * inverse_inertia
     time_constant = 1.0 / (_PLIANT * np.sqrt(k))
-    for i in range(model.npair):
-        if model.pair(i).name.startswith("part"):
-            model.pair_solref[i] = (time_constant, 1.0)
-            model.pair_solimp[i] = (_PLIANT, _PLIANT, 0.001, 0.5, 2.0)
+    pairs = gel_pairs(model)
+    model.pair_solref[pairs] = (time_constant, 1.0)
+    model.pair_solimp[pairs] = (_PLIANT, _PLIANT, 0.001, 0.5, 2.0)

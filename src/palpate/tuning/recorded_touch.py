@@ -24,6 +24,7 @@ from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, make_touch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
+from palpate.tracking.run import first_pose_of
 from palpate.tracking.truth import trusted_truth
 
 Array = NDArray[np.float64]
@@ -110,15 +111,15 @@ def _record_touch_of_file(
 
 
 def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
-    """Track from the first known truth and return the online estimates, as `run.track` has them.
+    """Track from the first pose as `first_pose_of` finds it, and return the online estimates, as `run.track` has them.
 
     Only where the tracker begins anew within a contact may they differ: no pairs with its new first frame are recorded.
     Raises EstimationError where the estimator cannot go on.
     """
     recording = recorded.recording
-    first = recorded.truth[int(np.argmax(np.isfinite(recorded.truth[:, 0])))]
+    first, sigma = first_pose_of(recording, settings.noise)
     touch = None if recorded.measurements is None else _Remembered(recording.time, recorded.measurements)
-    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch)
+    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
     estimates = [tracker.update(frame) for frame in recording]
     return Trajectory(
         time=recording.time,
