@@ -37,7 +37,7 @@ def main(folder: Path) -> None:
     with progress_bar("simulating", len(judged)) as progress:
         simulate_folder(folder / "study", judged, seconds=10.0, resume=True, progress=progress)
     study = ["evaluate", str(folder / "study"), "--out", str(folder / "results"), "--model", str(folder / "model")]
-    subprocess.run([sys.executable, "-m", "palpate", *study, "--tactile", "learnt", "constant", "oracle"], check=True)
+    subprocess.run([sys.executable, "-m", "palpate", *study, "--tactile", "learnt", "oracle"], check=True)
 
 
 if __name__ == "__main__":

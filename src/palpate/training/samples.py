@@ -150,8 +150,8 @@ def _geometry(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
     """Angle of the contact on the tip (N,), its place along y (N,) and its kind (N,), from the outline."""
     touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0, :, 0]
     touched = touch["point"] - touch["gap"] * touch["normal"]
-    kinds = _kinds(recording.shape, np.stack([touched.real, touched.imag], axis=1))
-    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), touch["material"].imag, kinds
+    kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
+    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds
 
 
 def _kinds(shape: Shape, touched: Array) -> Indices:
