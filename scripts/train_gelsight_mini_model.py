@@ -27,7 +27,7 @@ SEQUENCES = 10
 def main(folder: Path) -> None:
     """Simulate, train, simulate other units, track them."""
     shapes = dict(map(find_shape, PAPER))
-    learned = plan(shapes, RECORDINGS, seed=1, sensor=GELSIGHT_MINI)
+    learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI)
     with progress_bar("simulating", len(learned)) as progress:
         simulate_folder(folder / "train", learned, seconds=6.0, resume=True, progress=progress)
     settings = TrainSettings(keypoint=FitSettings(steps=60, check=30), touch=FitSettings(steps=450, check=75))
