@@ -131,7 +131,7 @@ def test_a_camera_without_images_is_refused():
 
 def rig(monkeypatch: Any, fake: FakeCamera, calibration: Calibration | None = None, poses: str = "udp:47811") -> Any:
     monkeypatch.setattr("palpate.live.rig.camera_path", lambda name: Path("/dev/fake"))
-    return camera_rig("0", poses, Disc(0.05), [0.3, 0.0, 0.0], calibration, CAMERA, fake)
+    return camera_rig("0", poses, Disc(0.05), [0.3, 0.0, 0.0], None, calibration, CAMERA, fake)
 
 
 def test_images_lie_as_the_calibration_says(monkeypatch):

@@ -128,9 +128,10 @@ def test_c_of_one_object():
 def test_which_parameters():
     noise = NoiseSettings()
     names = {f"{group.name}.{each.name}" for group in fields(noise) for each in fields(getattr(noise, group.name))}
-    # All but the first pose, which ground truth gives, and what frames are apart by, which tuning cannot tell from any
-    # other error that stays the same for as long as a recording.
-    assert set(tunable()) == (names | {"pressure"}) - {"first_pose.deviation", "sensor_pose.calibration"}
+    # All but the first pose, which is given, and what frames are apart by, which tuning cannot tell from any other
+    # error that stays the same for as long as a recording.
+    given = {"first_pose.deviation", "first_pose.truth", "sensor_pose.calibration"}
+    assert set(tunable()) == (names | {"pressure"}) - given
     usual = TrackerSettings(tactile="learnt")
     pushing = {"sticking.share", "sticking.sliding_share", "sticking.margin", "sticking.kernel"}
     pushing |= {"friction_cone.share", "balance.share"}

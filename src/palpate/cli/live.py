@@ -118,12 +118,13 @@ def live(
     unit = None if calibration is None else load_calibration(calibration)
     with busy("looking for images and poses"):
         overhead = None if truth is None else overhead_truth(*truth)
-        rig = _rig(camera, poses, replay, bag, first_pose, unit)
+        rig = _rig(camera, poses, replay, bag, first_pose, first_pose_sigma, unit)
     with ExitStack() as stack:
         settings = TrackerSettings(tactile)
         learnt = None if model is None else TouchModel(model)
         shape = rig.scene.shape
-        tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=first_pose_sigma)
+        sigma = rig.first_pose_sigma
+        tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=sigma)
         taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))
         log = None
         if view:
@@ -149,6 +150,7 @@ def _rig(
     replay: Path | None,
     bag: BagOptions,
     first_pose: tuple[float, float, float] | None,
+    first_pose_sigma: tuple[float, float, float] | None,
     calibration: "Calibration | None",
 ) -> "Rig":
     """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
@@ -161,13 +163,14 @@ def _rig(
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
     if replay is not None:
         reading = read_with(replay, bag)
-        return replay_rig(reading if isinstance(reading, Recording) else reading.recording, replay.name, first_pose)
+        recording = reading if isinstance(reading, Recording) else reading.recording
+        return replay_rig(recording, replay.name, first_pose, first_pose_sigma)
     assert camera is not None and poses is not None
     if bag.shape is None or first_pose is None:
         raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
     if bag != BagOptions(shape=bag.shape, shape_unit=bag.shape_unit):
         raise SettingError("--camera: of the options for bags, only --shape and --shape-unit are of use")
-    return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, calibration)
+    return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, first_pose_sigma, calibration)
 
 
 def _compared(taking: "Recorder | None", log: "LiveLog | None") -> "Compared":

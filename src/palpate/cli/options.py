@@ -38,9 +38,10 @@ TactileOption = Annotated[
 ModelOption = Annotated[
     Path | None,
     tyro.conf.arg(
-        metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
+        metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the sensor)"
     ),
 ]
+SensorOption = Annotated[str, tyro.conf.arg(metavar="NAME", help="The sensor: digit or gelsight-mini.")]
 CalibrationOption = Annotated[
     Path | None,
     tyro.conf.arg(

@@ -101,6 +101,8 @@ def _report(results: dict[str, Any]) -> None:
     for name, values in results["honesty"].items():
         shares = [f"{100.0 * share:.1f} %" for share in values["coverage"].values()]
         likelihoods = [f"{values[key]:.2f}" for key in ("log_likelihood", "log_likelihood_constant")]
-        rows.append([name, f"{values['median_deg']:.2f}", f"{values['rms_deg']:.2f}", *shares, *likelihoods])
+        median, rms = (next(values[key] for key in values if key.startswith(what)) for what in ("median", "rms"))
+        told = f"{name} [mm]" if name == "place" else name
+        rows.append([told, f"{median:.2f}", f"{rms:.2f}", *shares, *likelihoods])
     columns = ("told", "median deg", "RMS deg", "in 68 %", "in 95 %", "log likelihood", "of constant noise")
     print_table("how far told distributions are to be believed", columns, rows, numbers=range(1, 7))

@@ -13,6 +13,7 @@ from palpate.geometry.shapes import Shape
 from palpate.locks import held_folder, remove_parts
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.shards import Shard, part_of_work
 from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
@@ -38,6 +39,10 @@ class Job:
     """Seed of its sensor unit; None draws one for this recording alone."""
     knocks: bool = False
     """Whether someone shoves the object now and then."""
+    ideal: bool = False
+    """Whether nothing is wrong but noise."""
+    sensor: SensorProfile = DIGIT
+    """What pushes it."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,13 @@ class Outcome:
 
 
 def plan(
-    shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None, knocks: bool = False
+    shapes: Mapping[str, Shape],
+    count: int,
+    seed: int = 0,
+    unit: int | None = None,
+    knocks: bool = False,
+    ideal: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> list[Job]:
     """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
     if not 1 <= count <= COUNT:
@@ -69,7 +80,8 @@ def plan(
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit, knocks))
+            file = f"{'-'.join([name, *place])}-{number:06d}.h5"
+            jobs.append(Job(file, shape, kind, number, unit, knocks, ideal, sensor))
     return jobs
 
 
@@ -96,7 +108,8 @@ def simulate_folder(
         raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
 
     def source(job: Job) -> str:
-        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks)
+        told = job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks, job.ideal, job.sensor
+        return simulated_source(*told)
 
     make = partial(_simulate, seconds=seconds, images=images)
     return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress, shard)
@@ -155,7 +168,8 @@ def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[s
 
 
 def _simulate(job: Job, seconds: float, images: bool) -> Recording:
-    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit, knocks=job.knocks)
+    told = job.shape, job.kind, job.seed, seconds, images, None, job.unit, job.knocks, job.ideal, job.sensor
+    return simulate_recording(*told)
 
 
 def _is_whole(path: Path, wanted: str) -> bool:

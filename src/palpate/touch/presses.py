@@ -165,5 +165,6 @@ def _background(images: Sequence[Image]) -> Background:
 def _check_touched(fit: PressFit, presses: Presses) -> None:
     """FileError on the first press that shows no touch."""
     for name, image in zip(presses.names, presses.images, strict=True):
-        if not ContactDetector(fit.calibration.background).update(fit.calibration.view.of(image)):
+        detector = ContactDetector(fit.calibration.background)
+        if not detector.update(detector.read(fit.calibration.view.of(image))):
             raise FileError(f"{name}: shows no touch against the untouched gel")

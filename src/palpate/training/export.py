@@ -11,7 +11,7 @@ from torch import nn
 
 from palpate.errors import EstimationError
 from palpate.touch.difference import COLUMNS, ROWS
-from palpate.touch.model import session
+from palpate.touch.model import ARRAYS, PLACE, session
 from palpate.training.learn import Keypoints, Touch
 from palpate.training.networks import DESCRIPTOR
 
@@ -24,7 +24,9 @@ def exported(keypoints: Keypoints, touch: Touch) -> dict[str, bytes]:
     image = torch.randn(1, 3, ROWS, COLUMNS)
     earlier, later = torch.randn(2, _PAIRS, DESCRIPTOR)
     return {
-        "touch": _onnx(touch.image, {"difference": image}, ["direction", "turn", "descriptor"]),
+        "touch": _onnx(
+            touch.image, {"difference": image}, [*ARRAYS["touch"][1], *([PLACE] if touch.image.place else [])]
+        ),
         "pair": _onnx(touch.pair, {"earlier": earlier, "later": later}, ["turned"], any_number=True),
         "keypoint": _onnx(keypoints.encoder, {"difference": image}, ["keypoint", "kinds"]),
     }

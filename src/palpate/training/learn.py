@@ -35,9 +35,9 @@ class Keypoints(nn.Module):
 class Touch(nn.Module):
     """What an image says, and what two say."""
 
-    def __init__(self) -> None:
+    def __init__(self, tells_place: bool = False) -> None:
         super().__init__()
-        self.image, self.pair = TouchNetwork(), PairNetwork()
+        self.image, self.pair = TouchNetwork(tells_place), PairNetwork()
 
 
 def learn_keypoints(
@@ -83,14 +83,16 @@ def learn_touch(
         return draw_groups(samples, _GROUPS, _FRAMES, rng)
 
     def losses(samples: Samples, chosen: Indices, seen: Seen) -> dict[str, Tensor]:
-        direction, turn, descriptor = network.image(seen.difference)
+        direction, turn, descriptor, *place = network.image(seen.difference)
         angle = seen.direction(samples.direction[chosen]).ravel()
         yaw = np.unwrap(samples.yaw[chosen], axis=1)
         yaw = seen.turn(yaw - yaw[:, :1])
         turn, descriptor = turn.unflatten(0, chosen.shape), descriptor.unflatten(0, chosen.shape)
         i, j = torch.triu_indices(_FRAMES, _FRAMES, 1)
         pair = network.pair(descriptor[:, i].flatten(0, 1), descriptor[:, j].flatten(0, 1))
+        places = 1e2 * seen.place(samples.place[chosen]).ravel()
         return {
+            **({"place": gaussian_nll(place[0][:, 0] - places, place[0][:, 1])} if place else {}),
             "direction": gaussian_nll(direction[:, 0] - angle, direction[:, 1]),
             "turn": offset_nll(yaw - turn[..., 0], turn[..., 1]),
             "pair": gaussian_nll(pair[:, 0] - (yaw[:, j] - yaw[:, i]).flatten(), pair[:, 1]),

@@ -103,7 +103,7 @@ def _train(
         draw_pairs(part, 1, np.random.default_rng(0))  # raises now what it would after an hour of training
     work.mkdir(exist_ok=True)
     torch.manual_seed(settings.seed)
-    keypoints, touch = Keypoints(), Touch()
+    keypoints, touch = Keypoints(), Touch(tells_place=sensor.flat_width > 0.0)
     settings = replace(settings, touch=settings.touch if base is None else FINE)
     if settings.steps is not None:
         settings = replace(

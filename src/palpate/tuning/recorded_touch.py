@@ -20,10 +20,11 @@ from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.detector import detector_for
-from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, make_touch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
+from palpate.tracking.run import first_pose_of
 from palpate.tracking.truth import trusted_truth
 
 Array = NDArray[np.float64]
@@ -60,7 +61,9 @@ def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | Non
         raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
     contact, measurements = recording.contact, None
     if recording.image is not None:
-        frames = list(_frame_by_frame(recording, tactile, (model or TouchModel(SHIPPED)) if learnt else None))
+        frames = list(
+            _frame_by_frame(recording, tactile, (model or shipped_model(recording.sensor.name)) if learnt else None)
+        )
         contact = np.array([touched for touched, _ in frames])
         measurements = tuple(said for _, said in frames) if learnt else None
     assert contact is not None
@@ -108,15 +111,15 @@ def _record_touch_of_file(
 
 
 def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
-    """Track from the first known truth and return the online estimates, as `run.track` has them.
+    """Track from the first pose as `first_pose_of` finds it, and return the online estimates, as `run.track` has them.
 
     Only where the tracker begins anew within a contact may they differ: no pairs with its new first frame are recorded.
     Raises EstimationError where the estimator cannot go on.
     """
     recording = recorded.recording
-    first = recorded.truth[int(np.argmax(np.isfinite(recorded.truth[:, 0])))]
+    first, sigma = first_pose_of(recording, settings.noise)
     touch = None if recorded.measurements is None else _Remembered(recording.time, recorded.measurements)
-    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch)
+    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
     estimates = [tracker.update(frame) for frame in recording]
     return Trajectory(
         time=recording.time,
@@ -163,6 +166,7 @@ def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | 
     touching = False
     for frame in recording:
         assert frame.image is not None
+        frame = replace(frame, image=detector.read(frame.image))
         was, touching = touching, detector.update(frame.image)
         if was and not touching:
             touch.end_contact()
