@@ -11,13 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
+from palpate.recording.derived import gaps
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
-from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
+from palpate.touch.calibration import Calibration, turned_as
+from palpate.touch.lift import Lift, lift_of
 from palpate.touch.model import TouchModel, shipped_model
+from palpate.touch.steady import first_frames
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.details import Answers
@@ -29,6 +31,9 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Watch = Callable[[Frame, Estimate, Background | None], None]
 """What looks on while tracking: it takes each frame, its estimate and the untouched gel as known then."""
+
+_REACH, _SURE = 5e-3, 3.0
+"""[m] between sensor and object beyond which nothing is touched, and besides so many sigmas of the first pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +83,8 @@ def track(
     """Track the object of a recording; `progress` is called after each frame with the number done, and `watch`.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
-    `calibration` and `first_pose_sigma` are the Tracker's.
+    `calibration` and `first_pose_sigma` are the Tracker's. Where there is no calibration and the recording begins in
+    contact, the untouched gel is taken from its first moment without; the summary's `untouched_from_s` says when.
     A frame that cannot be used is left out: the estimate before stands for it, with status "faulty".
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
     cannot go on, or cannot use the first frame.
@@ -87,7 +93,10 @@ def track(
     settings = settings or TrackerSettings()
     first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
     _check(recording, settings)
-    sensor = _turned(recording.sensor, calibration)
+    lift = None if calibration else _lift(recording, first, first_pose_sigma, settings)
+    if lift:
+        calibration = Calibration(lift.background)
+    sensor = turned_as(recording.sensor, calibration)
     tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
     estimates: list[Estimate] = []
     taken: list[bool] = []
@@ -125,6 +134,8 @@ def track(
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
         knocked=knocked_frames(recording),
     )
+    if lift:
+        summary["untouched_from_s"] = lift.time
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
@@ -167,11 +178,25 @@ def _with_left_out(smoothed: Trajectory, taken: NDArray[np.bool_], time: Array) 
     return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])
 
 
-def _turned(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
-    """The sensor with its images as they lie once they were turned as the calibration says."""
-    if calibration is None or calibration.view.quarter_turns % 2 == 0:
-        return sensor
-    return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
+def _lift(
+    recording: Recording, first_pose: Array, first_pose_sigma: ArrayLike | None, settings: TrackerSettings
+) -> Lift | None:
+    """The first moment without contact, where the sensor may touch the object in the first images and does so."""
+    if recording.image is None or not settings.tactile.startswith(("auto", "learnt")):
+        return None
+    sigma = settings.noise.first_pose.deviation if first_pose_sigma is None else first_pose_sigma
+    count = min(first_frames(recording.sensor.rate), len(recording))
+    gap = gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape, recording.sensor)
+    if gap.min() > _REACH + _SURE * np.hypot(*np.asarray(sigma)[:2]):
+        return None
+    lift = lift_of(recording)
+    if lift:
+        logger.warning(
+            "%s: begins in contact; how the gel looks untouched is taken from %.2f s on",
+            recording.file or "the recording",
+            lift.time,
+        )
+    return lift
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:
