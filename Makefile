@@ -32,19 +32,22 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
-# Fifty kills of every command, at random times.
+# Fifty kills of every command, at random times, and twenty of live sessions.
 kills: $(READY_DEV)
 	$(BIN)/python scripts/kill_commands.py
+	$(BIN)/python scripts/kill_live.py
 
 # Everything anew in empty environments; outside CI's time.
 test-matrix: $(READY_DEV)
 	$(BIN)/python -m pip install --quiet uv
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
 
-# Nine recordings of nine sensor units that nothing was chosen on, each broken in every way; about a quarter of an hour.
+# Nine recordings of nine sensor units that nothing was chosen on, each broken in every way, and nine with a second pusher;
+# about a quarter of an hour.
 faults: $(READY_DEV)
 	rm -rf faults-run
 	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1664 --seconds 12 --workers 2
+	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 1665 --seconds 12 --workers 2 --knocks --resume
 	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
 
 # Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.

@@ -12,14 +12,15 @@ class ByValue:
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        return all(_same(getattr(self, one.name), getattr(other, one.name)) for one in fields(self))  # pyright: ignore[reportArgumentType]
+        return all(same(getattr(self, one.name), getattr(other, one.name)) for one in fields(self))  # pyright: ignore[reportArgumentType]
 
     __hash__ = None  # pyright: ignore[reportAssignmentType] # arrays may be changed
 
 
-def _same(one: Any, other: Any) -> bool:
+def same(one: Any, other: Any) -> bool:
+    """Return whether two fields are equal, arrays and tuples by what they hold."""
     if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(_same, one, other))
+        return len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray) or isinstance(one, float):
         return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
     return one == other

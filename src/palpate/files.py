@@ -71,11 +71,12 @@ def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
+def whole_folder(folder: Path, keep: str = "") -> Iterator[Path]:
     """A temporary folder beside `folder` to write to; takes its place on success, is removed on any failure.
 
     What stands at `folder` is replaced, so ask first, inside the block. Raises FileError, before the block, where
-    another process writes the same folder.
+    another process writes the same folder. A file named `keep` beside the temporary folder is left where a process was
+    killed or failed, and found by the next that says so.
     """
     if not folder.name:
         raise FileError(f"{folder}: is not the name of a new folder")
@@ -86,20 +87,29 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         try:
             if old.exists() and not folder.exists():  # a process was killed just before its last move below
                 new.rename(folder)
-            for left in part.iterdir():
-                shutil.rmtree(left)
+            _clear(part, keep)
             new.mkdir()
             yield new
             if folder.exists():
                 folder.rename(old)
             new.rename(folder)
+            keep = ""
         except OSError as error:
             raise FileError(f"{folder}: cannot be written ({error})") from error
         finally:
             if old.exists() and not folder.exists():
                 old.rename(folder)
-            shutil.rmtree(part, ignore_errors=True)
-            remove_empty(made)
+            _clear(part, keep)
+            remove_empty([part, *made])
+
+
+def _clear(folder: Path, keep: str) -> None:
+    """Remove all that is in a folder but the file named `keep`."""
+    for left in folder.iterdir():
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        elif left.name != keep:
+            left.unlink(missing_ok=True)
 
 
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:

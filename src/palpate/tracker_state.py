@@ -23,10 +23,11 @@ from palpate.tracker_settings import TrackerSettings
 FORMAT = "palpate-tracker"
 _MADE = ("_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given")
 """Attributes of a tracker that it is made with; all others are what it knows."""
+_BESIDE = "beside"
 
 
-def save_tracker(tracker: Tracker, path: Path | str) -> None:
-    """See Tracker.save."""
+def save_tracker(tracker: Tracker, path: Path | str, beside: Any = None) -> None:
+    """See Tracker.save; `beside` is what else to keep in the file."""
     smoother = tracker._settings.smoother
     if smoother == "particle-filter":
         raise SettingError("a tracker with the particle filter cannot be saved: what it draws next is in no file")
@@ -35,6 +36,8 @@ def save_tracker(tracker: Tracker, path: Path | str) -> None:
     known = {name: value for name, value in vars(tracker).items() if name not in _MADE}
     if tracker._last is not None:
         known["_last"] = replace(tracker._last, measurements=())
+    if beside is not None:
+        known[_BESIDE] = beside
     try:
         write_state(path, _about(tracker), known, _given(tracker))
     except Unsaved as error:
@@ -47,6 +50,11 @@ def save_tracker(tracker: Tracker, path: Path | str) -> None:
 
 def load_tracker(path: Path | str) -> Tracker:
     """See Tracker.load."""
+    return load_tracker_and(path)[0]
+
+
+def load_tracker_and(path: Path | str) -> tuple[Tracker, Any]:
+    """Return the tracker of a file and what was kept beside it, if anything was. Raises FileError."""
     file = StateFile(path)
     try:
         about = file.about
@@ -58,12 +66,14 @@ def load_tracker(path: Path | str) -> Tracker:
                 "pose: a state goes on with the version that saved it"
             )
         tracker = _made(about)
-        vars(tracker).update(file.state(_given(tracker)))
+        known = file.state(_given(tracker))
+        beside = known.pop(_BESIDE, None)
+        vars(tracker).update(known)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise FileError(f"{file.path}: is no saved tracker ({error!r})") from error
     except PalpateError as error:
         raise FileError(f"{file.path}: {str(error).removeprefix(f'{file.path}: ')}") from error
-    return tracker
+    return tracker, beside
 
 
 def _about(tracker: Tracker) -> dict[str, Any]:
@@ -78,7 +88,7 @@ def _about(tracker: Tracker) -> dict[str, Any]:
         "settings": asdict(tracker._settings),
         "tactile": [tracker.tactile, tracker.tactile_reason],
         "model": None if model is None else str(model.folder.absolute()),
-        "model_hash": (model or shipped_model()).hash if learnt else None,
+        "model_hash": (model or shipped_model(tracker._sensor.name)).hash if learnt else None,
     }
 
 
@@ -87,9 +97,9 @@ def _made(about: dict[str, Any]) -> Tracker:
     settings = about["settings"]
     settings = TrackerSettings(**{**settings, "noise": noise_from_dict(settings["noise"])})
     model = None if about["model"] is None else TouchModel(about["model"])
-    if about["model_hash"] not in (None, (model or shipped_model()).hash):
-        raise FileError("its touch model is another one now, so that estimates would not be the same")
     shape, sensor = shape_from_dict(about["shape"]), sensor_from_dict(about["sensor"])
+    if about["model_hash"] not in (None, (model or shipped_model(sensor.name)).hash):
+        raise FileError("its touch model is another one now, so that estimates would not be the same")
     tracker = Tracker(shape, sensor, None, settings, model)
     if settings.tactile == "auto" and about["tactile"][0] != "auto":
         tracker._settle_touch(*about["tactile"])

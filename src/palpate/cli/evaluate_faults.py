@@ -19,7 +19,6 @@ def evaluate_faults(
     from palpate.cli.console import print_json, print_line, progress_bar
     from palpate.errors import FileError, SettingError
     from palpate.study.faults.bench import run_faults
-    from palpate.study.faults.faults import FAULTS
     from palpate.study.faults.table import TABLE, rows_of, write_table
     from palpate.study.files import find_recordings
     from palpate.touch.model import SHIPPED, TouchModel
@@ -33,7 +32,7 @@ def evaluate_faults(
         raise FileError(f"{out}: cannot be the folder of a report ({error.strerror})") from error
     if (out / TABLE).exists():
         raise FileError(f"{out / TABLE}: already exists; take another folder")
-    with progress_bar("tracking", len(files) * len(FAULTS)) as progress:
+    with progress_bar("tracking", len(files)) as progress:
         runs = run_faults(files, model=TouchModel(model or SHIPPED), workers=workers, progress=progress)
     write_table(out, runs)
     rows = rows_of(runs)

@@ -77,6 +77,13 @@ def track(
         ),
     ] = None,
     force: ForceOption = False,
+    resume: Annotated[
+        bool, tyro.conf.arg(help="Go on with runs that were interrupted; those that are whole stay as they are.")
+    ] = False,
+    dump: Annotated[
+        bool,
+        tyro.conf.arg(help="Where a step fails, write what reproduces it beside the folder, <folder>-failed.npz."),
+    ] = False,
     json: JsonOption = False,
 ) -> int:
     """Track the object of each recording; leaves poses, covariances, scores and a figure in a folder."""
@@ -99,7 +106,7 @@ def track(
         **({} if hypotheses is None else {"hypotheses": hypotheses}),
     )
     check_model(model, [tactile])
-    _check_view(files, view, save_rrd, force)
+    _check_view(files, view, save_rrd, force, resume)
     learnt = None if model is None else TouchModel(model)
     unit = None if calibration is None else load_calibration(calibration)
     track_file = partial(
@@ -114,6 +121,8 @@ def track(
         rrd=save_rrd,
         bag=bag,
         mcap=mcap,
+        resume=resume,
+        dump=dump,
     )
     folders = _folders(files, out)
     if len(files) == 1:
@@ -150,11 +159,14 @@ def run_file(
     rrd: Path | None = None,
     bag: BagOptions = BAG_DEFAULTS,
     mcap: bool = False,
+    resume: bool = False,
+    dump: bool = False,
 ) -> dict[str, Any]:
     """Track one file, with progress, write its folder and return the summary.
 
     With a page, if `html`, and estimates as messages, if `mcap`; shown while it is tracked, if `window`, and in a file
-    for Rerun, if one is given.
+    for Rerun, if one is given. With `resume` a run that is there is kept and an interrupted one gone on with; with
+    `dump` a step that fails is written beside the folder.
     """
     from contextlib import nullcontext
 
@@ -162,9 +174,11 @@ def run_file(
     from palpate.recording.plane import flat
     from palpate.recording.recording import Recording
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import PAGE, new_run, write_files
+    from palpate.tracking.run_folder import PAGE, new_run, state_file, summary_of_whole, write_files
 
-    with new_run(folder, force) as part:
+    if resume and not force and folder.is_dir():
+        return summary_of_whole(folder, file, settings)
+    with new_run(folder, force, resume) as part:
         with busy(f"reading {file.name}"):
             reading = read_with(file, bag)
             if bag.time_offset == "fit" and not isinstance(reading, Recording):
@@ -178,7 +192,18 @@ def run_file(
             view = live_view(recording, file.name, rrd, force, window)
         with view as log, progress_bar(file.name, len(recording)) as progress:
             watch = log.show if log else None
-            run = track(recording, settings, first_pose, progress, model, calibration, first_pose_sigma, watch)
+            run = track(
+                recording,
+                settings,
+                first_pose,
+                progress,
+                model,
+                calibration,
+                first_pose_sigma,
+                watch,
+                state_file(part),
+                folder.with_name(f"{folder.name}-failed.npz") if dump else None,
+            )
         write_files(run, part, plane if mcap else None)
         if html:
             from palpate.view.page import write_page
@@ -211,7 +236,7 @@ def _fitted_offset(
     return found.seconds if tells else 0.0
 
 
-def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool) -> None:
+def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool, resume: bool) -> None:
     """Raise SettingError where a view is asked for that cannot be had, before the work and not after it."""
     from palpate.errors import SettingError
     from palpate.view.viewer import check_rerun
@@ -219,6 +244,8 @@ def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, forc
     if not view and save_rrd is None:
         return
     check_rerun()
+    if resume:
+        raise SettingError("--view and --save-rrd show a run from its first frame, which --resume leaves out")
     if len(files) > 1:
         raise SettingError(f"--view and --save-rrd show one recording, and {len(files)} are given")
     if view:

@@ -10,6 +10,7 @@ from palpate.recording.recording import Recording
 from palpate.touch.background import Background, Image, background_of
 from palpate.touch.detector import START
 from palpate.touch.light import Levels, cells_of, share_unlike
+from palpate.touch.markers import has_markers, without_markers
 from palpate.touch.steady import UNLIKE, first_frames, is_dark
 
 _MOMENTS = 60  # half seconds that are looked at at most, evenly spread over the recording
@@ -65,9 +66,11 @@ def _is_steady(looks: Sequence[Levels]) -> bool:
 
 
 def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
-    """The cells of some frames of half a second."""
+    """The cells of some frames of half a second, without markers."""
     chosen = start + np.linspace(0, length - 1, _LOOKS).round().astype(int)
-    return [cells_of(_image(recording, index)) for index in chosen.tolist()]
+    images = [_image(recording, index) for index in chosen.tolist()]
+    is_marked = has_markers(images[0])
+    return [cells_of(without_markers(image) if is_marked else image) for image in images]
 
 
 def _is_unlike(cells: Levels, others: Levels) -> bool:

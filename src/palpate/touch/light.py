@@ -16,7 +16,8 @@ Light = NDArray[np.float64]
 right and its lower border."""
 
 _CELLS = 30  # over the shorter side
-_SAMPLES = 4  # across a cell, of whose 5 x 5 neighbours the middle one is taken where thin lines are left out
+_SAMPLES = 3  # across a cell, where thin lines are left out
+_NEIGHBOURS = 5  # samples across, the middle one of which is taken: a line of half a cell is less than half of them
 _FLAT = 2.0  # [grey levels] of a cell off the light's plane, above which it hardly tells of the light
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
 _DIMMEST, _BRIGHTEST = 0.3, 3.0  # times the untouched gel's light
@@ -46,7 +47,7 @@ def wide_cells_of(image: NDArray[np.uint8]) -> Levels:
     if thinned < 1.0:
         return cells_of(image)
     size = round(width / thinned), round(height / thinned)
-    samples = cv2.medianBlur(cv2.resize(image, size, interpolation=cv2.INTER_AREA), _SAMPLES + 1)
+    samples = cv2.medianBlur(cv2.resize(image, size, interpolation=cv2.INTER_AREA), _NEIGHBOURS)
     return area_means(np.asarray(samples, np.uint8), *(round(count / _SAMPLES) for count in size[::-1]))
 
 

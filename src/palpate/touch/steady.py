@@ -32,6 +32,11 @@ class SteadyImages:
         self._images: list[Image] = []
         self._cells: Levels | None = None  # of the first
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the next image is the first."""
+        return not self._images
+
     def add(self, image: Image) -> Background | None:
         """Take the next image (height, width, 3); return what they look like once there are enough, and begin anew."""
         if is_dark(image):

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
+from palpate.estimation.settings import NoiseSettings
+from palpate.geometry.shapes import shape_to_dict
 from palpate.recording.derived import gaps
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import sensor_to_dict
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, turned_as
@@ -23,8 +27,10 @@ from palpate.touch.steady import first_frames
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.details import Answers
+from palpate.tracking.failed_step import write_failed_step
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise
+from palpate.tracking.steps import Saving, Steps, load_steps
 from palpate.tracking.truth import known_truth, trusted_truth
 
 logger = logging.getLogger(__name__)
@@ -50,8 +56,8 @@ class Run:
     """What the untouched sensor looks like, where it was given and not taken from the first frames."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
-    first_pose_sigma: Array | None
-    """How well it was known, (3,) [m, m, rad]; None where the noise settings say so."""
+    first_pose_sigma: Array
+    """How well it was known, (3,) [m, m, rad]."""
     online: Trajectory
     """The estimate at each frame from all frames up to it, with covariance, contact and status."""
     smoothed: Trajectory
@@ -79,50 +85,73 @@ def track(
     calibration: Calibration | None = None,
     first_pose_sigma: ArrayLike | None = None,
     watch: Watch | None = None,
+    state: Path | None = None,
+    dump: Path | None = None,
 ) -> Run:
     """Track the object of a recording; `progress` is called after each frame with the number done, and `watch`.
 
-    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
-    `calibration` and `first_pose_sigma` are the Tracker's. Where there is no calibration and the recording begins in
-    contact, the untouched gel is taken from its first moment without; the summary's `untouched_from_s` says when.
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start, and `first_pose_sigma` (3,) how well that is known; by
+    default they are those of `first_pose_of`. `model` and `calibration` are the Tracker's. Without a calibration, the
+    untouched gel of a recording that begins in contact is taken from its first moment without; the summary's
+    `untouched_from_s` says when.
     A frame that cannot be used is left out: the estimate before stands for it, with status "faulty".
+    `state` is a file in which what is known is saved now and again; where it exists, tracking goes on from it and ends
+    as if it had not been interrupted. `dump` is a file that is written where a step fails; see `failed_step`.
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
     cannot go on, or cannot use the first frame.
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
-    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
+    first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     _check(recording, settings)
-    lift = None if calibration else _lift(recording, first, first_pose_sigma, settings)
+    lift = None if calibration else _lift(recording, first, sigma, settings)
     if lift:
         calibration = Calibration(lift.background)
     sensor = turned_as(recording.sensor, calibration)
-    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=first_pose_sigma)
-    estimates: list[Estimate] = []
-    taken: list[bool] = []
-    step_ms = np.empty(len(recording))
-    for index, frame in enumerate(recording):
-        start = time.perf_counter()
+    made_of = {
+        "recording": (recording.source, recording.time, recording.sensor_pose),
+        "object": shape_to_dict(recording.shape),
+        "sensor": sensor_to_dict(sensor),
+        "first pose": first,
+        "first pose sigma": sigma,
+        "setting": settings,
+        "touch model": None if model is None else model.hash,
+        "calibration": calibration and (calibration.background.mean, calibration.view, calibration.direction),
+    }
+
+    def begun() -> Steps:
+        if state is not None and state.exists():
+            return load_steps(state, made_of)
+        given = recording.shape, sensor, first, settings, model, calibration
+        return Steps(Tracker(*given, first_pose_sigma=sigma))
+
+    steps, saving = begun(), None if state is None else Saving(state, made_of)
+    for index in range(len(steps.taken), len(recording)):
+        frame = recording[index]
         try:
-            estimates.append(tracker.update(frame))
-            taken.append(True)
-        except FrameError as error:
-            if not estimates:
+            steps.take(frame)
+        except FrameError:
+            raise
+        except Exception as error:
+            if dump is None:
                 raise
-            logger.warning("%s; it is left out", error)
-            estimates.append(replace(estimates[-1], time=frame.time, status="faulty", reason=str(error)))
-            taken.append(False)
-        step_ms[index] = (time.perf_counter() - start) * 1e3
+            before = begun()
+            for earlier in range(len(before.taken), index):
+                before.take(recording[earlier])
+            raise write_failed_step(dump, before.tracker, frame, error) from error
         if watch:
-            watch(tracker.frame, estimates[-1], tracker.background)
+            watch(steps.tracker.frame, steps.estimates[-1], steps.tracker.background)
         if progress:
             progress(index + 1)
+        if saving:
+            saving.see(steps)
+    tracker, estimates, step_ms = steps.tracker, steps.estimates, np.array(steps.step_ms)
     settings = replace(settings, tactile=tracker.tactile)
-    model = (model or shipped_model()) if settings.tactile.startswith("learnt") else None
+    model = (model or shipped_model(recording.sensor.name)) if settings.tactile.startswith("learnt") else None
     online, answers, friction = gathered(estimates)
     contact = np.asarray(online.contact, np.bool_)
-    smoothed = _with_left_out(tracker.smoothed(), np.array(taken), recording.time)
-    wall_s = time.perf_counter() - begin
+    smoothed = _with_left_out(tracker.smoothed(), np.array(steps.taken), recording.time)
+    wall_s = steps.wall_s + time.perf_counter() - begin
     truth = known_truth(recording)
     summary = summarise(
         online,
@@ -138,7 +167,6 @@ def track(
         summary["untouched_from_s"] = lift.time
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
     return Run(
         recording,
         settings,
@@ -178,16 +206,13 @@ def _with_left_out(smoothed: Trajectory, taken: NDArray[np.bool_], time: Array) 
     return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])
 
 
-def _lift(
-    recording: Recording, first_pose: Array, first_pose_sigma: ArrayLike | None, settings: TrackerSettings
-) -> Lift | None:
+def _lift(recording: Recording, first_pose: Array, first_pose_sigma: Array, settings: TrackerSettings) -> Lift | None:
     """The first moment without contact, where the sensor may touch the object in the first images and does so."""
     if recording.image is None or not settings.tactile.startswith(("auto", "learnt")):
         return None
-    sigma = settings.noise.first_pose.deviation if first_pose_sigma is None else first_pose_sigma
     count = min(first_frames(recording.sensor.rate), len(recording))
     gap = gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape, recording.sensor)
-    if gap.min() > _REACH + _SURE * np.hypot(*np.asarray(sigma)[:2]):
+    if gap.min() > _REACH + _SURE * np.hypot(*first_pose_sigma[:2]):
         return None
     lift = lift_of(recording)
     if lift:
@@ -210,8 +235,29 @@ def _check(recording: Recording, settings: TrackerSettings) -> None:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
 
 
-def first_pose_of(recording: Recording) -> Array:
-    """Return the first ground truth (3,) [m, m, rad]. Raises SettingError where there is none."""
+def first_pose_of(
+    recording: Recording,
+    noise: NoiseSettings,
+    given: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """Return the first pose (3,) [m, m, rad] and how well it is known (3,).
+
+    It is what is given; else what the recording says; else the first ground truth. Raises SettingError where there is
+    none of them.
+    """
+    deviation = np.array(noise.first_pose.deviation)
+    if given is not None:
+        first = np.asarray(given, np.float64)
+    elif recording.first_pose is not None:
+        first = recording.first_pose
+        deviation = deviation if recording.first_pose_sigma is None else recording.first_pose_sigma
+    else:
+        first, deviation = _first_truth(recording), np.array(noise.first_pose.truth)
+    return first, deviation if sigma is None else np.asarray(sigma, np.float64)
+
+
+def _first_truth(recording: Recording) -> Array:
     name = recording.file or "the recording"
     known = trusted_truth(recording)
     if recording.object_pose is None or not known.any():

@@ -10,10 +10,11 @@ from typing import Any
 import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
-from palpate.files import whole_folder
+from palpate.files import read_json, whole_folder
 from palpate.formats import estimates_csv, palpate_h5, tum
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
 from palpate.recording.plane import Plane
+from palpate.tracker_settings import TrackerSettings
 from palpate.tracking import details
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
@@ -30,6 +31,7 @@ FILES = (
 """What a run folder holds."""
 RECORDING, PAGE, MCAP = "recording.h5", "page.html", "estimates.mcap"
 """What it may hold beside: the recording, where that is in no other file, and the page and messages asked for."""
+_STATE = "state.npz"
 
 
 def write_run(run: Run, folder: Path | str, force: bool = False, mcap: Plane | None = None) -> None:
@@ -39,15 +41,37 @@ def write_run(run: Run, folder: Path | str, force: bool = False, mcap: Plane | N
 
 
 @contextmanager
-def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
+def new_run(folder: Path, force: bool = False, resume: bool = False) -> Iterator[Path]:
     """A temporary folder for the files of a run, which becomes `folder` when the block ends well.
 
     Until then no other process can begin a run there. Raises FileError where one has, or if the folder exists; with
-    `force` an earlier run in it is replaced once the new one is whole.
+    `force` an earlier run in it is replaced once the new one is whole. The `state_file` beside it stays where a process
+    is killed or fails, and goes with the next run but one that is to `resume`.
     """
-    with whole_folder(folder) as part:
+    with whole_folder(folder, keep=_STATE) as part:
         check_folder(folder, force)
+        if not resume:
+            state_file(part).unlink(missing_ok=True)
         yield part
+
+
+def state_file(part: Path) -> Path:
+    """Return where the state of a run is saved whose temporary folder is `part`."""
+    return part.with_name(_STATE)
+
+
+def summary_of_whole(folder: Path, file: Path, settings: TrackerSettings) -> dict[str, Any]:
+    """Return the summary of a run that is there already.
+
+    Raises FileError unless it is of this recording and these settings.
+    """
+    found, wanted = read_json(folder / "settings.json"), json.loads(json.dumps(_options(file, settings)))
+    for name, value in wanted.items():
+        if found.get(name) != value and (name, value) != ("tactile", "auto"):
+            raise FileError(
+                f"{folder}: holds a run with another {name}; --force replaces it, --out names another folder"
+            )
+    return read_json(folder / "summary.json")
 
 
 def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
@@ -89,18 +113,25 @@ def settings_dict(run: Run) -> dict[str, Any]:
     noise = run.settings.noise
     return {
         "palpate": palpate.__version__,
-        "recording": RECORDING if run.recording.file is None else str(run.recording.file.absolute()),
         "source": run.recording.source,
-        "tactile": run.settings.tactile,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
         "calibration": None if run.calibration is None else str(run.calibration.file),
-        "smoother": run.settings.smoother,
-        "pressure": run.settings.pressure,
-        "hypotheses": run.settings.hypotheses,
         "first_pose": run.first_pose.tolist(),
-        "first_pose_sigma": None if run.first_pose_sigma is None else run.first_pose_sigma.tolist(),
+        "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
-        "noise": asdict(noise),
+        **_options(run.recording.file, run.settings),
+    }
+
+
+def _options(file: Path | None, settings: TrackerSettings) -> dict[str, Any]:
+    """What of this is known before a run, but for what may be left open."""
+    return {
+        "recording": RECORDING if file is None else str(file.absolute()),
+        "tactile": settings.tactile,
+        "smoother": settings.smoother,
+        "pressure": settings.pressure,
+        "hypotheses": settings.hypotheses,
+        "noise": asdict(settings.noise),
     }
 
 

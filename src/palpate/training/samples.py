@@ -1,7 +1,7 @@
 """What is learned from: the touched frames of recordings, with what their ground truth says they should tell."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from palpate.touch.background import Background, Image, background_of
 from palpate.touch.calibration import Calibration, turned_as, view_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.ellipse import ellipse_features
+from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.model import KINDS
 
 Array = NDArray[np.float64]
@@ -49,6 +50,8 @@ class Samples:
     """Yaw of the sensor in the object frame, (N,) [rad]."""
     direction: Array
     """Angle of the contact on the tip, (N,) [rad]; see `measurement.ContactDirection`."""
+    place: Array
+    """Where along y the pad is touched, (N,) [m]; see `measurement.ContactPlace`."""
     kind: Indices
     """Kind of contact, (N,), place in KINDS."""
     ellipse: Array
@@ -112,12 +115,12 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         assert found is not None
         return view.of(found)
 
-    background = _background(recording, image, calibration)
+    background, is_marked = _at_rest(recording, image, calibration)
     mean = reduced(background.mean)
     g = se2.between(recording.object_pose, recording.sensor_pose)
     episode, frame = _contacts(recording.contact & np.isfinite(g).all(axis=1))
-    images = [image(index) for index in frame.tolist()]
-    direction, kind = _geometry(recording, g[frame])
+    images = [_without(is_marked, image(index)) for index in frame.tolist()]
+    direction, place, kind = _geometry(recording, g[frame])
     return Samples(
         np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
@@ -125,13 +128,19 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         frame,
         g[frame, 2],
         calibration.direction.told(direction) if calibration else direction,
+        place,
         kind,
         np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
     )
 
 
-def _background(recording: Recording, image: Callable[[int], Image], calibration: Calibration | None) -> Background:
-    """The untouched gel in a recording whose images are had by number; that of the unit where it shows none."""
+def _at_rest(
+    recording: Recording, image: Callable[[int], Image], calibration: Calibration | None
+) -> tuple[Background, bool]:
+    """The untouched gel without markers, and whether it has some.
+
+    It is that of a recording, whose images are had by number, or of the unit where that shows none.
+    """
     name = recording.file or "the recording"
     known, sensor = calibration and calibration.background, turned_as(recording.sensor, calibration)
     size = sensor.image_height, sensor.image_width
@@ -140,11 +149,18 @@ def _background(recording: Recording, image: Callable[[int], Image], calibration
     assert recording.contact is not None
     untouched = np.flatnonzero(~recording.contact)
     if len(untouched) < 2 and known:
-        return known
+        is_marked = has_markers(known.mean)
+        return replace(known, mean=_without(is_marked, known.mean)), is_marked
     if len(untouched) < 2:
         raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
     chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
-    return background_of([image(index) for index in chosen.tolist()])
+    images = [image(index) for index in chosen.tolist()]
+    is_marked = has_markers(images[0])
+    return background_of([_without(is_marked, each) for each in images]), is_marked
+
+
+def _without(is_marked: bool, image: AnyImage) -> AnyImage:
+    return without_markers(image) if is_marked else image
 
 
 def _read(
@@ -168,14 +184,12 @@ def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)
 
 
-def _geometry(recording: Recording, g: Array) -> tuple[Array, Indices]:
-    """Angle of the contact on the tip (N,) and its kind (N,), from the outline."""
-    field = contact_model(recording.shape, recording.sensor).field
-    center = se2.transform(g, recording.sensor.centers[0])
-    distance, normal, _ = field.value_gradient_hessian(center)
-    toward = np.arctan2(-normal[:, 1], -normal[:, 0])
-    touched = center - distance[:, None] * normal
-    return se2.wrap(toward - g[:, 2]), _kinds(recording.shape, touched)
+def _geometry(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
+    """Angle of the contact on the tip (N,), its place along y (N,) and its kind (N,), from the outline."""
+    touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0, :, 0]
+    touched = touch["point"] - touch["gap"] * touch["normal"]
+    kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
+    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds
 
 
 def _kinds(shape: Shape, touched: Array) -> Indices:

@@ -15,7 +15,7 @@ from palpate.estimate import Estimate
 from palpate.formats import load_recording
 from palpate.geometry import se2
 from palpate.parallel import spread
-from palpate.study.faults.faults import FAULTS
+from palpate.study.faults.faults import FAULTS, is_of
 from palpate.study.faults.stream import Stream, stream_of
 from palpate.study.job import quiet
 from palpate.touch.model import TouchModel
@@ -77,18 +77,18 @@ def run_faults(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> list[FaultRun]:
-    """Track recordings, by name, with each fault; the order of runs is that of faults, then of recordings.
+    """Track recordings, by name, with each fault that `is_of` them; the order is that of faults, then of recordings.
 
-    `progress` is called with the number of runs that are done. Raises FileError on a recording without images, truth
-    or contact flags, which faults need.
+    `progress` is called with the number of recordings that are done. Raises FileError on a recording without images,
+    truth or contact flags, which faults need.
     """
     runs: list[FaultRun] = []
     do = partial(run_recording, names=tuple(names), seed=seed, model=model)
     with closing(spread(do, files.items(), workers)) as results:
-        for result in results:
+        for done, result in enumerate(results, 1):
             runs += result
             if progress:
-                progress(len(runs))
+                progress(done)
     faults, recordings = list(names), list(files)
     return sorted(runs, key=lambda run: (faults.index(run.fault), recordings.index(run.recording)))
 
@@ -96,7 +96,7 @@ def run_faults(
 def run_recording(
     named: tuple[str, Path], names: Sequence[str], seed: int = 0, model: TouchModel | None = None
 ) -> list[FaultRun]:
-    """Track one recording, given its name and file, with each fault."""
+    """Track one recording, given its name and file, with each fault that `is_of` it."""
     name, path = named
     recording = load_recording(path)
     truth = recording.object_pose
@@ -105,7 +105,7 @@ def run_recording(
     stream = stream_of(recording)
     settings = TrackerSettings("learnt")
     runs: list[FaultRun] = []
-    for fault in names:
+    for fault in (name for name in names if is_of(name, stream)):
         rng = np.random.default_rng([seed, zlib.crc32(f"{fault} {name}".encode())])
         with quiet():
             runs.append(run_stream(FAULTS[fault](stream, rng), settings, fault, name, model))

@@ -23,6 +23,8 @@ def _both(*faults: Fault) -> Fault:
 
 CLEAN = "none"
 """What the others are compared with."""
+PUSHED_ASIDE = "pushed aside while touched"
+"""The one fault that is recorded and not made of a stream: `palpate simulate --knocks` simulates a second pusher."""
 
 FAULTS: dict[str, Fault] = {
     CLEAN: _none,
@@ -79,6 +81,7 @@ FAULTS: dict[str, Fault] = {
     "extrinsics off 2 deg": partial(poses.misplaced, length=0.0, degrees=2.0),
     **{f"moved untouched, {n} mm": partial(poses.moved_untouched, length=n / 1e3, degrees=0.0) for n in (10, 20, 30)},
     "moved untouched, 20 deg": partial(poses.moved_untouched, length=0.0, degrees=20.0),
+    PUSHED_ASIDE: poses.pushed_aside,
     "dropped 20 % and image late by 1": _both(partial(timing.dropped, share=0.2), partial(images.late, frames=1)),
     "light drifts -20 % and outliers 10 %": _both(
         partial(images.drifting_light, change=-0.2), partial(images.outliers, share=0.1)
@@ -94,3 +97,10 @@ FAULTS: dict[str, Fault] = {
     ),
 }
 """All of them by the name that tables have."""
+
+
+def is_of(fault: str, stream: Stream) -> bool:
+    """Whether a fault is one of a stream: only PUSHED_ASIDE where something else pushes the object, else all others."""
+    if not stream.shoved:
+        return fault != PUSHED_ASIDE
+    return fault == PUSHED_ASIDE and any(stream.touching[frame] for frame in stream.shoved)

@@ -67,6 +67,11 @@ def moved_untouched(stream: Stream, rng: np.random.Generator, length: float, deg
     return replace(stream, frames=tuple(frames)).with_poses(poses).from_frame(last + 1)
 
 
+def pushed_aside(stream: Stream, rng: np.random.Generator) -> Stream:
+    """Let be seen that something else pushes the object while the sensor touches it, as it was recorded."""
+    return stream.from_frame(next(frame for frame in stream.shoved if stream.touching[frame]))
+
+
 def _while(stream: Stream, first: int, seconds: float) -> slice:
     return slice(first, int(np.searchsorted(stream.arrival, stream.arrival[first] + seconds)))
 

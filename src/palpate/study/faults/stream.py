@@ -35,6 +35,8 @@ class Stream:
     """What the tracker is told of the unit."""
     begin: float = 0.0
     """Arrival from which on the fault can be seen [s]."""
+    shoved: tuple[int, ...] = ()
+    """Frames, of those that were recorded, in which something else than the sensor pushes the object."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -86,8 +88,14 @@ def stream_of(recording: Recording) -> Stream:
     """Return the frames of a recording with truth at every frame, all images decoded."""
     assert recording.object_pose is not None
     frames = tuple(recording)
+    shoved = np.flatnonzero(recording.extra.get("knocked", ()))
     return Stream(
-        frames, recording.time - recording.time[0], recording.shape, recording.sensor, recording.object_pose[0]
+        frames,
+        recording.time - recording.time[0],
+        recording.shape,
+        recording.sensor,
+        recording.object_pose[0],
+        shoved=tuple(shoved.tolist()),
     )
 
 
