@@ -28,7 +28,7 @@ Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "d
 - ambiguous: several poses far apart fit what was measured; the covariance spans them.
 - strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock); the
   covariance is larger by as much.
-- uncertain: the covariance is so large that it is itself a guess.
+- uncertain: the covariance is so large that it is itself a guess, or touch cannot tell anything yet.
 - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
   says, in this contact and after it.
 - indeterminate: the graph could not be solved at this frame and starts anew from the last pose.
@@ -81,9 +81,18 @@ class Diagnosis:
         """Whether the object must have moved while nothing touched it."""
         return self._displacement > 0.0
 
+    def gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, float]:
+        """Return the estimated distance between sensor (3,) and object, and its standard deviation, both [m].
+
+        The strain is left out: it puts pushing in doubt, not where the outline was last touched.
+        """
+        gap, by_object = self._seen_gap(prior, sensor_pose)
+        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
+        return gap, float(np.sqrt(variance))
+
     def see_rest(self, prior: Prior, sensor_pose: Array) -> None:
         """Compare where the sensor (3,) is with an object that nothing touches."""
-        gap, deviation = self._gap(prior, sensor_pose)
+        gap, deviation = self.gap(prior, sensor_pose)
         if gap < -_SURPRISE * deviation:
             self._displacement = max(self._displacement, -gap)
 
@@ -100,7 +109,7 @@ class Diagnosis:
 
     def see_first_touch(self, prior: Prior, sensor_pose: Array, measurements: Sequence[Measurement]) -> None:
         """Compare where the sensor (3,) is, and where it is touched, with an object that it begins to touch."""
-        gap, deviation = self._gap(prior, sensor_pose)
+        gap, deviation = self.gap(prior, sensor_pose)
         if abs(gap) > _SURPRISE * deviation:
             self._displacement = max(self._displacement, abs(gap))
         for said in measurements:
@@ -151,15 +160,6 @@ class Diagnosis:
     def covariance_of_motion(self, length: float) -> Array:
         """Return the covariance (3, 3) of an unknown motion of this size [m]."""
         return np.diag(np.square([length, length, length / self._model.friction_radius]))
-
-    def _gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, float]:
-        """Estimated distance between sensor and object, and its standard deviation, both [m].
-
-        The strain is left out: it puts pushing in doubt, not where the outline was last touched.
-        """
-        gap, by_object = self._seen_gap(prior, sensor_pose)
-        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
-        return gap, float(np.sqrt(variance))
 
     def _turn(self, prior: Prior, sensor_pose: Array, said: ContactDirection) -> float:
         """How far the object must have turned [rad] to be touched where it is said to be; 0 where it need not have.

@@ -79,6 +79,10 @@ class Estimator:
         angle = self._contact.pushing_angle() if isinstance(self._contact, FixedLag) else math.nan
         return touched(self._model, self._contact.belief(), angle)
 
+    def gap(self, sensor_pose: Array) -> tuple[float, float]:
+        """Return how far from the object a sensor is that stands here (3,), and the standard deviation of that [m]."""
+        return self._diagnosis.gap(self.known, sensor_pose)
+
     def path(self) -> Array:
         """Return all object poses so far (N, 3), each as all later measurements in its contact leave it."""
         parts = [*self._settled, *([] if self._contact is None else [_object_path(self._contact)])]

@@ -176,6 +176,10 @@ class Hypotheses:
         far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
         return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 
+    def gap(self, sensor_pose: Array) -> tuple[float, float]:
+        """Return how far from the object a sensor is that stands here; see Estimator."""
+        return self._best.estimator.gap(sensor_pose)
+
     def path(self) -> Array:
         """Return all object poses so far (N, 3), as the best hypothesis has them."""
         return self._best.estimator.path()
