@@ -32,9 +32,10 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
-# Fifty kills of every command, at random times.
+# Fifty kills of every command, at random times, and twenty of live sessions.
 kills: $(READY_DEV)
 	$(BIN)/python scripts/kill_commands.py
+	$(BIN)/python scripts/kill_live.py
 
 # Everything anew in empty environments; outside CI's time.
 test-matrix: $(READY_DEV)

@@ -5,7 +5,7 @@
     palpate demo                                            # leaves demo-run/recording.h5
     python 03_live_loop.py demo-run/recording.h5
 
-`palpate live` has such a loop for a camera, with sensor poses by UDP or by a function like `poses` of own_poses.py.
+`palpate live` has such a loop for a camera, with sensor poses by UDP or by a function like that of own_package.
 """
 
 import sys

@@ -178,6 +178,35 @@ def ways() -> str:
     )
 
 
+MINI = {"disc": "disc", "rectangle-edges": "rectangle, edges", "ellipse": "ellipse"}
+MINI_WAYS = {"learnt": "learnt", "oracle": "true relative yaw"}
+
+
+def mini() -> str:
+    """Return the table of pushes by a simulated GelSight Mini."""
+    rows = sequences("gelsight_mini")
+    cells = []
+    for way, told_way in MINI_WAYS.items():
+        for group, told in MINI.items():
+            each = [row for row in rows if row["group"] == group and row["tactile"] == way]
+            cells.append(_scored(f"{told}; {told_way}", each))
+    return table(("objects; touch", *SCORES[1:]), cells)
+
+
+def mini_facts() -> set[str]:
+    """Return what is said of the model of the GelSight Mini."""
+    told = loaded("docs/study/gelsight_mini/touch_model.json")["honesty"]
+    return {"95", f"{told['place']['median_mm']:.1f}", f"{told['direction']['median_deg']:.1f}"}
+
+
+def press_facts() -> set[str]:
+    """Return how far a model from presses is off."""
+    found = loaded("docs/study/presses.json")
+    shares = {f"{100.0 * found[key]:.0f}" for key in ("in_68_share", "in_95_share")}
+    counts = {str(found[key]) for key in ("domes", "presses", "judged")}
+    return {"68", "95", *shares, *counts, f"{found['rms_deg']:.1f}", f"{found['median_deg']:.1f}"}
+
+
 def readers() -> str:
     """Return the table of what models read from pairs of images."""
     squares = loaded("docs/study/touch_model.json")["mean_square_of_sine"]
@@ -355,6 +384,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "plain": plain,
     "knocked": knocked,
     "ways": ways,
+    "mini": mini,
     "readers": readers,
     "balls": balls,
     "real-motion": real_motion,
@@ -371,6 +401,8 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "coverage-facts": coverage_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
+    "mini-facts": mini_facts,
+    "press-facts": press_facts,
     "real-facts": real_facts,
     "rendered-facts": rendered_facts,
     "step-facts": step_facts,

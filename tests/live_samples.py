@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,14 @@ def state() -> tuple[LiveState, list[str]]:
     """A state, and the list of what it says."""
     said: list[str] = []
     return LiveState(said.append), said
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    """Wait until something is so, for a while."""
+    last = monotonic() + 20.0
+    while not what():
+        assert monotonic() < last, "it never came to be"
+        sleep(0.005)
 
 
 def images_at(clock: Clock, times: Any) -> Any:

@@ -70,6 +70,8 @@ def tiny_recording(n: int = 5, **changes: Any) -> Any:
         "contact_derived": True,
         "source": "a test, with ünicode",
         "frames": {"sensor_pose": "made up"},
+        "first_pose": np.array([0.1, -0.2, 3.0]),
+        "first_pose_sigma": np.array([0.01, 0.02, 0.3]),
     }
     return Recording(**(fields | changes))
 

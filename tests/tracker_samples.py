@@ -15,8 +15,13 @@ from palpate.tracker_settings import TrackerSettings
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]
-AS_DRAWN = with_settings(NoiseSettings(), priors={"depth": (0.0, 4e-4), "friction_ratio": (0.0, 0.3)})
-"""The defaults, expecting what pushes are drawn with: the object only just touches, and c is the model's."""
+AS_DRAWN = with_settings(
+    NoiseSettings(),
+    first_pose={"deviation": NoiseSettings().first_pose.truth},
+    priors={"depth": (0.0, 4e-4), "friction_ratio": (0.0, 0.3)},
+)
+"""The defaults, expecting what pushes are drawn with: the first pose is true, the object only just touches, and c is
+the model's."""
 CALIBRATED = with_settings(AS_DRAWN, sensor_pose={"calibration": (0.0, 0.0, 0.0)})
 """The same, sensor, world and outline being where they are thought to be, as they are in drawn pushes."""
 

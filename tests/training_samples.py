@@ -115,6 +115,7 @@ def samples(lengths: Any, recordings: Any = None, seed: int = 0) -> Samples:
         np.concatenate([np.arange(length) for length in lengths]),
         rng.uniform(-0.3, 0.3, count),
         rng.uniform(-0.3, 0.3, count),
+        rng.uniform(-0.01, 0.01, count),
         rng.integers(len(KINDS), size=count),
         rng.normal(size=(count, 6)),
     )

@@ -13,6 +13,7 @@ from palpate.limits import FARTHEST
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import (
     ContactDirection,
+    ContactPlace,
     Measurement,
     OwnMeasurement,
     RelativePoses,
@@ -94,7 +95,7 @@ def _check_measurement(when: str, measurement: Measurement, tips: int) -> None:
     kind = type(measurement).__name__
     if not isinstance(measurement, Measurement):
         raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's measurements, as ObjectPose")
-    if tips > 1 and isinstance(measurement, ContactDirection | Turn):
+    if tips > 1 and isinstance(measurement, ContactDirection | ContactPlace | Turn):
         raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
     if isinstance(measurement, RelativePoses) and not (np.linalg.eigvalsh(measurement.covariance) > 0.0).all():
         raise FrameError(f"{when} has a measurement RelativePoses whose covariance is not positive definite")

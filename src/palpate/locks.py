@@ -7,10 +7,11 @@ and on file systems without such locks, nothing is locked, and nothing of others
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from palpate.errors import FileError
+from palpate.shards import Shard
 
 try:
     import fcntl
@@ -41,19 +42,23 @@ def held(path: Path, target: Path, folder: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def held_folder(folder: Path, what: str) -> Iterator[None]:
+def held_folder(folder: Path, what: str, shard: Shard | None = None) -> Iterator[None]:
     """Hold a folder that grows while the block runs, and make it where it is not there.
 
-    One that was made is removed again where the block fails before anything is in it. Raises FileError where another
-    process holds it, and where it cannot be made, saying `what` it cannot be.
+    Processes that hold shards of it hold it together, each shard by one of them. A folder that was made is removed
+    again where the block fails before anything is in it. Raises FileError where another process holds it, and where it
+    cannot be made, saying `what` it cannot be.
     """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
-        handle = _hold(folder, folder, folder=True)
+        handle = _hold(folder, folder, folder=True, together=shard is not None)
     except OSError as error:
         raise FileError(f"{folder}: cannot be {what} ({error.strerror})") from error
     try:
-        yield
+        if shard is None:
+            remove_parts(folder, ".shard-*.lock")
+        with only_writer(folder / str(shard)) if shard else nullcontext():
+            yield
     except BaseException:
         remove_empty(made)
         raise
@@ -88,8 +93,11 @@ def remove_empty(folders: list[Path]) -> None:
             folder.rmdir()
 
 
-def _hold(path: Path, target: Path, folder: bool) -> int | None:
-    """Make and lock it; returns the descriptor that holds it, None on a system without locks."""
+def _hold(path: Path, target: Path, folder: bool, together: bool = False) -> int | None:
+    """Make and lock it; returns the descriptor that holds it, None on a system without locks.
+
+    Several processes can hold it `together`, and then no other.
+    """
     flags = os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
     while True:
         if folder:
@@ -98,7 +106,7 @@ def _hold(path: Path, target: Path, folder: bool) -> int | None:
             return None
         handle = os.open(path, flags, 0o666)
         try:
-            if _lock(handle) is False:
+            if _lock(handle, together) is False:
                 raise FileError(f"{target}: another process is writing it; wait until it ends, or name another")
             if _is_at(handle, path):
                 if not folder:
@@ -110,12 +118,12 @@ def _hold(path: Path, target: Path, folder: bool) -> int | None:
         os.close(handle)  # its holder moved or removed it after it was opened here: once more
 
 
-def _lock(handle: int) -> bool | None:
+def _lock(handle: int, together: bool = False) -> bool | None:
     """Whether the lock was to be had; None where there are none."""
     if fcntl is None:
         return None
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, (fcntl.LOCK_SH if together else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:  # a file system without locks

@@ -230,7 +230,7 @@ class Tracker:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         else:
             try:
-                image = self._view.of(frame.image)
+                image = self._detector.read(self._view.of(frame.image))
                 frame = replace(frame, contact=self._detector.update(image), image=image)
             except (SettingError, IndexError) as error:  # the latter of an image without three channels
                 raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
@@ -267,9 +267,8 @@ def _first_pose(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Track
         sigma = _ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
     deviation = finite_numbers(sigma, (3,))
     if deviation is None or not (deviation > 0.0).all():
-        raise SettingError(
-            f"first pose sigma is {sigma!r}; it must be three numbers above 0: x [m], y [m], theta [rad]"
-        )
+        found = np.asarray(sigma).tolist()
+        raise SettingError(f"first pose sigma is {found}; it must be three numbers above 0: x [m], y [m], theta [rad]")
     return first, deviation
 
 

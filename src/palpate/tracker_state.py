@@ -88,7 +88,7 @@ def _about(tracker: Tracker) -> dict[str, Any]:
         "settings": asdict(tracker._settings),
         "tactile": [tracker.tactile, tracker.tactile_reason],
         "model": None if model is None else str(model.folder.absolute()),
-        "model_hash": (model or shipped_model()).hash if learnt else None,
+        "model_hash": (model or shipped_model(tracker._sensor.name)).hash if learnt else None,
     }
 
 
@@ -97,9 +97,9 @@ def _made(about: dict[str, Any]) -> Tracker:
     settings = about["settings"]
     settings = TrackerSettings(**{**settings, "noise": noise_from_dict(settings["noise"])})
     model = None if about["model"] is None else TouchModel(about["model"])
-    if about["model_hash"] not in (None, (model or shipped_model()).hash):
-        raise FileError("its touch model is another one now, so that estimates would not be the same")
     shape, sensor = shape_from_dict(about["shape"]), sensor_from_dict(about["sensor"])
+    if about["model_hash"] not in (None, (model or shipped_model(sensor.name)).hash):
+        raise FileError("its touch model is another one now, so that estimates would not be the same")
     tracker = Tracker(shape, sensor, None, settings, model)
     if settings.tactile == "auto" and about["tactile"][0] != "auto":
         tracker._settle_touch(*about["tactile"])

@@ -57,11 +57,12 @@ def failure(capsys: Any, *words: str) -> str:
     return line
 
 
+OBJECT_AND_SENSOR = ("shape", "shape_unit", "sensor")
 TRACK = ("track", "push.bag", "--shape", "disc", "--first-pose", "0.3", "0", "0")
 
 
 def test_options_are_the_choices_of_the_library():
-    said = {name: value for name, value in asdict(BAG_DEFAULTS).items() if not name.startswith("shape")}
+    said = {name: value for name, value in asdict(BAG_DEFAULTS).items() if name not in OBJECT_AND_SENSOR}
     assert said == asdict(BagChoices())
     assert get_args(ShapeUnit) == get_args(Unit)
 

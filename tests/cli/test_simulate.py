@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -57,7 +58,7 @@ def contents(folder):
 
 def test_a_recording_with_images():
     done = []
-    made = simulate_recording(DISC, "disc", 3, 3.0, progress=done.append)
+    made = simulate_recording(DISC, "disc", 3, 3.0, progress=done.append, ideal=True)
     assert (len(made), made.sensor, made.shape) == (90, DIGIT, DISC)
     assert done == list(range(1, 91))
     assert made.contact is not None and made.image is not None and made.object_pose is not None
@@ -89,13 +90,14 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     for name, values in seen.extra.items():
         assert np.array_equal(values, blind.extra[name], equal_nan=True)
     turned = simulate_recording(SHAPES["ellipse"], "ellipse", 3, 3.0, images=False)
-    assert turned.source.rsplit(" ", 1)[1] != blind.source.rsplit(" ", 1)[1]  # another unit
+    unit, another = (re.findall("gel of unit ([0-9]+)", made.source) for made in (turned, blind))
+    assert len(unit) == len(another) == 1 and unit != another
 
 
 def test_a_unit_stays_the_same_in_other_recordings():
     disc, ellipse = SHAPES["disc"], SHAPES["ellipse"]
-    one = simulate_recording(disc, "disc", 3, 3.0, unit=5)
-    other = simulate_recording(ellipse, "ellipse", 4, 3.0, unit=5)
+    one = simulate_recording(disc, "disc", 3, 3.0, unit=5, ideal=True)
+    other = simulate_recording(ellipse, "ellipse", 4, 3.0, unit=5, ideal=True)
     assert one.source.endswith("of unit 5") and other.source.endswith("of unit 5")
     first, second = (np.asarray(made[0].image, float) for made in (one, other))
     assert np.abs(first - second).mean() < 3.0  # but for noise, the same untouched gel
@@ -114,7 +116,9 @@ def test_every_object_is_simulated_in_every_way(name):
 
 def test_the_oracle_tracks_a_simulated_push():
     for name, kind in (("disc", "disc"), ("rectangle", "rectangle-corners")):
-        run = track(simulate_recording(SHAPES[name], kind, 1, 6.0, images=False), TrackerSettings(tactile="oracle"))
+        run = track(
+            simulate_recording(SHAPES[name], kind, 1, 6.0, images=False, ideal=True), TrackerSettings(tactile="oracle")
+        )
         assert run.summary["final_translation_error_mm"] < 10.0
         assert run.summary["final_rotation_error_deg"] < 3.0
 
@@ -182,7 +186,7 @@ def test_what_cannot_be_made_does_not_stop_the_rest(capsys):
 
 def test_command_line(capsys):
     Path("square.txt").write_text("0 0\n0.1, 0\n0.1 0.1\n0 0.1\n")
-    words = ("--shape", "square.txt", "--shape", "disc", "--count", "1", "--seconds", "3", "--no-images")
+    words = ("--shape", "square.txt", "--shape", "disc", "--count", "1", "--seconds", "3", "--no-images", "--ideal")
     assert palpate("out", *words, "--json") == 0
     out, err = capsys.readouterr()
     found = json.loads(out)
@@ -193,16 +197,17 @@ def test_command_line(capsys):
     assert "holds 2 recordings already; --resume" in failure(capsys, "out", *words)
     assert palpate("out", *words, "--resume") == 0
     assert "0 made, 2 kept, 0 failed" in capsys.readouterr().out
+    assert "was made with other options" in failure(capsys, "out", *words[:-1], "--resume")  # with systematic errors
 
 
 def test_knocks(capsys):
-    words = ("--shape", "disc", "--count", "1", "--seconds", "3", "--no-images")
+    words = ("--shape", "disc", "--count", "1", "--seconds", "3", "--no-images", "--ideal")
     assert palpate("out", *words, "--knocks") == 0
     made = read_recording("out/disc-000000.h5")
     knocked = made.extra["knocked"]
     assert set(knocked) == {0.0, 1.0}
     assert made.source.endswith(", knocked") and "knocked" in made.frames["extra"]
-    plain = simulate_recording(DISC, "disc", 0, 3.0, images=False)
+    plain = simulate_recording(DISC, "disc", 0, 3.0, images=False, ideal=True)
     assert made.source == f"{plain.source}, knocked" and "knocked" not in plain.extra
     begin = int(np.argmax(knocked))
     assert np.array_equal(made.sensor_pose[:begin, :2], plain.sensor_pose[:begin, :2])
@@ -210,7 +215,9 @@ def test_knocks(capsys):
     assert palpate("out", *words, "--knocks", "--resume") == 0
     assert "0 made, 1 kept" in capsys.readouterr().out
     assert "was made with other options" in failure(capsys, "out", *words, "--resume")
-    assert "--knocks cannot go with it" in failure(capsys, "new", "--replay", "out/disc-000000.h5", "--knocks")
+    assert "--knocks, --ideal cannot go" in failure(
+        capsys, "new", "--replay", "out/disc-000000.h5", "--knocks", "--ideal"
+    )
 
 
 @pytest.mark.parametrize(

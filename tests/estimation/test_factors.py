@@ -333,6 +333,7 @@ def test_many_smoothers_at_once_are_each_as_alone():
     pair = RelativePoses(np.array([1]), np.zeros((1, 3)), np.eye(3)[None])
     measurements = [
         ContactDirection(0.4, 1e-2),
+        said.ContactPlace(0.001, 1e-6),
         said.Turn(-0.2, 1e-2),
         said.ObjectPose(np.zeros(3), np.eye(3)),
         pair,

@@ -248,8 +248,8 @@ def test_the_published_settings():
     assert PUBLISHED.sensor_pose.calibration == (0.0,) * 3  # the paper's covariance is the graph's alone
     assert PUBLISHED.first_pose.rest == (1e-9,) * 3
     assert PUBLISHED.direction.share == PUBLISHED.turn.share == 1.0
-    assert kernels(PUBLISHED) == [None] * 6
-    assert kernels(NoiseSettings()) == [3.0, 3.0, 3.0, 2.0, 2.0, 2.0]
+    assert kernels(PUBLISHED) == [None] * 7
+    assert kernels(NoiseSettings()) == [3.0, 3.0, 3.0, 3.0, 2.0, 2.0, 2.0]
 
 
 def test_the_sticking_settings():

@@ -93,9 +93,11 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
     assert asdict(read) == {
         # Which version 1 had not.
         "sensor_pose": {"deviation": (1.5e-4, 2e-4, 2e-3), "calibration": (1e-3, 1e-3, 9e-3)},
-        "first_pose": {"deviation": (6e-4, 7e-4, 6e-3), "rest": (2e-5, 3e-5, 2e-4)},
+        # Version 1 did not tell a stated pose from a true one.
+        "first_pose": {"deviation": (6e-4, 7e-4, 6e-3), "truth": (6e-4, 7e-4, 6e-3), "rest": (2e-5, 3e-5, 2e-4)},
         "contact": {"deviation": 2e-3, "kernel": 3.5},
         "direction": {"share": 1.9, "kernel": 2.9},
+        "place": {"share": 2.0, "kernel": 3.0},  # which version 1 had not
         "turn": {"share": 80.0, "kernel": 2.9},
         "relative_pose": {"oracle": (1.0, 1.1, 0.07), "constant": (1.2, 1.3, 4.0)},
         "sticking": {
@@ -153,7 +155,9 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
 
 ABOVE = "it must be a finite number above 0"
 THREE = "it must be 3 finite numbers above 0"
-GROUPS = "sensor_pose, first_pose, contact, direction, turn, relative_pose, sticking, balance, friction_cone, priors"
+GROUPS = (
+    "sensor_pose, first_pose, contact, direction, place, turn, relative_pose, sticking, balance, friction_cone, priors"
+)
 
 
 @pytest.mark.parametrize(

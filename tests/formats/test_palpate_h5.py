@@ -30,7 +30,7 @@ def test_file_round_trip(tmp_path, shape):
     path = tmp_path / "a.h5"
     write_recording(made, path)
     found = read_recording(path)
-    for name in ("time", "sensor_pose", "object_pose", "contact", "episode"):
+    for name in ("time", "sensor_pose", "object_pose", "first_pose", "first_pose_sigma", "contact", "episode"):
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
         assert getattr(found, name).dtype == getattr(made, name).dtype
     assert found.image == made.image
@@ -45,6 +45,7 @@ def test_file_round_trip_without_optional_fields(tmp_path):
     write_recording(Recording(np.array([0.0, 1.0]), np.zeros((2, 3)), Disc(0.05), POINT), path)
     found = read_recording(path)
     assert (found.object_pose, found.contact, found.episode, found.image) == (None, None, None, None)
+    assert (found.first_pose, found.first_pose_sigma) == (None, None)
     assert found.contact_derived is False
 
 

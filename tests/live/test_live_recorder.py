@@ -17,7 +17,9 @@ from palpate.geometry.shapes import Disc
 from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
+from palpate.live.truth import TruePose
 from palpate.recording.images import decode_image
+from palpate.recording.seen_poses import SIGMA
 
 KILLED = """
 import os, random, signal, sys, time
@@ -30,6 +32,7 @@ from palpate.geometry.shapes import Disc
 from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
+from palpate.live.truth import TruePose
 from palpate.estimate import Estimate
 
 random.seed(7)
@@ -91,6 +94,8 @@ def test_what_is_recorded_is_a_recording(tmp_path):
             taking.image(TouchImage(when, GEL + np.uint8(index), "png"))
             estimate = Estimate(when, pose, np.eye(3), True, "displaced", "it is gone")
             taking.estimate(estimate, SensorPlace(pose, "held", 0.05), 0.004)
+        for when in (0.08, 0.02, 0.05):  # truth may be told late
+            taking.truth(TruePose(when, np.array([when, 0.1, np.pi + when]), np.array([1e-3, 2e-3, 3e-3])))
     taking.image(TouchImage(9.0, GEL))  # too late, and left out
     recording = formats.load_recording(path)
     assert (recording.shape, recording.sensor, recording.codec) == (Disc(0.05), CAMERA, "png")
@@ -99,6 +104,11 @@ def test_what_is_recorded_is_a_recording(tmp_path):
     assert recording.image is not None
     for index, data in enumerate(recording.image):
         assert np.array_equal(decode_image(data, "png", GEL.shape[:2]), GEL + np.uint8(index))
+    when = recording.time[1:3]  # before and after, nobody knows
+    assert recording.object_pose is not None
+    assert np.allclose(recording.object_pose[1:3], np.column_stack([when, [0.1, 0.1], when - np.pi]))
+    assert np.isnan(recording.object_pose[[0, 3]]).all()
+    assert np.allclose(recording.extra[SIGMA][1:3], [1e-3, 2e-3, 3e-3])
     diagnosis = next(raw for raw in raw_messages(path) if raw.channel.topic == "/palpate/diagnostics").data
     for words in (b"displaced", b"it is gone", b"held", b"sensor pose age [ms]", b"50.0", b"4.0"):
         assert words in diagnosis

@@ -1,19 +1,24 @@
 import json
 import socket
+import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from live_samples import SIZE, FakeTracker, images_at, state, wait_for
 from test_package import EXAMPLES, python
 
 from palpate.errors import SettingError
 from palpate.live.clock import Clock
 from palpate.live.own_poses import own_poses
 from palpate.live.poses import Refused, TimedPose
+from palpate.live.session import Sources, track_live
 from palpate.live.udp import UdpPoses
+from palpate.own_code import own_code
 
 RUBBISH = [
     b"",
@@ -80,6 +85,39 @@ def test_udp_keeps_to_loopback_and_a_port_in_use_is_said():
     assert list(source.poses(stop)) == []
 
 
+SENDER = """
+import json, socket, sys, time
+sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+while True:
+    sender.sendto(json.dumps({"time": time.time(), "pose": [0.1, 0.2, 0.3]}).encode(), ("127.0.0.1", int(sys.argv[1])))
+    time.sleep(0.005)
+"""
+
+
+def test_a_source_that_is_killed_and_begun_again_five_times():
+    clock, stop = Clock(time.time()), threading.Event()
+    source, (counts, said) = UdpPoses(0, clock), state()
+
+    def robot() -> None:
+        for times in range(1, 6):
+            before = counts.poses
+            sender = subprocess.Popen([sys.executable, "-S", "-c", SENDER, str(source.port)])
+            wait_for(lambda before=before: counts.poses > before + 20)
+            sender.kill()
+            sender.wait()
+            wait_for(lambda times=times: sum("have stalled" in text for text in said) == times)
+        stop.set()
+
+    hand = threading.Thread(target=robot)
+    hand.start()
+    images = images_at(clock, clock.now() + np.arange(3000) / 60)
+    track_live(FakeTracker(), Sources(images, source.poses, clock, SIZE), counts, stop)  # pyright: ignore[reportArgumentType]
+    hand.join()
+    assert sum("have stalled" in text for text in said) == 5 and sum("sensor poses come" in text for text in said) >= 4
+    assert counts.refused == 0 and counts.poses > 100 and counts.unplaced > 0
+    assert counts.images == counts.tracked + counts.dropped + counts.unplaced
+
+
 def install(folder: Path, module: str, code: str, monkeypatch: Any) -> None:
     """A package of somebody's own that is installed, with one entry point, named like its module."""
     (folder / f"{module}.py").write_text(code)
@@ -89,10 +127,11 @@ def install(folder: Path, module: str, code: str, monkeypatch: Any) -> None:
     (info / "entry_points.txt").write_text(f"[palpate.poses]\n{module} = {module}:poses\n")
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, module, raising=False)
+    own_code.cache_clear()
 
 
 def test_poses_come_from_an_entry_point(tmp_path, monkeypatch):
-    install(tmp_path, "own_poses", (EXAMPLES / "own_poses.py").read_text(), monkeypatch)
+    install(tmp_path, "own_poses", (EXAMPLES / "own_package/my_robot_poses.py").read_text(), monkeypatch)
     clock = Clock(time.time())
     found = gathered(own_poses("own_poses", clock), 4)
     assert all(isinstance(each, TimedPose) for each in found)
@@ -105,7 +144,7 @@ def test_poses_come_from_an_entry_point(tmp_path, monkeypatch):
 
 
 def test_the_example_runs():
-    lines = python(str(EXAMPLES / "own_poses.py")).splitlines()
+    lines = python(str(EXAMPLES / "own_package/my_robot_poses.py")).splitlines()
     assert len(lines) == 3 and all("theta 0.00 rad" in line for line in lines)
 
 
@@ -113,7 +152,9 @@ def test_an_entry_point_that_gives_rubbish_or_raises(tmp_path, monkeypatch):
     code = "import time\ndef poses():\n    yield 7\n    yield 1.0, 2.0\n    yield time.time(), 1, 2, float('nan')\n"
     install(tmp_path, "bad_poses", code + "    raise KeyError('robot')\n", monkeypatch)
     source, found = own_poses("bad_poses", Clock(time.time())), []
-    with pytest.raises(SettingError, match=r"poses 'bad_poses' \(bad_poses:poses\) ended with KeyError: 'robot'"):
+    with pytest.raises(
+        SettingError, match=r"entry point 'bad_poses' of palpate.poses \(bad_poses:poses\) ended with KeyError: 'robot'"
+    ):
         for item in source(threading.Event()):
             found.append(item)
     assert len(found) == 3 and all(isinstance(each, Refused) for each in found)

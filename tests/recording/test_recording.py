@@ -81,6 +81,10 @@ def test_jpeg_is_close_and_smaller():
         ({"episode": np.array([0, 0, -2, 0, 0])}, "episode: frame 2 is -2, allowed is 0, 1, 2"),
         ({"codec": "gif"}, "codec: found 'gif', allowed are 'jpeg' and 'png'"),
         ({"image": (b"",) * 4}, "image: found 4 images for 5 times"),
+        ({"first_pose": np.zeros((5, 3))}, r"first_pose: found shape \(5, 3\), expected \(3,\)"),
+        ({"first_pose": [0.0, np.nan, 0.0]}, r"first_pose: found \[0.0, nan, 0.0\], allowed are three numbers"),
+        ({"first_pose_sigma": [0.1, 0.0, 0.1]}, r"first_pose_sigma: found \[0.1, 0.0, 0.1\], allowed is above 0"),
+        ({"first_pose": None}, "first_pose_sigma: .* with a first_pose"),
         ({"sensor": POINT}, "image: found images, but the sensor 'point' has none"),
     ],
 )

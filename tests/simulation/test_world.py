@@ -199,3 +199,19 @@ def test_a_missing_simulator_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(SettingError, match=r"pip install palpate\[sim\]"):
         World(WorldSettings(feet=ring(0.05)), DISC, DIGIT, np.zeros(3), (-0.3, 0.0, 0.0))
+
+
+def test_a_gel_drifts_as_it_is_used():
+    new = WorldSettings(feet=ring(0.07), gel_friction=0.25)
+    (_, before), (_, after) = (
+        pushed(RECTANGLE, replace(new, gel_drift=drift), pushing=50, velocity=(0.01, -0.02))
+        for drift in ((0.0, 0.0), (0.2, -0.1))
+    )
+    # The object settles for 0.4 s before the first frame.
+    seconds, sliding = 0.4 + np.arange(30, 50) / DIGIT.rate, slice(30, 50)
+    friction, stiffness = (
+        np.array([motion.tangential_force[sliding] / motion.normal_force[sliding] for motion in (before, after)]),
+        np.array([motion.normal_force[sliding] / motion.indentation[sliding] for motion in (before, after)]),
+    )
+    assert friction[1] / friction[0] == pytest.approx(1.0 + 0.2 * seconds, rel=0.02)
+    assert stiffness[1] / stiffness[0] == pytest.approx(1.0 - 0.1 * seconds, rel=0.03)

@@ -65,7 +65,7 @@ def test_networks_in_each_others_place_are_found(folder):
     ("changes", "message"),
     [
         ({"format": "palpate-recording"}, "format is 'palpate-recording', expected 'palpate-touch-model'"),
-        ({"version": 2}, "version is 2, this palpate reads up to 1"),
+        ({"version": 3}, "version is 3, this palpate reads up to 2"),
         ({"version": "1"}, "version is '1'"),
         ({"hash": None}, "altered"),
         ({"settings": {"sensor": "small"}}, "altered"),

@@ -24,7 +24,7 @@ from palpate.tracking.run import Run, track
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return simulate_recording(SHAPES["rectangle"], "rectangle-edges", 71, 6.0)
+    return simulate_recording(SHAPES["rectangle"], "rectangle-edges", 71, 6.0, ideal=True)
 
 
 @pytest.fixture(scope="module")

@@ -98,9 +98,10 @@ def test_the_settings_that_ship():
     assert NoiseSettings() == PRESETS["palpate"]
     assert asdict(NoiseSettings()) == {
         "sensor_pose": {"deviation": (1e-4, 1e-4, 1e-3), "calibration": (1e-3, 1e-3, 9e-3)},
-        "first_pose": {"deviation": (5e-4, 5e-4, 5e-3), "rest": (1e-5, 1e-5, 1e-4)},
+        "first_pose": {"deviation": (3e-3, 3e-3, 5e-2), "truth": (5e-4, 5e-4, 5e-3), "rest": (1e-5, 1e-5, 1e-4)},
         "contact": {"deviation": 1e-3, "kernel": 3.0},
         "direction": {"share": 2.0, "kernel": 3.0},
+        "place": {"share": 2.0, "kernel": 3.0},
         "turn": {"share": 88.0, "kernel": 3.0},
         "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0)},
         "sticking": {

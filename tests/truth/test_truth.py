@@ -1,32 +1,34 @@
 import json
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from truth_samples import CAMERA, COLUMNS, DELAY, OBJECT_HEIGHT, ROWS, SENSOR_HEIGHT, recording, video
+from truth_samples import (
+    CAMERA,
+    COLUMNS,
+    DELAY,
+    OBJECT_HEIGHT,
+    PRECISE,
+    ROWS,
+    SENSOR_HEIGHT,
+    recording,
+    video,
+    write_video,
+)
 
 from palpate import formats
 from palpate.cli.main import main
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.recording.recording import Recording
+from palpate.recording.seen_poses import SIGMA
 from palpate.truth.alignment import align
 from palpate.truth.camera import calibrated, load_camera, save_camera
-from palpate.truth.record import SIGMA, with_truth
+from palpate.truth.record import with_truth
 from palpate.truth.tags import SENSOR, SQUARE, SQUARES, Gray, board, corners_in, tag_image
 from palpate.truth.watched import watch
-
-COUNT = 45
-PRECISE = (3e-4, 3e-4, np.radians(0.1))
-"""What truth has to be within at 1 px per 0.5 mm [m, m, rad]."""
-
-
-@cache
-def pictures() -> list[tuple[float, Gray]]:
-    return video(COUNT)
 
 
 def boards(count: int) -> list[Gray]:
@@ -48,8 +50,8 @@ def boards(count: int) -> list[Gray]:
 
 
 def test_truth_is_within_0_3_mm_and_0_1_degrees():
-    given, true = recording(COUNT)
-    tag_on_object, tag_on_sensor = watch(pictures(), CAMERA)
+    given, true = recording()
+    tag_on_object, tag_on_sensor = watch(video(), CAMERA)
     assert tag_on_object.height == pytest.approx(OBJECT_HEIGHT, abs=1e-3)
     assert tag_on_sensor.height == pytest.approx(SENSOR_HEIGHT, abs=1e-3)
     alignment = align(given.time, given.sensor_pose, tag_on_sensor)
@@ -68,12 +70,12 @@ def test_truth_is_within_0_3_mm_and_0_1_degrees():
 
 
 def test_a_sensor_that_never_turns_does_not_tell_where_the_table_is():
-    given, _ = recording(COUNT)
-    _, tag = watch(pictures(), CAMERA)
+    given, _ = recording()
+    _, tag = watch(video(), CAMERA)
     straight = np.column_stack([tag.pose[:, :2], np.zeros(len(tag.pose))])
     still = type(tag)(tag.time, straight, tag.sigma, tag.height)
     robot = np.column_stack([np.interp(given.time - DELAY, tag.time, column) for column in straight.T])
-    with pytest.raises(FileError, match=r"mm only: the sensor turns by 0 degrees; let it turn by 60"):
+    with pytest.raises(FileError, match="the sensor turns by 0 degrees; let it turn by 60"):
         align(given.time, robot, still)
 
 
@@ -99,11 +101,8 @@ def test_a_camera_is_calibrated_by_the_board(tmp_path: Path):
 
 def test_the_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.chdir(tmp_path)
-    writer = cv2.VideoWriter("push.avi", cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (COLUMNS, ROWS))
-    for _, picture in pictures():
-        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
-    writer.release()
-    given, true = recording(COUNT)
+    write_video(Path("push.avi"))
+    given, true = recording()
     formats.write(given, "push.h5")
     save_camera(CAMERA, Path("camera.json"))
     words = ["truth", "push.h5", "push.avi", "--camera", "camera.json", "--out", "true.h5"]

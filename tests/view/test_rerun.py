@@ -181,6 +181,21 @@ def test_tracking_is_shown_ten_times_a_second(monkeypatch, tmp_path):
         np.testing.assert_allclose(found["/above/estimate/path"][when], [[1e3 * x, -1e3 * y]], atol=1e-3)
 
 
+def test_truth_that_comes_beside_the_frames_is_shown_at_its_own_times(monkeypatch, tmp_path):
+    monkeypatch.setattr(live, "_WAITING", 1000)
+    blind = replace(imaged_push(), object_pose=None)
+    with live_view(blind, "push", tmp_path / "live.rrd", force=False, window=False) as log:
+        tracked_with(lambda frame, *more: log.show(replace(frame, object_pose=None), *more))
+        log.show_truth(0.51, np.array([0.3, 0.05, 0.1]), None)
+        log.show_truth(0.55, np.array([0.3, 0.05, 0.1]), None)  # too soon after
+        log.show_truth(0.71, np.array([0.3, 0.05, 0.1]), np.array([0.303, 0.054, 0.1 + np.pi / 180.0]))
+    found = read_back(tmp_path / "live.rrd")
+    assert found["/above/truth/path"] == {0.51: [[300.0, -50.0]], 0.71: [[300.0, -50.0]]}
+    assert list(found["/translation/error"]) == list(found["/rotation/error"]) == [0.71]
+    assert found["/translation/error"][0.71] == pytest.approx([5.0])
+    assert found["/rotation/error"][0.71] == pytest.approx([1.0])
+
+
 def test_a_view_that_stalls_never_holds_up_tracking(caplog, monkeypatch):
     monkeypatch.setattr(live, "INTERVAL", 0.0)
     stream = open_stream("stalled")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from palpate.cli.options import ShapeUnitOption
+from palpate.cli.options import SensorOption, ShapeUnitOption
 
 if TYPE_CHECKING:
     from palpate.formats.bags.bag_recording import BagReading
@@ -29,6 +29,7 @@ class BagOptions:
         ),
     ] = None
     shape_unit: ShapeUnitOption = None
+    sensor: SensorOption = "digit"
     images: Annotated[
         str | None,
         tyro.conf.arg(metavar="TOPIC", help="Touch images.", help_behavior_hint="(default: the only image topic)"),
@@ -75,11 +76,11 @@ Bag = Annotated[BagOptions, tyro.conf.arg(name="")]
 
 
 def choices_of(options: BagOptions) -> "BagChoices":
-    """What the options say of a bag, the shape and its unit left out; an offset that is still to be fitted is none."""
+    """What the options say of a bag, object and sensor left out; an offset that is still to be fitted is none."""
     from palpate.formats.bags.choices import BagChoices
 
     said = asdict(options)
-    del said["shape"], said["shape_unit"]
+    del said["shape"], said["shape_unit"], said["sensor"]
     if options.time_offset == "fit":
         said["time_offset"] = 0.0
     return BagChoices(**said)
@@ -95,6 +96,7 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
     from palpate.formats.bags.bag_recording import read_bag
     from palpate.formats.bags.containers import container_of, existing_bag
     from palpate.formats.outlines.load import load_shape
+    from palpate.recording.sensor import known_sensor
 
     if options.shape is None:
         if options != BAG_DEFAULTS:
@@ -104,7 +106,8 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
         return formats.load_recording(file)
     if container_of(existing_bag(file)) is None:
         raise SettingError(f"--shape {options.shape}: {file} is no bag, so it tells the object's outline itself")
-    return read_bag(file, load_shape(options.shape, options.shape_unit), choices_of(options))
+    sensor = known_sensor(options.sensor)
+    return read_bag(file, load_shape(options.shape, options.shape_unit), choices_of(options), sensor)
 
 
 def read_to_convert(file: Path, options: BagOptions) -> tuple["Recording", list[str]]:

@@ -90,7 +90,7 @@ def _pressed(
 
     from palpate import formats
     from palpate.recording.sensor import DIGIT
-    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.model import TouchModel, shipped_model
     from palpate.touch.press_figure import press_figure
     from palpate.touch.presses import learn_from_presses, read_image, read_presses
     from palpate.touch.untouched import untouched_images
@@ -100,7 +100,7 @@ def _pressed(
     still = [read_image(each) for each in untouched] if recording is None else list(untouched_images(recording))
     sensor = DIGIT if recording is None else recording.sensor
     given = read_presses(presses)
-    fit = learn_from_presses(given, still, sensor, TouchModel(model or SHIPPED))
+    fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
     press_figure(given, fit).savefig(picture, dpi=110)
     view, direction = fit.calibration.view, fit.calibration.direction
     numbers = {

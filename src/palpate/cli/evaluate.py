@@ -16,6 +16,7 @@ from palpate.cli.options import (
     NoiseOption,
     PressureOption,
     RecordingsFolder,
+    ShardOption,
     SmootherName,
     Tactile,
     WorkersOption,
@@ -37,6 +38,8 @@ TACTILES: tuple[Tactile, ...] = (
     "oracle",
 )
 """What is compared unless told otherwise, in the order of tables."""
+COUNTS = ("trials", "kept", "skipped", "failed", "broken")
+"""What is said of a study at its end."""
 
 
 def evaluate(
@@ -74,6 +77,7 @@ def evaluate(
     ] = None,
     workers: WorkersOption = 1,
     dask: DaskOption = None,
+    shard: ShardOption = None,
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a study: keep what is tracked and do the rest.")] = False,
     against: Annotated[
         Path | None,
@@ -98,6 +102,7 @@ def evaluate(
             "--pressure": pressure != "uniform",
             "--first-pose": first_pose,
             "--dask": dask,
+            "--shard": shard,
             "--resume": resume,
             "--against": against,
         }
@@ -105,6 +110,7 @@ def evaluate(
     from palpate.cli.console import busy, complain, print_json, progress_bar
     from palpate.errors import SettingError
     from palpate.estimation.settings_file import noise_of
+    from palpate.shards import part_of_work
     from palpate.study.comparison import check_common, compare, read_scores
     from palpate.study.files import find_recordings
     from palpate.study.job import StudySettings
@@ -118,16 +124,20 @@ def evaluate(
     smoothers = dict.fromkeys(name for given in smoother for name in given) or {"fixed-lag": None}
     methods = tuple(Method(mode, name) for name in smoothers for mode in tactiles)
     check_model(model, tactiles)
+    if shard is not None and against is not None:
+        raise SettingError("--shard: a part of a study is compared with nothing; say --against when it is whole")
     settings = StudySettings(methods, noise_of(noise), pressure_of(pressure), first_pose)
     learnt = TouchModel(model or SHIPPED)
     files = find_recordings(folder, leave_out=out)
     before = None if against is None else read_scores(against)
     if against is not None and before is not None:
         check_common(against, before, files, methods)
-    with progress_bar("tracking", len(files) * len(methods)) as progress:
-        study = run_study(files, out, settings, learnt, workers, dask, resume, progress)
+    with progress_bar("tracking", len(part_of_work(tuple(files), shard)) * len(methods)) as progress:
+        study = run_study(files, out, settings, learnt, workers, dask, resume, progress, shard)
     for why in _complaints(study):
         complain(f"{folder}/{why}")
+    if shard is not None:
+        return _show_shard(out, study, json)
     if study.skipped and not (study.trials or study.broken or study.failed):
         (name, _), why = next(iter(study.skipped.items()))
         raise SettingError(f"{folder}: nothing in it can be tracked in these ways; the first reason: {name} {why}")
@@ -151,6 +161,20 @@ def evaluate(
         print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed", "broken")}})
     else:
         _show(out, results)
+    return 3 if study.failed or study.broken else 0
+
+
+def _show_shard(out: Path, study: "Study", json: bool) -> int:
+    """Tell how many trials there are of a shard, and return the exit code; tables and figures are drawn of them all."""
+    from palpate.cli.console import print_json, print_line
+    from palpate.study.results import counted
+
+    counts = counted(study)
+    if json:
+        print_json({"report": str(out), "study": counts})
+    else:
+        said = ", ".join(f"{counts[what]} {what}" for what in COUNTS)
+        print_line(f"{said}, {study.wall_s:.0f} s   once all are done, --resume without --shard reports")
     return 3 if study.failed or study.broken else 0
 
 
@@ -211,6 +235,6 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
         columns = ("touch", "better", "worse", "same", "mm", "deg", "% in 95 %: contact", "rests", "finals")
         title = f"against {against['folder']}: final error in the median"
         print_table(title, columns, rows, numbers=range(1, len(columns)))
-    counts = ", ".join(f"{results['study'][what]} {what}" for what in ("trials", "kept", "skipped", "failed", "broken"))
+    counts = ", ".join(f"{results['study'][what]} {what}" for what in COUNTS)
     wrote = out / ("report.html" if results["table"] else "results.json")
     print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {wrote}")

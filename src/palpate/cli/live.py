@@ -1,6 +1,7 @@
 """`palpate live`: tracks as it happens, shows it and records it."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,9 +21,16 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from palpate.live.recorder import Recorder
     from palpate.live.rig import Rig
+    from palpate.live.session import Compared
     from palpate.live.state import LiveState
+    from palpate.live.truth import TruePose
     from palpate.touch.calibration import Calibration
+    from palpate.view.live import LiveLog
 
 LATENCIES = (("p50", "latency, median"), ("p99", "latency, 99 %"), ("max", "latency, largest"))
 
@@ -48,6 +56,15 @@ def live(
         tyro.conf.arg(
             metavar="FILE",
             help="A recording or a bag, which is played in real time.",
+            help_behavior_hint="(default: none)",
+        ),
+    ] = None,
+    truth: Annotated[
+        tuple[str, Path] | None,
+        tyro.conf.arg(
+            metavar="CAMERA|VIDEO CAMERA.json",
+            help="Ground truth by an overhead camera over printed tags, or by a video of one, and its file of palpate "
+            "truth-camera.",
             help_behavior_hint="(default: none)",
         ),
     ] = None,
@@ -81,6 +98,7 @@ def live(
     from palpate.cli.console import busy, complain, print_json
     from palpate.errors import SettingError
     from palpate.live.ended import ended_by_signals
+    from palpate.live.overhead import overhead_truth
     from palpate.live.recorder import recorder
     from palpate.live.session import track_live
     from palpate.live.state import LiveState
@@ -99,12 +117,14 @@ def live(
         check_window()
     unit = None if calibration is None else load_calibration(calibration)
     with busy("looking for images and poses"):
-        rig = _rig(camera, poses, replay, bag, first_pose, unit)
+        overhead = None if truth is None else overhead_truth(*truth)
+        rig = _rig(camera, poses, replay, bag, first_pose, first_pose_sigma, unit)
     with ExitStack() as stack:
         settings = TrackerSettings(tactile)
         learnt = None if model is None else TouchModel(model)
         shape = rig.scene.shape
-        tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=first_pose_sigma)
+        sigma = rig.first_pose_sigma
+        tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=sigma)
         taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))
         log = None
         if view:
@@ -115,7 +135,8 @@ def live(
         table = LiveTable(f"palpate live: {rig.name}")
         state = LiveState(complain if not table.shown else lambda _: None)
         stack.enter_context(table.of(state))
-        track_live(tracker, rig.begin(), state, stop, taking or None, log.show if log else None, seconds)
+        sources, watch = replace(rig.begin(), truth=overhead), log.show if log else None
+        track_live(tracker, sources, state, stop, taking or None, watch, seconds, _compared(taking or None, log))
     if json:
         print_json(state.summary())
     else:
@@ -129,6 +150,7 @@ def _rig(
     replay: Path | None,
     bag: BagOptions,
     first_pose: tuple[float, float, float] | None,
+    first_pose_sigma: tuple[float, float, float] | None,
     calibration: "Calibration | None",
 ) -> "Rig":
     """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
@@ -141,13 +163,26 @@ def _rig(
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
     if replay is not None:
         reading = read_with(replay, bag)
-        return replay_rig(reading if isinstance(reading, Recording) else reading.recording, replay.name, first_pose)
+        recording = reading if isinstance(reading, Recording) else reading.recording
+        return replay_rig(recording, replay.name, first_pose, first_pose_sigma)
     assert camera is not None and poses is not None
     if bag.shape is None or first_pose is None:
         raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
     if bag != BagOptions(shape=bag.shape, shape_unit=bag.shape_unit):
         raise SettingError("--camera: of the options for bags, only --shape and --shape-unit are of use")
-    return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, calibration)
+    return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, first_pose_sigma, calibration)
+
+
+def _compared(taking: "Recorder | None", log: "LiveLog | None") -> "Compared":
+    """What takes true poses: the recording and the view, if there are any."""
+
+    def take(true: "TruePose", estimate: "NDArray[np.float64] | None") -> None:
+        if taking:
+            taking.truth(true)
+        if log:
+            log.show_truth(true.time, true.pose, estimate)
+
+    return take
 
 
 def _report(state: "LiveState", record: Path | None) -> None:
@@ -166,8 +201,23 @@ def _report(state: "LiveState", record: Path | None) -> None:
         ("rate", number(said["rate_hz"]), "Hz"),
         *((name, number(said["latency_ms"][key]), "ms") for key, name in LATENCIES),
         ("in contact", str(said["contact_frames"]), "frames"),
+        *_truth_rows(said["truth"]),
         ("status", ", ".join(f"{count} {status}" for status, count in said["statuses"].items()), "frames"),
     ]
     print_table("live", ("what", "value", "unit"), rows, numbers=(1,))
     if record:
         print_line(f"recorded: {record}")
+
+
+def _truth_rows(truth: dict[str, Any] | None) -> list[tuple[str, str, str]]:
+    """What ground truth says, if somebody looked for it."""
+    from palpate.cli.console import number
+
+    if truth is None:
+        return []
+    errors = [
+        (f"{what} error, {name}", number(truth["error"][key][share]), unit)
+        for what, key, unit in (("translation", "translation_mm", "mm"), ("rotation", "rotation_deg", "deg"))
+        for name, share in (("median", "p50"), ("largest", "max"))
+    ]
+    return [("true poses, compared", f"{truth['poses']}, {truth['compared']}", ""), *errors]

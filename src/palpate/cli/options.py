@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
+from palpate.shards import Shard
+
 # Said again here so that --help need not import the estimator; a test compares them.
 Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
@@ -28,7 +30,6 @@ _TOUCH_SAYS = (
     "What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, by pairs of "
     "images (linear is the paper's), the turn or the contact's direction alone"
 )
-NamedTactileOption = Annotated[Tactile, tyro.conf.arg(help=f"{_TOUCH_SAYS}.")]
 TactileOption = Annotated[
     TactileChoice,
     tyro.conf.arg(help=f"{_TOUCH_SAYS}; auto is learnt where there are images that fit the model, else none."),
@@ -36,9 +37,10 @@ TactileOption = Annotated[
 ModelOption = Annotated[
     Path | None,
     tyro.conf.arg(
-        metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the DIGIT)"
+        metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the sensor)"
     ),
 ]
+SensorOption = Annotated[str, tyro.conf.arg(metavar="NAME", help="The sensor: digit or gelsight-mini.")]
 CalibrationOption = Annotated[
     Path | None,
     tyro.conf.arg(
@@ -114,12 +116,37 @@ DaskOption = Annotated[
         help_behavior_hint="(default: none)",
     ),
 ]
+ShardOption = Annotated[
+    Shard | None,
+    PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="I/N",
+        instance_from_str=lambda words: _shard(words[0]),
+        is_instance=lambda value: value is None or isinstance(value, Shard),
+        str_from_instance=lambda value: [] if value is None else [f"{value.number}/{value.count}"],
+    ),
+    tyro.conf.arg(
+        metavar="I/N",
+        help="Do every N-th recording only, beginning with the I-th; as many processes, on any machines that see the "
+        "same folder, do the rest.",
+        help_behavior_hint="(default: all)",
+    ),
+]
 ShapeUnitOption = Annotated[
     ShapeUnit | None,
     tyro.conf.arg(help="Unit of the numbers in --shape.", help_behavior_hint="(default: m, or what a drawing says)"),
 ]
 ForceOption = Annotated[bool, tyro.conf.arg(help="Replace what is there already.")]
 JsonOption = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
+
+
+def _shard(text: str) -> Shard:
+    from palpate.errors import SettingError
+
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal()):
+        raise SettingError(f"--shard is {text!r}; allowed are 1/N to N/N, such as 3/8")
+    return Shard(int(number), int(count))
 
 
 def check_new(path: Path, force: bool) -> None:

@@ -5,13 +5,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from palpate.cli.options import DaskOption, JsonOption, ShapeUnit, ShapeUnitOption, WorkersOption
+from palpate.cli.options import (
+    DaskOption,
+    JsonOption,
+    SensorOption,
+    ShapeUnit,
+    ShapeUnitOption,
+    ShardOption,
+    WorkersOption,
+)
 
 if TYPE_CHECKING:
     from palpate.geometry.shapes import Shape
     from palpate.recording.recording import Recording
 
-COUNT, SECONDS = 10, 15.0
+COUNT, SECONDS, SENSOR = 10, 15.0, "digit"
 
 
 def simulate(
@@ -51,16 +59,27 @@ def simulate(
     knocks: Annotated[
         bool, tyro.conf.arg(help="Someone shoves the object now and then, which the sensor does not know.")
     ] = False,
+    ideal: Annotated[
+        bool,
+        tyro.conf.arg(
+            help="State mounting, outline, time and first pose exactly, which no real set-up does, and let the gel not "
+            "drift.",
+        ),
+    ] = False,
+    sensor: SensorOption = SENSOR,
     workers: WorkersOption = 1,
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
     dask: DaskOption = None,
+    shard: ShardOption = None,
     json: JsonOption = False,
 ) -> int:
-    """Simulate recordings of a DIGIT that pushes objects: poses, touch images, contacts and forces."""
+    """Simulate recordings of a sensor that pushes objects: poses, touch images, contacts and forces."""
     import time
 
     from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
+    from palpate.recording.sensor import known_sensor
+    from palpate.shards import part_of_work
     from palpate.simulation.folder import plan, simulate_folder
     from palpate.simulation.objects import PAPER
     from palpate.simulation.replay import replay_folder
@@ -68,15 +87,15 @@ def simulate(
     begin = time.perf_counter()
     failed: dict[str, str] = {}
     if replay:
-        _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks)
+        _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks, ideal, sensor)
         with busy("reading"):
             recordings, failed = _recordings(replay)
-        with progress_bar("rendering", len(recordings)) as progress:
-            outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress)
+        with progress_bar("rendering", len(part_of_work(tuple(recordings), shard))) as progress:
+            outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress, shard)
     else:
-        jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks)
-        with progress_bar("simulating", len(jobs)) as progress:
-            outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress)
+        jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks, ideal, known_sensor(sensor))
+        with progress_bar("simulating", len(part_of_work(jobs, shard))) as progress:
+            outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress, shard)
     failed |= outcome.failed
     wall_s = time.perf_counter() - begin
     for name, why in failed.items():
@@ -97,8 +116,13 @@ def simulate(
     return 3 if failed else 0
 
 
-def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bool, knocks: bool) -> None:
-    """SettingError for options that say what a recording's motion is to be, which a replay takes from its file."""
+def _check_replay(
+    shape: tuple[str, ...], count: int, seconds: float, images: bool, knocks: bool, ideal: bool, sensor: str
+) -> None:
+    """SettingError for options that say what a recording's motion is to be, which a replay takes from its file.
+
+    A replay is that of a round gel, in the place of a round tip.
+    """
     from palpate.errors import SettingError
 
     given = {
@@ -107,6 +131,8 @@ def _check_replay(shape: tuple[str, ...], count: int, seconds: float, images: bo
         "--seconds": seconds != SECONDS,
         "--no-images": not images,
         "--knocks": knocks,
+        "--ideal": ideal,
+        "--sensor": sensor != SENSOR,
     }
     if wrong := [option for option, is_given in given.items() if is_given]:
         raise SettingError(f"--replay takes object and motion from its file; {', '.join(wrong)} cannot go with it")

@@ -1,9 +1,16 @@
-"""What touches what: the object's outline and friction, and the round tips of the sensor.
+"""What touches what: the object's outline and friction, and the tips of the sensor.
 
 `touching` says how tip and outline touch at given sensor poses, with derivatives. It is what contact, direction and
 pushing need of the outline, so that it is looked up once for all of them.
+
+A flat pad is a row of n round parts, of which part i is at the distance d_i from the outline. It is soft: where a part
+is nearer, it bears more of the load. Its share is w_i = exp(-d_i / s) / sum_j exp(-d_j / s), with s the depth to which
+gels are pressed in; point and normal are the means over these shares, and the gap is -s log(mean_i exp(-d_i / s)). So
+the centre of a contact goes over from one edge of the pad to the other as an elastic foundation's centre of pressure
+does (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3), and all is smooth. Of one part all this is the part's own.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -19,6 +26,7 @@ from palpate.recording.sensor import SensorProfile
 Weights = tuple[float, float, float, float]
 _FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
 _WALK = 1e-3  # [m] at a time along an outline
+_SOFT = 2e-4  # [m] depth to which a flat gel is pressed in
 
 TOUCHING = np.dtype(
     [
@@ -51,11 +59,13 @@ class ContactModel:
     centers: NDArray[np.complex128]
     """Centre of curvature of each tip (tips,) [m], sensor frame."""
     radius: float
-    """Radius of curvature of the tips [m]; 0 is the paper's point."""
+    """Radius of curvature of the tips [m], of flat ones that of their edges; 0 is the paper's point."""
     friction_radius: float
     """c [m], the largest friction torque over the largest friction force between object and table."""
     friction_center: complex = 0.0 + 0.0j
     """Centre of the pressure distribution [m], object frame."""
+    row: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(1))
+    """Where along y the round parts of a tip stand, from its centre (n,) [m]."""
 
     @property
     def tips(self) -> int:
@@ -65,8 +75,8 @@ class ContactModel:
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return how each tip touches the outline at poses g (B, N, 3): TOUCHING (B, N, tips)."""
         out = np.empty((*g.shape[:2], self.tips), TOUCHING)
-        field = self.field
-        _touching(g, self.centers, self.radius, field.coefficients, field.origin[0], field.origin[1], field.cell, out)
+        grid = self.field.coefficients, self.field.origin[0], self.field.origin[1], self.field.cell
+        _touching(g, self.centers, self.row, self.radius, *grid, out)
         return out
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
@@ -88,36 +98,82 @@ def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "
     field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
     centers = np.array([complex(x, y) for x, y in sensor.centers.tolist()])
     c = shape.friction_radius(pressure)
-    return ContactModel(field, centers, sensor.radius, c, complex(*shape.centroid.tolist()))
+    return ContactModel(field, centers, sensor.radius, c, complex(*shape.centroid.tolist()), sensor.row)
 
 
 @compiled
 def _touching(
-    g: Array, centers: Complex, radius: float, coefficients: Array, x0: float, y0: float, cell: float, out: Records
+    g: Array,
+    centers: Complex,
+    row: Array,
+    radius: float,
+    coefficients: Array,
+    x0: float,
+    y0: float,
+    cell: float,
+    out: Records,
 ) -> None:
-    placed_by_g = np.empty(3, np.complex128)
+    parts = np.empty(len(row), TOUCHING)
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
-            pose = g[b, k]
-            turn = rotation(pose[2])
             for tip in range(len(centers)):
-                center, touch = centers[tip], out[b, k, tip]
-                placed = position(pose) + turn * center
-                placed_by_g[0], placed_by_g[1], placed_by_g[2] = turn, 1j * turn, 1j * turn * center
-                distance, normal, bend_x, bend_y = _distance(placed, coefficients, x0, y0, cell)
-                normal_in_sensor = turn.conjugate() * normal
-                touch.gap = distance - radius
-                touch.point = placed - radius * normal
-                touch.material = center - radius * normal_in_sensor
-                touch.normal = normal
-                for c in range(3):
-                    moved = placed_by_g[c]
-                    normal_by = bend_x * moved.real + bend_y * moved.imag
-                    touch.gap_by_g[c] = dot(normal, moved)
-                    touch.normal_by_g[c] = normal_by
-                    touch.point_by_g[c] = moved - radius * normal_by
-                    touch.material_by_g[c] = -radius * turn.conjugate() * normal_by
-                touch.material_by_g[2] += 1j * radius * normal_in_sensor
+                for i in range(len(row)):
+                    center = centers[tip] + 1j * row[i]
+                    _put_round(g[b, k], center, radius, coefficients, x0, y0, cell, parts[i])
+                _put_mean(parts, out[b, k, tip])
+
+
+@compiled
+def _put_round(
+    pose: Array, center: complex, radius: float, coefficients: Array, x0: float, y0: float, cell: float, touch: Records
+) -> None:
+    """Put how a round part with this centre in the sensor frame touches the outline."""
+    turn = rotation(pose[2])
+    placed = position(pose) + turn * center
+    distance, normal, bend_x, bend_y = _distance(placed, coefficients, x0, y0, cell)
+    normal_in_sensor = turn.conjugate() * normal
+    touch.gap = distance - radius
+    touch.point = placed - radius * normal
+    touch.material = center - radius * normal_in_sensor
+    touch.normal = normal
+    for c in range(3):
+        moved = turn if c == 0 else 1j * turn if c == 1 else 1j * turn * center
+        normal_by = bend_x * moved.real + bend_y * moved.imag
+        touch.gap_by_g[c] = dot(normal, moved)
+        touch.normal_by_g[c] = normal_by
+        touch.point_by_g[c] = moved - radius * normal_by
+        touch.material_by_g[c] = -radius * turn.conjugate() * normal_by
+    touch.material_by_g[2] += 1j * radius * normal_in_sensor
+
+
+@compiled
+def _put_mean(parts: Records, touch: Records) -> None:
+    """Put how a tip touches of which the round parts touch like this."""
+    nearest = math.inf
+    for i in range(len(parts)):
+        nearest = min(nearest, parts[i].gap)
+    total = 0.0
+    touch.point = touch.material = touch.normal = 0.0
+    for c in range(3):
+        touch.gap_by_g[c] = 0.0
+        touch.point_by_g[c] = touch.material_by_g[c] = touch.normal_by_g[c] = 0.0
+    for i in range(len(parts)):
+        total += math.exp((nearest - parts[i].gap) / _SOFT)
+    for i in range(len(parts)):
+        part, share = parts[i], math.exp((nearest - parts[i].gap) / _SOFT) / total
+        touch.point += share * part.point
+        touch.material += share * part.material
+        touch.normal += share * part.normal
+        for c in range(3):
+            touch.gap_by_g[c] += share * part.gap_by_g[c]
+    touch.gap = nearest - _SOFT * math.log(total / len(parts))
+    for i in range(len(parts)):
+        part, share = parts[i], math.exp((nearest - parts[i].gap) / _SOFT) / total
+        for c in range(3):
+            grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / _SOFT  # the share, relative to what it is
+            touch.point_by_g[c] += share * (part.point_by_g[c] + grows * part.point)
+            touch.material_by_g[c] += share * (part.material_by_g[c] + grows * part.material)
+            touch.normal_by_g[c] += share * (part.normal_by_g[c] + grows * part.normal)
 
 
 @compiled

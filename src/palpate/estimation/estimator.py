@@ -140,9 +140,9 @@ class Estimator:
         """Return what each step of the contact costs; see Window."""
         return self._contact.costs() if isinstance(self._contact, FixedLag) else np.empty((0, 2))
 
-    def expected(self, sensor_pose: Array) -> Prior:
-        """Return what is known of the object where a contact begins with the sensor here (3,)."""
-        self._diagnosis.see_first_touch(self.known, sensor_pose)
+    def expected(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> Prior:
+        """Return what is known of the object where a contact begins with the sensor here (3,), and touch says this."""
+        self._diagnosis.see_first_touch(self.known, sensor_pose, measurements)
         return self.unmoved.loosened(self._diagnosis.displacement_covariance())
 
     @property
@@ -158,7 +158,7 @@ class Estimator:
         `knock` is what else may have moved the object since the last frame.
         """
         if self._contact is None:
-            self.known = self.expected(sensor_pose) if self._start is None else self._start
+            self.known = self.expected(sensor_pose, measurements) if self._start is None else self._start
             self._start = None
             self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         elif knock is not None and isinstance(self._contact, FixedLag):

@@ -8,6 +8,7 @@ from palpate.estimation.factors.factor import Factor
 from palpate.estimation.factors.friction_cone import FrictionCone
 from palpate.estimation.factors.measured import Measured
 from palpate.estimation.factors.object_pose import ObjectPose
+from palpate.estimation.factors.place import Place
 from palpate.estimation.factors.relative_pose import RelativePose
 from palpate.estimation.factors.sensor_pose import SensorPose
 from palpate.estimation.factors.sticking import Sticking
@@ -25,6 +26,7 @@ def make_factors(settings: NoiseSettings, model: ContactModel) -> tuple[Factor, 
         FrictionCone(settings.friction_cone, model),
         RelativePose(),
         Direction(settings.direction, model),
+        Place(settings.place, model),
         Turn(settings.turn, model),
         ObjectPose(),
         Measured(),

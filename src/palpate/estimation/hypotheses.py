@@ -297,7 +297,7 @@ class Hypotheses:
         """The hypotheses that a contact begins with: another place in each where the object is known roughly only."""
         begun: list[_Hypothesis] = []
         for one in self._all:
-            prior = one.estimator.expected(sensor_pose)
+            prior = one.estimator.expected(sensor_pose, measurements)
             places = starts(prior, self._model, sensor_pose, measurements) if is_rough(prior) else []
             if not places:
                 begun.append(one)

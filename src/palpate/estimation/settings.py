@@ -7,6 +7,7 @@ from palpate.estimation.factors.contact import ContactSettings
 from palpate.estimation.factors.direction import DirectionSettings
 from palpate.estimation.factors.first_pose import FirstPoseSettings
 from palpate.estimation.factors.friction_cone import FrictionConeSettings
+from palpate.estimation.factors.place import PlaceSettings
 from palpate.estimation.factors.relative_pose import RelativePoseSettings
 from palpate.estimation.factors.sensor_pose import SensorPoseSettings
 from palpate.estimation.factors.sticking import StickingSettings
@@ -30,6 +31,8 @@ class NoiseSettings:
     """Sensor and outline touch."""
     direction: DirectionSettings = DirectionSettings()
     """Where touch says that the tip is touched."""
+    place: PlaceSettings = PlaceSettings()
+    """Where touch says that a flat pad is touched."""
     turn: TurnSettings = TurnSettings()
     """How touch says that the sensor has turned."""
     relative_pose: RelativePoseSettings = RelativePoseSettings()
@@ -58,9 +61,10 @@ object is knocked and touch tells yaw alone, far too sure of itself where the co
 
 PUBLISHED = NoiseSettings(
     sensor_pose=SensorPoseSettings(deviation=(1e-5, 1e-5, 1e-5), calibration=(0.0, 0.0, 0.0)),
-    first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
+    first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), truth=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
     contact=ContactSettings(deviation=1e-2, kernel=None),
     direction=DirectionSettings(share=1.0, kernel=None),
+    place=PlaceSettings(share=1.0, kernel=None),
     turn=TurnSettings(share=1.0, kernel=None),
     relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 1e-5), constant=(1.0, 1.0, 1e-5)),
     sticking=StickingSettings(still=1e-3, share=0.0, sliding_share=0.0, kernel=None),

@@ -37,7 +37,7 @@ _FLAT = {
     "contact_kernel": ("contact.kernel",),
     "feeling_kernel": ("direction.kernel", "turn.kernel"),
     "sensor": ("sensor_pose.deviation",),
-    "first_pose": ("first_pose.deviation",),
+    "first_pose": ("first_pose.deviation", "first_pose.truth"),
     "rest": ("first_pose.rest",),
 }
 """What the settings of version 1 are now."""

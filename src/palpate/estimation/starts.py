@@ -87,7 +87,7 @@ def _at(prior: Prior, pose: Array, outward: complex) -> Prior:
 def places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return where the centre of a tip may be when it touches and the outward normal there, all round, object frame."""
     start = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
-    centred = replace(model, centers=np.zeros(1, np.complex128))
+    centred = replace(model, centers=np.zeros(1, np.complex128), row=np.zeros(1))
     pose, places, normals = start, [], []
     for _ in range(4):  # the distance is that to the nearest point, but for the grid's border
         touch = centred.touching(pose[None])[0, 0, 0]

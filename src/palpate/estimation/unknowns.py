@@ -69,7 +69,7 @@ DEPTH = Unknown(
     "object",
     1,
     "m",
-    "How deep the object lies in the gel, and what else outline, gel and motion capture are apart by all the time.",
+    "How deep the object lies in the gel, and what else outline, gel and mounting are apart by all the time.",
     prior=(3e-4, 4e-4),
 )
 FRICTION_RATIO = Unknown(

@@ -15,7 +15,7 @@ from palpate.estimation.smoother import SmootherName, make_smoother
 from palpate.estimation.starts import starts
 from palpate.estimation.window import Window
 from palpate.geometry.shapes import Disc
-from palpate.recording.measurements import ContactDirection, ObjectPose, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, ContactPlace, ObjectPose, RelativePoses, Turn
 from palpate.recording.sensor import POINT
 
 logger = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
     deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
     prior = Prior(np.zeros(3), settings.priors.mean, np.diag(np.square(deviation)))
     pair = RelativePoses(np.array([2]), np.zeros((1, 3)), np.eye(3)[None])
-    said = [ContactDirection(0.0, 1e-4), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
+    said = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
     for with_pairs in (False, True):
         window = Window(factors, model, [prior], np.array([-0.05, 0.0, 0.0]), said, lag=3)
         window.costs()  # of one step, which is compiled apart

@@ -1,7 +1,8 @@
 """Files of palpate and of others, one module for each format, found by their content.
 
 A format module has NAME, DESCRIPTION, detect(path) and read(path), and write(data, path, overwrite) where
-that makes sense; lost(data) where it cannot hold all. What a file's frames and units are, each module says.
+that makes sense; lost(data) where it cannot hold all. What a file's frames and units are, each module says. Users may
+bring readers of their own (`own_readers`), which are asked last.
 """
 
 from importlib import import_module
@@ -10,7 +11,9 @@ from typing import Any
 
 from palpate.errors import FileError, SettingError
 from palpate.formats.bags.containers import existing_bag
+from palpate.formats.own_readers import GROUP, own_format, own_reader
 from palpate.formats.palpate_h5 import is_hdf5
+from palpate.own_code import own_code
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 
@@ -39,7 +42,7 @@ EXTENSIONS = {
 def detect_format(path: Path | str) -> str | None:
     """The name of the file's format, or None if it is not known. Raises FileError if there is no file."""
     path = existing_bag(path)
-    return next((name for name in MODULES if _module(name).detect(path)), None)
+    return next((name for name in MODULES if _module(name).detect(path)), None) or own_format(path)
 
 
 def read(path: Path | str, format: str | None = None) -> Recording | Trajectory:
@@ -88,10 +91,12 @@ def _writer(path: Path | str, format: str | None) -> Any:
 
 
 def _module(name: str) -> Any:
+    if name in own_code(GROUP) and name not in MODULES:
+        return own_reader(name)
     if name not in MODULES:
-        raise SettingError(f"format {name!r} is not known, allowed are {', '.join(MODULES)}")
+        raise SettingError(f"format {name!r} is not known, allowed are {', '.join((*MODULES, *own_code(GROUP)))}")
     return import_module(f"palpate.formats.{MODULES[name]}")
 
 
 def _known() -> str:
-    return "; ".join(f"{name}: {_module(name).DESCRIPTION}" for name in MODULES)
+    return "; ".join(f"{name}: {_module(name).DESCRIPTION}" for name in (*MODULES, *own_code(GROUP)))

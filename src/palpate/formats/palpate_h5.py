@@ -91,7 +91,7 @@ def _fill(file: Any, recording: Recording) -> None:
     file.attrs["source"] = recording.source
     file.attrs["frames"] = json.dumps(recording.frames)
     file.attrs["contact_derived"] = recording.contact_derived
-    names = ("time", "sensor_pose", "object_pose", "contact", "episode")
+    names = ("time", "sensor_pose", "object_pose", "first_pose", "first_pose_sigma", "contact", "episode")
     arrays = {name: value for name in names if (value := getattr(recording, name)) is not None}
     arrays |= {EXTRA + name: value for name, value in recording.extra.items()}
     for name, value in arrays.items():
@@ -173,6 +173,8 @@ def _read(file: Contents, path: Path) -> Recording:
         shape=shape_from_dict(_json(file, "shape")),
         sensor=sensor,
         object_pose=file.arrays.get("object_pose"),
+        first_pose=file.arrays.get("first_pose"),
+        first_pose_sigma=file.arrays.get("first_pose_sigma"),
         contact=file.arrays.get("contact"),
         episode=file.arrays.get("episode"),
         image=image,

@@ -252,6 +252,14 @@ def shape_to_dict(shape: Shape) -> dict[str, Any]:
     return {"type": type(shape).__name__.lower(), **data}
 
 
+def scaled(shape: Shape, scale: float) -> Shape:
+    """Return the shape with every length times a scale; its origin stays where it is."""
+    lengths = shape_to_dict(shape)
+    kind = lengths.pop("type")
+    larger = {name: np.multiply(value, scale).tolist() for name, value in lengths.items()}
+    return shape_from_dict({"type": kind, **larger})
+
+
 def shape_from_dict(data: Mapping[str, Any]) -> Shape:
     """Return the shape that `shape_to_dict` wrote; raise ShapeError on a wrong type or field."""
     if not isinstance(data, Mapping):

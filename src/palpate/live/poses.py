@@ -109,7 +109,7 @@ class PoseTrack:
         if after.time - before.time > LONGEST_GAP:
             return None
         share = (time - before.time) / (after.time - before.time)
-        return SensorPlace(_along(before.pose, after.pose, share), "known", 0.0)
+        return SensorPlace(along(before.pose, after.pose, share), "known", 0.0)
 
     def _later(self, last: TimedPose, time: float) -> SensorPlace | None:
         age = time - last.time
@@ -119,10 +119,10 @@ class PoseTrack:
         if age > LONGEST_EXTRAPOLATED or earlier is last:
             return SensorPlace(last.pose, "held", age)
         share = (time - earlier.time) / (last.time - earlier.time)
-        return SensorPlace(_along(earlier.pose, last.pose, share), "extrapolated", age)
+        return SensorPlace(along(earlier.pose, last.pose, share), "extrapolated", age)
 
 
-def _along(start: Array, end: Array, share: float) -> Array:
+def along(start: Array, end: Array, share: float) -> Array:
     """The pose at a share of the way, which is straight, the angle changing by less than half a turn."""
     way = end - start
     way[2] = se2.wrap(way[2])

@@ -10,12 +10,13 @@ import numpy as np
 from palpate.estimate import Estimate
 from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
 from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
-from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE
-from palpate.formats.bags.recording_mcap import IMAGES, SENSOR_POSES
+from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE, POSE_WITH_COVARIANCE
+from palpate.formats.bags.recording_mcap import IMAGES, OBJECT_POSES, SENSOR_POSES
 from palpate.geometry.shapes import Shape
 from palpate.live.estimate_messages import add_estimate
 from palpate.live.images import TouchImage, encoded_of
 from palpate.live.poses import SensorPlace, TimedPose
+from palpate.live.truth import TruePose
 from palpate.recording.plane import flat, out_of_plane
 from palpate.recording.sensor import SensorProfile
 
@@ -50,6 +51,23 @@ class Recorder:
                 header = self._file.header(stamp, _PLANE.frame)
                 placed = self._file.pose(position[0], rotation[0])
                 self._file.add(SENSOR_POSES, POSE, stamp, header=header, pose=placed)
+                self._file.flush()
+
+    def truth(self, true: TruePose) -> None:
+        """Record where the object really was."""
+        position, rotation = out_of_plane(_PLANE, true.pose[None])
+        covariance = np.zeros((6, 6))
+        covariance[[0, 1, 5], [0, 1, 5]] = true.sigma**2  # along x and y, and about z
+        stamp = self._stamp(true.time)
+        with self._lock:
+            if not self._closed:
+                header = self._file.header(stamp, _PLANE.frame)
+                pose = self._file.make(
+                    "geometry_msgs/msg/PoseWithCovariance",
+                    pose=self._file.pose(position[0], rotation[0]),
+                    covariance=covariance.reshape(36),
+                )
+                self._file.add(OBJECT_POSES, POSE_WITH_COVARIANCE, stamp, header=header, pose=pose)
                 self._file.flush()
 
     def estimate(self, estimate: Estimate, place: SensorPlace, latency: float) -> None:
@@ -88,4 +106,5 @@ def _try_out(scratch: Recorder) -> None:
     pose = TimedPose(0.0, np.zeros(3))
     scratch.image(TouchImage(0.0, b"none"))
     scratch.pose(pose)
+    scratch.truth(TruePose(0.0, pose.pose, np.zeros(3)))
     scratch.estimate(Estimate(0.0, pose.pose, np.eye(3), False, "resting"), SensorPlace(pose.pose, "known", 0.0), 0.0)

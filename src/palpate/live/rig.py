@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
+from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import Shape
 from palpate.live.camera import Camera
 from palpate.live.clock import Clock
@@ -42,6 +43,8 @@ class Rig:
     """Rows and columns of images as they come."""
     first_pose: Array
     """world_T_object at the start, (3,) [m, m, rad]."""
+    first_pose_sigma: ArrayLike | None
+    """How well it is known, (3,) [m, m, rad]; None leaves that to the noise settings."""
     begin: Callable[[], Sources]
     """Returns the sources, which come from then on."""
 
@@ -51,17 +54,19 @@ class Rig:
         return replace(self.sensor, image_height=self.size[0], image_width=self.size[1])
 
 
-def replay_rig(recording: Recording, name: str, first_pose: ArrayLike | None) -> Rig:
-    """A recording that is played in real time; its first ground truth is the first pose, if none is given."""
+def replay_rig(
+    recording: Recording, name: str, first_pose: ArrayLike | None, first_pose_sigma: ArrayLike | None = None
+) -> Rig:
+    """A recording that is played in real time; the first pose is as `tracking.run.first_pose_of` finds it."""
     size = (recording.sensor.image_height, recording.sensor.image_width)
-    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, np.float64)
+    first, sigma = first_pose_of(recording, NoiseSettings(), first_pose, first_pose_sigma)
     replay = Replay(recording)
 
     def begin() -> Sources:
         replay.begin()
         return Sources(replay.images, replay.poses, replay.clock, size)
 
-    return Rig(name, recording, recording.sensor, size, first, begin)
+    return Rig(name, recording, recording.sensor, size, first, sigma, begin)
 
 
 def camera_rig(
@@ -69,6 +74,7 @@ def camera_rig(
     poses: str,
     shape: Shape,
     first_pose: ArrayLike,
+    first_pose_sigma: ArrayLike | None = None,
     calibration: Calibration | None = None,
     sensor: SensorProfile = DIGIT,
     open_device: Callable[..., Device] = V4l2Device,
@@ -90,7 +96,8 @@ def camera_rig(
     first = np.asarray(first_pose, np.float64)
     measured = replace(sensor, rate=camera.rate)
     beforehand = Recording(np.zeros(1), first[None], shape, sensor, image=(b"",))
-    return Rig(name, beforehand, measured, size, first, lambda: Sources(camera.images, source, clock, size))
+    sources = partial(Sources, camera.images, source, clock, size)
+    return Rig(name, beforehand, measured, size, first, first_pose_sigma, sources)
 
 
 def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> tuple[int, int]:

@@ -4,7 +4,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FrameError
 from palpate.estimate import Estimate
@@ -13,9 +17,13 @@ from palpate.live.images import ImageSource, TouchImage, pixels_of
 from palpate.live.newest import Newest
 from palpate.live.poses import PoseSource, PoseTrack, Refused, SensorPlace, TimedPose
 from palpate.live.state import LiveEstimate, LiveState
+from palpate.live.truth import LiveTruth, Picture, TruePose
 from palpate.recording.frame import Frame
 from palpate.tracker import Tracker
 from palpate.tracking.run import Watch
+
+Compared = Callable[[TruePose, NDArray[np.float64] | None], None]
+"""Takes a true pose of the object and what was estimated for its time, (3,), or None."""
 
 STALL = 0.15
 """[s] without a sensor pose after which that is said."""
@@ -36,6 +44,8 @@ class Sources:
     """What all times are measured by."""
     size: tuple[int, int]
     """Rows and columns of an image as it comes."""
+    truth: LiveTruth | None = None
+    """What tells where the object really is."""
 
 
 class Listener(Protocol):
@@ -62,6 +72,7 @@ def track_live(
     listener: Listener | None = None,
     watch: Watch | None = None,
     seconds: float | None = None,
+    compared: Compared | None = None,
 ) -> None:
     """Track until the images end, the event is set, or for some seconds.
 
@@ -72,10 +83,11 @@ def track_live(
     """
     clock, begin = sources.clock, sources.clock.now()
     stalls = _Stalls(state, begin)
-    with _reading(sources, state, stop, listener) as (newest, track, failures):
+    with _reading(sources, state, stop, listener, compared) as (newest, track, failures):
         while not (stop.is_set() or failures or newest.over):
             image = newest.take(_LOOK)
             stalls.look(track.last, clock.now())
+            state.truth_age = None if state.true is None else clock.now() - state.true.time
             if seconds is not None and clock.now() - begin >= seconds:
                 stop.set()
             if image is None:
@@ -127,10 +139,15 @@ class _Stalls:
 
 @contextmanager
 def _reading(
-    sources: Sources, state: LiveState, stop: threading.Event, listener: Listener | None
+    sources: Sources,
+    state: LiveState,
+    stop: threading.Event,
+    listener: Listener | None,
+    compared: Compared | None,
 ) -> Iterator[tuple[Newest[TouchImage], PoseTrack, list[BaseException]]]:
-    """Read both sources by threads; yields the newest image, the poses, and what the threads raised."""
+    """Read the sources by threads; yields the newest image, the poses, and what the threads raised."""
     newest, track, failures = Newest[TouchImage](), PoseTrack(), list[BaseException]()
+    pictures, truth = Newest[Picture](), sources.truth
 
     def read_images() -> None:
         for image in sources.images(stop):
@@ -154,10 +171,35 @@ def _reading(
                 continue
             assert not isinstance(pose, Refused)
             state.poses += 1
+            if truth:
+                truth.sensor(pose)
             if listener:
                 listener.pose(pose)
 
-    threads = [_started(read, failures) for read in (read_images, read_poses)]
+    def read_pictures(truth: LiveTruth) -> None:
+        for picture in truth.pictures(stop):
+            if isinstance(picture, str):
+                state.note(picture)
+            else:
+                pictures.put(picture)
+        pictures.end()
+
+    def look_at_pictures(truth: LiveTruth) -> None:
+        while not (stop.is_set() or pictures.over):
+            picture = pictures.take(_LOOK)
+            for found in truth.look(picture) if picture else ():
+                if isinstance(found, str):
+                    state.note(found)
+                    continue
+                estimated = state.compare(found)
+                if compared:
+                    compared(found, estimated)
+
+    reading = [read_images, read_poses]
+    if truth:
+        state.true_poses = 0
+        reading += [partial(read_pictures, truth), partial(look_at_pictures, truth)]
+    threads = [_started(read, failures) for read in reading]
     try:
         yield newest, track, failures
     finally:
@@ -173,6 +215,6 @@ def _started(read: Callable[[], None], failures: list[BaseException]) -> threadi
         except Exception as error:  # raised again by the loop
             failures.append(error)
 
-    thread = threading.Thread(target=run, name=f"palpate-{read.__name__}", daemon=True)
+    thread = threading.Thread(target=run, name="palpate-reading", daemon=True)
     thread.start()
     return thread

@@ -74,4 +74,16 @@ def _rows(state: LiveState) -> list[tuple[str, str]]:
     how = last.place.how if last else "-"
     age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"
     rows.append(("sensor pose", f"{age}, {how}; {state.refused} refused"))
+    if state.true_poses is not None:
+        rows.append(("truth", _truth(state)))
     return [*rows, ("", "\n".join(state.notes))]
+
+
+def _truth(state: LiveState) -> str:
+    if state.truth_age is None:
+        return "not known yet"
+    seen = f"seen {1e3 * max(state.truth_age, 0.0):.0f} ms ago"
+    if state.error is None:
+        return f"{seen}, not compared yet"
+    mm, deg = state.error
+    return f"the estimate is {mm:.1f} mm, {deg:.1f}° off; {seen}"

@@ -16,14 +16,14 @@ until the gap is above the second again [m]."""
 
 
 def gaps(sensor_pose: Array, object_pose: Array, shape: Shape, sensor: SensorProfile) -> Array:
-    """Distance from the sensor's surface to the outline (N,) [m], of the nearest tip; negative is overlap.
+    """Distance from the sensor's surface to the outline (N,) [m], of its nearest part; negative is overlap.
 
     From world_T_sensor and world_T_object (N, 3); NaN where the object pose is.
     """
     gap = np.full(len(sensor_pose), np.nan)
     known = ~np.isnan(object_pose).any(axis=1)
     object_T_sensor = se2.between(object_pose[known], sensor_pose[known])
-    centers = se2.transform(object_T_sensor[:, None], sensor.centers)
+    centers = se2.transform(object_T_sensor[:, None], sensor.round_centers)
     gap[known] = shape.signed_distance(centers).min(axis=1) - sensor.radius
     return gap
 

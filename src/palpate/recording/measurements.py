@@ -70,6 +70,22 @@ class ContactDirection(Measurement):
 
 
 @dataclass(frozen=True)
+class ContactPlace(Measurement):
+    """Where along y a flat pad is touched: in the middle of what bears the load.
+
+    Raises EstimationError on a place or variance that cannot be used.
+    """
+
+    place: float
+    """y in the sensor frame [m]."""
+    variance: float
+    """[m^2]"""
+
+    def __post_init__(self) -> None:
+        _check("contact place", self.place, self.variance, "place")
+
+
+@dataclass(frozen=True)
 class Turn(Measurement):
     """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact.
 
@@ -142,10 +158,10 @@ def check_time(what: str, time: object) -> None:
         raise EstimationError(f"measurement {what} is of time {time!r}; it must be a number [s], or None")
 
 
-def _check(what: str, angle: float, variance: float) -> None:
-    if not (math.isfinite(angle) and 0.0 < variance < math.inf):
+def _check(what: str, value: float, variance: float, name: str = "angle") -> None:
+    if not (math.isfinite(value) and 0.0 < variance < math.inf):
         raise EstimationError(
-            f"{what} has angle {angle!r} and variance {variance!r}; they must be finite, the variance above 0"
+            f"{what} has {name} {value!r} and variance {variance!r}; they must be finite, the variance above 0"
         )
 
 

@@ -53,6 +53,10 @@ class Recording:
     """how each pose was obtained, in words, by field name"""
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """what else is known of each frame, by name, (N, ...) numbers or booleans each, NaN where not known"""
+    first_pose: NDArray[np.float64] | None = None
+    """world_T_object at the start (3,) [m, m, rad] as whoever placed the object says; None leaves it to ground truth"""
+    first_pose_sigma: NDArray[np.float64] | None = None
+    """how well that is known: standard deviations (3,) [m, m, rad] in the object's frame"""
     file: Path | None = None
     """the file it was read from; errors name it"""
 
@@ -74,6 +78,13 @@ class Recording:
             allowed = is_near(truth).all(axis=1) | np.isnan(truth).all(axis=1)
             check_rows("object_pose", truth, allowed, f"three numbers up to {FARTHEST:g}, or three NaN")
             settle("object_pose", truth)
+        if self.first_pose is not None:
+            settle("first_pose", _three("first_pose", self.first_pose))
+        if self.first_pose_sigma is not None:
+            sigma = _three("first_pose_sigma", self.first_pose_sigma)
+            if self.first_pose is None or not (sigma > 0.0).all():
+                raise FileError(f"first_pose_sigma: found {sigma.tolist()}, allowed is above 0, with a first_pose")
+            settle("first_pose_sigma", sigma)
         if self.contact is not None:
             settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))
         if self.episode is not None:
@@ -206,6 +217,13 @@ def _checked_images(images: Any) -> tuple[bytes, ...]:
                 f"image: image {index} is {found}, expected encoded bytes; Recording.from_arrays encodes arrays"
             )
     return kept
+
+
+def _three(name: str, value: Any) -> NDArray[np.float64]:
+    numbers = checked_array(name, value, NUMBERS, (3,)).astype(np.float64)
+    if not is_near(numbers).all():
+        raise FileError(f"{name}: found {numbers.tolist()}, allowed are three numbers up to {FARTHEST:g}")
+    return numbers
 
 
 def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:

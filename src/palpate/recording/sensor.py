@@ -21,6 +21,8 @@ FASTEST = 1e6
 LONGEST_SIDE = 65_535
 """[px] of an image; a JPEG can have no more."""
 
+_ROW = 15  # round parts that stand for a flat one: at the Mini's width 1.2 mm apart, under which a soft gel is even
+
 T = TypeVar("T", int, float)
 
 
@@ -31,7 +33,7 @@ class SensorProfile:
     name: str
     """Name for people and files."""
     radius: float
-    """Radius of curvature of the contact surface across the pad [m]; 0 is a point."""
+    """Radius of curvature of the contact surface across the pad [m], of a flat pad that of its edges; 0 is a point."""
     tips: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
     """Apex (x, y) of each tip in the sensor frame [m]; a two-finger pusher has two."""
     half_width: float | None = None
@@ -42,11 +44,16 @@ class SensorProfile:
     """Columns of an image [px]; 0 for a sensor without images."""
     rate: float = 30.0
     """Frames per second [Hz]."""
+    flat_width: float = 0.0
+    """Width along y of the flat part of each tip, between its round edges [m]; 0 for a round tip."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise SettingError(f"sensor name is {self.name!r}; it must be a string that is not empty")
         self._keep("radius", _number(self.radius), lambda value: 0.0 <= value <= FARTHEST, "a length [m], 0 or more")
+        self._keep(
+            "flat_width", _number(self.flat_width), lambda value: 0.0 <= value <= FARTHEST, "a length [m], 0 or more"
+        )
         self._keep("rate", _number(self.rate), lambda value: 0.0 < value <= FASTEST, "a rate [Hz] above 0")
         if self.half_width is not None:
             half_width = _number(self.half_width)
@@ -78,6 +85,17 @@ class SensorProfile:
         return np.array(self.tips) - np.array((self.radius, 0.0))
 
     @property
+    def row(self) -> NDArray[np.float64]:
+        """Where along y the round parts of a tip stand, from its centre (n,) [m]: a flat pad is a row of them."""
+        return np.linspace(-0.5, 0.5, _ROW) * self.flat_width if self.flat_width else np.zeros(1)
+
+    @property
+    def round_centers(self) -> NDArray[np.float64]:
+        """Centres of curvature of all round parts of all tips in the sensor frame, (tips times n, 2) [m]."""
+        along = np.column_stack((np.zeros_like(self.row), self.row))
+        return (self.centers[:, None] + along).reshape(-1, 2)
+
+    @property
     def pads(self) -> list[NDArray[np.float64]]:
         """Outlines (n, 2) [m] of the tips in the sensor frame, for figures.
 
@@ -87,9 +105,12 @@ class SensorProfile:
             angle = np.linspace(-np.pi, np.pi, 60)
             back = np.empty((0, 2))
         else:
-            angle = np.linspace(-1.0, 1.0, 30) * np.arcsin(min(self.half_width / self.radius, 1.0))
+            angle = np.linspace(-1.0, 1.0, 30) * np.arcsin(
+                min((self.half_width - 0.5 * self.flat_width) / self.radius, 1.0)
+            )
             back = self.half_width * np.array([(-2.0, 1.0), (-2.0, -1.0)])
         arc = self.radius * np.column_stack((np.cos(angle) - 1.0, np.sin(angle)))
+        arc[:, 1] += 0.5 * self.flat_width * np.sign(angle)
         return [np.array(tip) + np.concatenate([arc, back]) for tip in self.tips]
 
     def _keep(self, field: str, value: T | None, allowed: Callable[[T], bool], wanted: str) -> None:
@@ -100,8 +121,10 @@ class SensorProfile:
 
 
 def sensor_to_dict(sensor: SensorProfile) -> dict[str, Any]:
-    """Return the profile as plain data for JSON."""
-    return {**asdict(sensor), "tips": [list(tip) for tip in sensor.tips]}
+    """Return the profile as plain data for JSON; that of a round tip is as it was before there were flat ones."""
+    flat = {} if sensor.flat_width else {"flat_width"}
+    plain = {name: value for name, value in asdict(sensor).items() if name not in flat}
+    return {**plain, "tips": [list(tip) for tip in sensor.tips]}
 
 
 def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
@@ -128,11 +151,17 @@ DIGIT = SensorProfile(name="DIGIT", radius=0.021, half_width=0.0092, image_heigh
 """The DIGIT with its curved gel."""
 
 GELSIGHT_MINI = SensorProfile(
-    name="GelSight Mini", radius=1.0, half_width=0.01014, image_height=240, image_width=320, rate=25.0
+    name="GelSight Mini",
+    radius=0.002,
+    half_width=0.01014,
+    image_height=240,
+    image_width=320,
+    rate=25.0,
+    flat_width=0.01628,
 )
 """The GelSight Mini: 320 x 240 px of 0.0634 mm, as the maker's software (gsrobotics) has them.
 
-Its gel is flat; the radius of 1 m, with which the pad falls back 0.05 mm at its edges, stands for that.
+Its gel is flat, and its pad is taken to end where the image does, in edges of 2 mm.
 """
 
 POINT = SensorProfile(name="point", radius=0.0, rate=30.0)

@@ -3,8 +3,11 @@
 Seventeen real DIGITs were the guide: red glows on the upper left, green on the upper right and blue below, each as a
 soft cone or one with a sharp, curved border, some broken into streaks; a dim band at the top, vignette, tint and
 specks. White balance keeps the mean of each channel near 95 and leaves its spread to the unit.
+
+A flat gel is lit evenly from its sides: real ones of a GelSight Mini and a GelSlim are soft all over.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,11 +15,34 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
 
-_MEAN = ((93.0, 97.0, 89.0), (101.0, 107.0, 99.0))  # of red, green and blue, from and to [grey levels]
-_SPREAD = ((26.0, 15.0, 15.0), (58.0, 30.0, 30.0))  # standard deviation over the image, from and to [grey levels]
+Colours = tuple[float, float, float]
 
 
-def draw_illumination(glow: NDArray[np.float64], height: int, width: int, rng: np.random.Generator) -> Image:
+@dataclass(frozen=True)
+class Backdrop:
+    """What the untouched gels of a kind of sensor have in common."""
+
+    mean: tuple[Colours, Colours]
+    """Of red, green and blue over the image, from and to [grey levels]."""
+    spread: tuple[Colours, Colours]
+    """Standard deviation over the image, from and to [grey levels]."""
+    sharpest: float
+    """How sharp the borders and streaks of a light may be, 0 to 1."""
+    has_band: bool
+    """Whether the light does not reach a band at the top."""
+
+
+ROUND = Backdrop(
+    ((93.0, 97.0, 89.0), (101.0, 107.0, 99.0)), ((26.0, 15.0, 15.0), (58.0, 30.0, 30.0)), sharpest=1.0, has_band=True
+)
+FLAT = Backdrop(
+    ((70.0, 75.0, 70.0), (125.0, 125.0, 125.0)), ((10.0, 8.0, 10.0), (38.0, 28.0, 38.0)), sharpest=0.1, has_band=False
+)
+
+
+def draw_illumination(
+    glow: NDArray[np.float64], height: int, width: int, rng: np.random.Generator, kind: Backdrop = ROUND
+) -> Image:
     """Draw how strongly each of three lights reaches each pixel, (3, height, width), about 1 in the mean.
 
     glow (3,) [rad] says on which side of the image each makes the gel glow, counter-clockwise from its right.
@@ -24,13 +50,16 @@ def draw_illumination(glow: NDArray[np.float64], height: int, width: int, rng: n
     right, up = _grid(height, width)
     horizon = up[0, 0] * rng.uniform(0.55, 0.95)
     dim = _step((horizon - up + rng.uniform(-0.25, 0.25) * right) / rng.uniform(0.06, 0.3))
-    sharpness = rng.uniform(0.0, 1.0)
+    dim = dim if kind.has_band else np.ones_like(dim)
+    sharpness = rng.uniform(0.0, 1.0) * kind.sharpest
     lights = [_cone(bearing, right, up, sharpness, rng) for bearing in glow]
     dimmed = [light * (0.25 + 0.75 * dim) for light in lights[:2]]
     return np.stack([light / light.mean() for light in (*dimmed, lights[2])]).astype(np.float32)
 
 
-def draw_no_contact(illumination: Image, colours: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
+def draw_no_contact(
+    illumination: Image, colours: NDArray[np.float64], rng: np.random.Generator, kind: Backdrop = ROUND
+) -> NDArray[np.uint8]:
     """Draw the image (height, width, 3) of the gel at rest in lights of these colours (3 lights, 3 channels)."""
     _, height, width = illumination.shape
     right, up = _grid(height, width)
@@ -40,7 +69,7 @@ def draw_no_contact(illumination: Image, colours: NDArray[np.float64], rng: np.r
     image += tint[0] + tint[1] * up[..., None] / up[0, 0] + (tint[2] - 0.12) * right[..., None]
     image += rng.uniform(0.03, 0.12) * np.stack([_cloud((height, width), 5, rng) for _ in range(3)], axis=-1)
     image *= (1.0 - rng.uniform(0.05, 0.25) * (right**2 + up**2) / (1.0 + up[0, 0] ** 2))[..., None]
-    mean, spread = rng.uniform(*_MEAN), rng.uniform(*_SPREAD)
+    mean, spread = rng.uniform(*kind.mean), rng.uniform(*kind.spread)
     image = mean + spread * (image - image.mean(axis=(0, 1))) / image.std(axis=(0, 1))
     image = np.maximum(image, 28.0 + 0.15 * image)  # stray light: nothing is black
     _add_specks(image, rng)

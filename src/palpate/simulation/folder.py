@@ -13,6 +13,8 @@ from palpate.geometry.shapes import Shape
 from palpate.locks import held_folder, remove_parts
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT, SensorProfile
+from palpate.shards import Shard, part_of_work
 from palpate.simulation.places import kinds
 from palpate.simulation.pushes import SECONDS
 from palpate.simulation.recordings import COUNT, simulate_recording, simulated_source
@@ -37,6 +39,10 @@ class Job:
     """Seed of its sensor unit; None draws one for this recording alone."""
     knocks: bool = False
     """Whether someone shoves the object now and then."""
+    ideal: bool = False
+    """Whether nothing is wrong but noise."""
+    sensor: SensorProfile = DIGIT
+    """What pushes it."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,13 @@ class Outcome:
 
 
 def plan(
-    shapes: Mapping[str, Shape], count: int, seed: int = 0, unit: int | None = None, knocks: bool = False
+    shapes: Mapping[str, Shape],
+    count: int,
+    seed: int = 0,
+    unit: int | None = None,
+    knocks: bool = False,
+    ideal: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> list[Job]:
     """Return the recordings that belong to a folder: `count` of each object by name, its kinds of contact in turn."""
     if not 1 <= count <= COUNT:
@@ -68,7 +80,8 @@ def plan(
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            jobs.append(Job(f"{'-'.join([name, *place])}-{number:06d}.h5", shape, kind, number, unit, knocks))
+            file = f"{'-'.join([name, *place])}-{number:06d}.h5"
+            jobs.append(Job(file, shape, kind, number, unit, knocks, ideal, sensor))
     return jobs
 
 
@@ -81,22 +94,25 @@ def simulate_folder(
     resume: bool = False,
     dask: str | None = None,
     progress: Callable[[int], None] | None = None,
+    shard: Shard | None = None,
 ) -> Outcome:
     """Simulate recordings and write them to a folder, each whole or not at all.
 
     Recordings that are there are kept if `resume`, and otherwise an error. `workers` and `dask` are those of
-    `parallel.spread`; `progress` is called with the number of recordings that are there. Raises SettingError on
-    values that are not allowed and on recordings made with others, FileError where the folder cannot be written.
+    `parallel.spread`; `progress` is called with the number of recordings that are there. Of a shard only its own
+    recordings are looked at and made; other processes may be at the others meanwhile. Raises SettingError on values
+    that are not allowed and on recordings made with others, FileError where the folder cannot be written.
     """
     load_mujoco()
     if not SECONDS[0] <= seconds <= SECONDS[1]:
         raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
 
     def source(job: Job) -> str:
-        return simulated_source(job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks)
+        told = job.shape, job.kind, job.seed, seconds, images, job.unit, job.knocks, job.ideal, job.sensor
+        return simulated_source(*told)
 
     make = partial(_simulate, seconds=seconds, images=images)
-    return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress)
+    return fill_folder(folder, {job.name: job for job in jobs}, source, make, workers, resume, dask, progress, shard)
 
 
 def fill_folder(
@@ -108,6 +124,7 @@ def fill_folder(
     resume: bool = False,
     dask: str | None = None,
     progress: Callable[[int], None] | None = None,
+    shard: Shard | None = None,
 ) -> Outcome:
     """Make a recording of each item, by the name of its file, and write it; see `simulate_folder`.
 
@@ -116,10 +133,17 @@ def fill_folder(
     """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
-    with held_folder(folder, "a folder of recordings"):
-        there = _opened(folder, resume)
-        kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}
-        todo = [(name, item) for name, item in items.items() if name not in kept]
+    wanted = part_of_work(tuple(items.items()), shard)
+    with held_folder(folder, "a folder of recordings", shard):
+        there = {path.name for path in folder.glob("*.h5")}
+        if shard is None:
+            remove_parts(folder, ".*.h5*.part")
+        else:  # what others write, alive or not, is theirs
+            there &= {name for name, _ in wanted}
+        if there and not resume:
+            raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
+        kept = {name for name, item in wanted if name in there and _is_whole(folder / name, source(item))}
+        todo = [(name, item) for name, item in wanted if name not in kept]
         made: list[str] = []
         failed: dict[str, str] = {}
         with closing(spread(partial(_made, make=make), todo, workers, dask)) as results:
@@ -144,16 +168,8 @@ def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[s
 
 
 def _simulate(job: Job, seconds: float, images: bool) -> Recording:
-    return simulate_recording(job.shape, job.kind, job.seed, seconds, images, unit=job.unit, knocks=job.knocks)
-
-
-def _opened(folder: Path, resume: bool) -> set[str]:
-    """Return the names of the recordings in a folder."""
-    there = {path.name for path in folder.glob("*.h5")}
-    if there and not resume:
-        raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
-    remove_parts(folder, ".*.h5*.part")
-    return there
+    told = job.shape, job.kind, job.seed, seconds, images, None, job.unit, job.knocks, job.ideal, job.sensor
+    return simulate_recording(*told)
 
 
 def _is_whole(path: Path, wanted: str) -> bool:

@@ -9,7 +9,6 @@ Z. Si, W. Yuan, "Taxim", 2022 a simulation by examples; here lights are a model 
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.simulation.markers import visible_through
 from palpate.simulation.optics import shading
 from palpate.simulation.unit import SensorUnit
 
@@ -106,9 +106,10 @@ def ball_overlap(unit: SensorUnit, radius: float, place: tuple[float, float], in
     y, z = unit.place
     away = np.hypot(y - place[0], z - place[1])
     inside = np.minimum(away / radius, 1.0)
-    bulge = _sag(y, unit.radius) + _sag(z, unit.length_radius)
-    bulge -= _sag(np.float32(place[0]), unit.radius) + _sag(np.float32(place[1]), unit.length_radius)
-    slope = (place[0] / unit.radius, place[1] / unit.length_radius)  # the ball comes along the gel's normal
+    bulge = unit.sag(y) + unit.sag_along(z)
+    bulge -= unit.sag(np.float32(place[0])) + unit.sag_along(np.float32(place[1]))
+    beyond = np.sign(place[0]) * max(abs(place[0]) - 0.5 * unit.flat_width, 0.0)
+    slope = (beyond / unit.radius, place[1] / unit.length_radius)  # the ball comes along the gel's normal
     bulge -= slope[0] * (y - place[0]) + slope[1] * (z - place[1])
     overlap = indentation - radius * (1.0 - np.sqrt(1.0 - inside**2)) - bulge
     return np.where(inside < 1.0, np.maximum(overlap, 0.0), 0.0).astype(np.float32)
@@ -120,12 +121,14 @@ def touch_image(
     """Return the image (height, width, 3) of a gel pressed in by overlap (height, width) [m]; None is no contact."""
     import cv2
 
-    image = unit.no_contact
-    if overlap is None:
-        if rng is None:
-            return image.copy()
-        return np.asarray(cv2.add(image, _noise(unit, rng), dtype=cv2.CV_8U), np.uint8)
-    difference = shading(unit, gel_height(unit, overlap, shear))
+    image = unit.no_contact if unit.markers is None else unit.no_contact.astype(np.float32)
+    height = None if overlap is None else gel_height(unit, overlap, shear)
+    difference = np.zeros(image.shape, np.float32) if height is None else shading(unit, height)
+    if unit.markers is not None:
+        image = (image + difference) * visible_through(
+            unit.markers, image.shape, unit.pitch, height, shear * unit.shear_compliance
+        )
+        difference = np.zeros_like(image)
     if rng is not None:
         difference = cv2.add(difference, _noise(unit, rng), dtype=cv2.CV_32F)
     return np.asarray(cv2.add(image, difference, dtype=cv2.CV_8U), np.uint8)
@@ -157,7 +160,7 @@ def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
     low, high, nearest = -unit.half_width, unit.half_width, math.inf
     for _ in range(2):
         y = np.linspace(low, high, 201)
-        points = np.stack([-_sag(y, unit.radius), y], axis=-1)
+        points = np.stack([-unit.sag(y), y], axis=-1)
         distance = shape.signed_distance(se2.transform(object_T_sensor, points))
         best = int(distance.argmin())
         nearest = min(nearest, float(distance[best]))
@@ -173,18 +176,13 @@ def _section(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
     object: one level for each such sag, 0 where the gel reaches farthest into the side.
     """
     y, z = unit.place
-    sag = _sag(z, unit.length_radius) + np.float32(math.tan(side.tilt)) * z
+    sag = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z
     sag = np.maximum(sag - sag[(z > side.below) & (z < side.above)].min(), 0.0)
     step = 0.5 * unit.pitch
     across = np.arange(float(y.min()), float(y.max()) + 2.0 * step, step)
     levels = np.arange(math.ceil(float(sag.max()) / _SAG_STEP) + 2) * _SAG_STEP
-    table = np.stack(np.broadcast_arrays(-_sag(across, unit.radius) - levels[:, None], across), axis=-1)
+    table = np.stack(np.broadcast_arrays(-unit.sag(across) - levels[:, None], across), axis=-1)
     return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(_SAG_STEP)
-
-
-def _sag(away: Any, radius: float) -> Any:
-    """How far an arc falls back at this distance from its apex."""
-    return radius - np.sqrt(np.maximum(radius * radius - away * away, 0.0))
 
 
 @functools.cache

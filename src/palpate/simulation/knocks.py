@@ -93,7 +93,8 @@ class Knocks:
         heading = direction - float(world.object_pose[2])
         way = np.array([np.cos(heading), np.sin(heading)])
         arm, finger = point - self._shape.centroid, point - _FINGER * way
-        room = float(np.hypot(*(se2.transform(world.object_pose, finger) - self._gel(world)))) - self._sensor.radius
+        gel = self._sensor.radius + 0.5 * self._sensor.flat_width
+        room = float(np.hypot(*(se2.transform(world.object_pose, finger) - self._gel(world)))) - gel
         return bool(
             abs(se2.wrap(heading - normal - np.pi)) < _OFF_NORMAL
             and abs(arm[0] * way[1] - arm[1] * way[0]) > self._lever

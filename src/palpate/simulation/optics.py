@@ -2,7 +2,8 @@
 
 Seen from inside, the gel at rest is hollow and an imprint in it is a bump. A light therefore makes the far side of the
 hollow glow, and of a bump the flank that is turned to it: glow and bright flank of one colour lie on opposite sides
-across the pad, where the gel is curved most. Beyond a bump its light is missing. So it is on real DIGITs, and with
+across the pad, where the gel is curved most. In a flat gel they lie on one side, as on a real GelSight Mini. Beyond a
+bump its light is missing. So it is on real DIGITs, and with
 M. K. Johnson, E. H. Adelson, "Retrographic sensing", 2009, which reads the slopes from three such lights.
 """
 
@@ -75,8 +76,7 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
 
     The answer is the camera's, (height, width, 3): what a grey level of light makes of grey levels in its image.
     """
-    y, z = unit.place
-    right, up = -y / np.float32(unit.radius), -z / np.float32(unit.length_radius)  # seen from inside it is hollow
+    right, up = unit.rest_slope
     shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
     light = unit.light.astype(np.float32)[:, :, None, None]
     lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)

@@ -26,11 +26,12 @@ class Surroundings:
 
     def __init__(self, shape: Shape, sensor: SensorProfile) -> None:
         reach = np.hypot(*(shape.outline(200) - shape.centroid).T).max()
-        self.radius = float(reach) + sensor.radius + _CLEARANCE
+        self.radius = float(reach) + sensor.radius + 0.5 * sensor.flat_width + _CLEARANCE
         """[m]"""
         self._shape = shape
         self._middle = np.append(shape.centroid, 0.0)
         self._center = np.append(sensor.centers[0], 0.0)
+        self._parts = sensor.round_centers
         self._rate = sensor.rate
 
     def start(self, touch: Touch, object_pose: Array) -> Array:
@@ -84,8 +85,8 @@ class Surroundings:
     def _is_free(self, start: Array, goal: Array, object_pose: Array) -> bool:
         """Say whether the gel comes no nearer to the object on a straight way than it is at the start."""
         way = start + np.linspace(0.0, 1.0, 50)[:, None] * (goal - start)
-        center = se2.compose(se2.between(object_pose, way), self._center)
-        distance = self._shape.signed_distance(center[:, :2])
+        parts = se2.transform(se2.between(object_pose, way)[:, None], self._parts)
+        distance = self._shape.signed_distance(parts).min(axis=1)
         return bool((distance > distance[0] - 1e-4).all())
 
     def _straight(self, start: Array, goal: Array, frames: int) -> Array:

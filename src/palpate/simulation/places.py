@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 _NEAR, _CLEAR = 0.008, 0.015  # [m] from a corner: up to where a patch has it in sight, and from where not
 _PAD_ANGLE, _OFF_NORMAL = np.radians(12.0), np.radians(45.0)
+_FLAT_ANGLE, _FLAT_OFF_NORMAL = np.radians(5.0), np.radians(25.0)  # of a flat pad
+_FLAT_PLACE = 0.3  # part of its width that a contact begins from its middle
 _REACH = 0.06  # [m] before the contact in which the gel must come in freely
 _TRIES = 1000
 
@@ -42,10 +44,17 @@ def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Ge
     for _ in range(_TRIES):
         point, normal = draw_place(shape, kind, rng)
         inward = normal + np.pi
-        yaw = inward - rng.uniform(-_PAD_ANGLE, _PAD_ANGLE)
-        heading = inward + rng.uniform(-_OFF_NORMAL, _OFF_NORMAL)
+        leaning = _FLAT_ANGLE if sensor.flat_width else _PAD_ANGLE
+        yaw = inward - rng.uniform(-leaning, leaning)
+        aside = _FLAT_OFF_NORMAL if sensor.flat_width else _OFF_NORMAL
+        heading = inward + rng.uniform(-aside, aside)
         center = point + sensor.radius * _unit(normal)
-        path = center - np.linspace(0.0, _REACH, 25)[:, None] * _unit(heading)
+        if sensor.flat_width:
+            center -= rng.uniform(-_FLAT_PLACE, _FLAT_PLACE) * sensor.flat_width * _unit(yaw + 0.5 * np.pi)
+            # A pad that leans against a side touches it with its edge.
+            overlap = sensor.radius - shape.signed_distance(_parts(center, yaw, sensor)).min()
+            center += max(overlap, 0.0) * _unit(normal)
+        path = _parts(center, yaw, sensor) - np.linspace(0.0, _REACH, 25)[:, None, None] * _unit(heading)
         if (shape.signed_distance(path) > sensor.radius - 1e-4).all():
             return Touch(np.append(center - _turned(sensor.centers[0], yaw), yaw), heading)
     raise SettingError(f"no place was found where the gel of {sensor.name!r} reaches the object at its {kind}")
@@ -78,6 +87,11 @@ def draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Array
         return corners[i] - at / lengths[before] * edges[before], float(normals[before])
     turn = float((normals[i] - normals[before]) % (2.0 * np.pi))
     return corners[i], float(normals[before] + rng.uniform(0.2, 0.8) * turn)
+
+
+def _parts(center: Array, yaw: float, sensor: SensorProfile) -> Array:
+    """Return where the round parts of a tip with its centre here are, (n, 2) [m]."""
+    return center + sensor.row[:, None] * _unit(yaw + 0.5 * np.pi)
 
 
 def _unit(angle: float) -> Array:

@@ -18,9 +18,12 @@ is by then. What is drawn, and why:
   sensor turns with its path, and besides by up to 0.1 rad/s, at which it rolls over its pad once in a push.
 - Pad: the contact begins within 12 degrees of the apex. Past 20 degrees the sensor turns after the contact, gently, and
   at 30 degrees, beyond the edge of a DIGIT's pad (26), the push ends.
+- A flat pad is held flat to the object, for a round one soon rolls off it: the contact begins within 5 degrees, the
+  sensor moves within 25 of the normal, turns after the contact past 5, and the push ends at 12 degrees, where nearly
+  all of the image shows nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,8 +43,8 @@ Array = NDArray[np.float64]
 _SPEED = (0.010, 0.040)  # [m/s]
 _CURVATURE = 5.0  # [1/m]
 _TURN = 0.1  # [rad/s]
-_TURN_AFTER, _PAD_END = np.radians(20.0), np.radians(30.0)
-_AFTER_RATE = 2.0  # [1/s] at which the sensor turns after a contact beyond _TURN_AFTER
+_ROUND, _FLAT = np.radians((20.0, 30.0)), np.radians((5.0, 12.0))  # from where a sensor turns, and where a push ends
+_AFTER_RATE = 2.0  # [1/s] at which the sensor turns after a contact beyond that
 _RAMP = 0.3  # [s] to start and to stop
 _LOST = 0.3  # [s] without contact that end a push
 _LEAVE = 0.9  # [s] kept for leaving at the end
@@ -75,17 +78,19 @@ def draw_sequence(
     rng: np.random.Generator,
     seconds: float = 15.0,
     knocks: np.random.Generator | None = None,
+    gel_drift: tuple[float, float] = (0.0, 0.0),
 ) -> Sequence:
     """Draw a world and a sequence of pushes in it, at the rate of the sensor; the same generator gives the same.
 
     `kind` is one of `kinds(shape)`. With a generator for `knocks` someone shoves the object; until the first time
-    everything is as without. Raises SettingError on a kind or duration that is not allowed.
+    everything is as without. `gel_drift` is that of the world. Raises SettingError on a kind or duration that is not
+    allowed.
     """
     if kind not in kinds(shape):
         raise SettingError(f"kind of contact is {kind!r}; a {type(shape).__name__.lower()} allows {kinds(shape)}")
     if not SECONDS[0] <= seconds <= SECONDS[1]:
         raise SettingError(f"a sequence of {seconds!r} s was asked for; allowed is {SECONDS[0]} to {SECONDS[1]} s")
-    settings = draw_settings(shape, rng)
+    settings = replace(draw_settings(shape, rng), gel_drift=gel_drift)
     object_pose = rng.uniform((-0.1, -0.1, -np.pi), (0.1, 0.1, np.pi))
     contacts = max(1, round(seconds / rng.uniform(5.0, 7.5)))
     around = Surroundings(shape, sensor)
@@ -99,7 +104,7 @@ def draw_sequence(
         take.go(around.approach(world.sensor_pose, touch, world.object_pose))
         frames = round(max(take.left - end, _SHORTEST * sensor.rate))
         knocked = hand.frame(frames, is_last=take.left - frames <= _AGAIN * sensor.rate)
-        _push(take, touch, frames, sensor.rate, rng, hand, knocked)
+        _push(take, touch, frames, sensor, rng, hand, knocked)
         contacts = max(contacts - 1, 1) if take.left > _AGAIN * sensor.rate else 0  # one more where one ended early
         take.go(around.leave(world.sensor_pose, world.object_pose, 0 if contacts else take.left))
         if contacts:
@@ -146,7 +151,7 @@ def _push(
     take: _Take,
     touch: Touch,
     frames: int,
-    rate: float,
+    sensor: SensorProfile,
     rng: np.random.Generator,
     hand: Knocks,
     knocked: int | None,
@@ -156,6 +161,7 @@ def _push(
     The hand shoves the object at the frame `knocked`, or as the sensor stops where that is earlier; the sensor does not
     know.
     """
+    rate, (turn_after, pad_end) = sensor.rate, _FLAT if sensor.flat_width else _ROUND
     speed = float(np.exp(rng.uniform(*np.log(_SPEED))))
     curvature = rng.uniform(-_CURVATURE, _CURVATURE) if rng.uniform() < 0.5 else 0.0
     turn = curvature * speed + rng.uniform(-_TURN, _TURN)
@@ -170,7 +176,7 @@ def _push(
         step += 1
         pace = min(1.0, step / ramp, (end - step) / ramp)
         heading += curvature * speed * pace / rate
-        after = _AFTER_RATE * np.sign(angle) * max(abs(angle) - _TURN_AFTER, 0.0)
+        after = _AFTER_RATE * np.sign(angle) * max(abs(angle) - turn_after, 0.0)
         way = speed * np.array([np.cos(heading), np.sin(heading)])
         pose = pose + pace / rate * np.append(way, turn + after)
         motion = take.go(pose[None])
@@ -178,5 +184,5 @@ def _push(
             touched, lost, angle = True, 0, float(motion.pad_angle[0])
         else:
             lost, angle = lost + 1, 0.0
-        if (touched and lost > _LOST * rate) or abs(angle) > _PAD_END:
+        if (touched and lost > _LOST * rate) or abs(angle) > pad_end:
             end = min(end, step + ramp)

@@ -11,9 +11,10 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
-from palpate.recording.sensor import DIGIT
+from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.simulation.gel import draw_side, render
 from palpate.simulation.pushes import Sequence, draw_sequence, measured
+from palpate.simulation.systematic import draw_errors, misstated
 from palpate.simulation.unit import SensorUnit, draw_unit
 
 COUNT = 100_000
@@ -26,6 +27,8 @@ _FRAMES = {
     "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation [m], "
     "pad_angle [rad], as in palpate.simulation.world.Motion",
 }
+WRONG = ", with systematic errors"
+"""What a source says of a recording that has them."""
 _KNOCKED = "; knocked, 1 in frames in which a finger pushes the object and 0 in others"
 
 
@@ -38,13 +41,17 @@ def simulate_recording(
     progress: Callable[[int], None] | None = None,
     unit: int | None = None,
     knocks: bool = False,
+    ideal: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> Recording:
-    """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT.
+    """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT or another sensor.
 
     World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
     images or not; with a seed of its own, `unit`, the sensor unit is the same in many recordings. The recording's
-    sensor is the DIGIT as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
+    sensor is the profile as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
     object now and then, and extra/knocked says when.
+    Mounting, outline, time and first pose are stated with the errors of a real set-up, see `systematic`; an `ideal`
+    recording has noise alone.
     `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
     duration that is not allowed.
     """
@@ -52,28 +59,30 @@ def simulate_recording(
     from threadpoolctl import threadpool_limits
 
     unit_seed, *seeds = _seeds(shape, kind, seed, unit)
-    pushes, noise, camera, shoves = (np.random.default_rng(each) for each in seeds)
-    sensor_unit = draw_unit(DIGIT, unit_seed)
+    pushes, noise, camera, shoves, wrong = (np.random.default_rng(each) for each in seeds)
+    errors = None if ideal else draw_errors(wrong)
+    sensor_unit = draw_unit(sensor, unit_seed)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         with threadpool_limits(1):
-            sensor = replace(DIGIT, radius=sensor_unit.radius)
-            sequence = draw_sequence(shape, kind, sensor, pushes, seconds, shoves if knocks else None)
+            gel = replace(sensor, radius=sensor_unit.radius)
+            drift = errors.gel_drift if errors else (0.0, 0.0)
+            sequence = draw_sequence(shape, kind, gel, pushes, seconds, shoves if knocks else None, drift)
             pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
     finally:
         cv2.setNumThreads(threads)
     motion = sequence.motion
-    return Recording(
+    exact = Recording(
         time=sequence.time,
         sensor_pose=measured(sequence.sensor_pose, noise),
         shape=shape,
-        sensor=DIGIT,
+        sensor=sensor,
         object_pose=measured(motion.object_pose, noise),
         contact=motion.contact,
         episode=episode_numbers(motion.contact),
         image=pictures,
-        source=simulated_source(shape, kind, seed, seconds, images, unit, knocks),
+        source=simulated_source(shape, kind, seed, seconds, images, unit, knocks, ideal, sensor),
         frames=_FRAMES | {"extra": _FRAMES["extra"] + _KNOCKED} if knocks else _FRAMES,
         extra={
             "normal_force": motion.normal_force,
@@ -86,6 +95,7 @@ def simulate_recording(
             **({"knocked": motion.knocked.astype(np.float64)} if knocks else {}),
         },
     )
+    return misstated(exact, errors) if errors else exact
 
 
 def simulated_source(
@@ -96,6 +106,8 @@ def simulated_source(
     images: bool = True,
     unit: int | None = None,
     knocks: bool = False,
+    ideal: bool = False,
+    sensor: SensorProfile = DIGIT,
 ) -> str:
     """Return the words that say where a simulated recording comes from, and from what it can be made again.
 
@@ -105,13 +117,14 @@ def simulated_source(
     of_folder, number = divmod(seed, COUNT)
     touch = f"drawn touch images of unit {drawn}" if images else f"no touch images, gel of unit {drawn}"
     which = f"{kind}, {float(seconds)!r} s, seed {of_folder}, recording {number}"
-    return f"simulated by palpate: MuJoCo, {which}, {touch}{', knocked' * knocks}"
+    of = "" if sensor == DIGIT else f", {sensor.name}"
+    return f"simulated by palpate: MuJoCo, {which}, {touch}{', knocked' * knocks}{of}{'' if ideal else WRONG}"
 
 
 def _seeds(shape: Shape, kind: str, seed: int, unit: int | None) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:
-    """Seeds of the unit, the pushes, the noise, the camera and the knocks: other ones for each object and kind."""
+    """Seeds of unit, pushes, noise, camera, knocks and systematic errors: other ones for each object and kind."""
     what = json.dumps([shape_to_dict(shape), kind]).encode()
-    drawn, *others = np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(5)
+    drawn, *others = np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(6)
     return int(drawn.generate_state(1)[0]) if unit is None else unit, *others
 
 

@@ -31,6 +31,7 @@ from palpate.geometry import se2
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import DIGIT
+from palpate.shards import Shard
 from palpate.simulation.folder import Outcome, fill_folder
 from palpate.simulation.gel import draw_side, render
 from palpate.simulation.real_motion import SMOOTH, Contacts, RealMotion, real_contacts, real_motion, runs, sliding
@@ -110,6 +111,7 @@ def replay_folder(
     resume: bool = False,
     dask: str | None = None,
     progress: Callable[[int], None] | None = None,
+    shard: Shard | None = None,
 ) -> Outcome:
     """Write the replays of recordings to a folder, by the names that files are to get, each whole or not at all.
 
@@ -124,7 +126,7 @@ def replay_folder(
         return _source(recording, real_motion(recording, DIGIT.rate), seed, drawn)
 
     make = partial(replay_recording, seed=seed, unit=unit)
-    return fill_folder(folder, recordings, source, make, workers, resume, dask, progress)
+    return fill_folder(folder, recordings, source, make, workers, resume, dask, progress, shard)
 
 
 def _on_the_gel(

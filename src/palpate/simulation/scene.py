@@ -5,6 +5,7 @@ Coulomb's law at each foot. Nothing here knows of a limit surface.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ _FOOT = 0.002  # [m] radius of a foot
 _GEL_MASS = 0.02  # [kg] on the vertical slide: light against the object
 _ARMATURE = 1e4  # [kg], [kg m^2] of the pusher: contact cannot slow it down between two time steps
 _PLIANT = 0.9  # MuJoCo's impedance of the gel, which stays the same at every depth: a linear spring
+_FLAT_PARTS = 25  # spheres of a flat pad: at the Mini's width 0.7 mm apart
+_FLATTEST = 0.01  # [m] radius of the spheres in its middle, which together are flat to 6 micrometres
+_FLAT_STIFFER = 3.0  # times that all of a flat pad is stiffer than the patch on which a round tip is touched
 _ELLIPSE_SIDES = 360  # a facet of 1.8 mm, 2 micrometres off the paper's ellipse
 
 
@@ -39,7 +43,9 @@ class WorldSettings:
     gel_friction: float = 0.4
     """Coulomb friction between gel and object."""
     gel_stiffness: float = 4000.0
-    """Normal force per indentation of the gel [N/m]."""
+    """Normal force per indentation of the gel [N/m], of a patch as a round tip has it."""
+    gel_drift: tuple[float, float] = (0.0, 0.0)
+    """Shares of friction and stiffness of the gel by which they grow [1/s]."""
     time_step: float = 0.002
     """Longest time step of the simulation [s]; a frame is divided evenly."""
 
@@ -114,10 +120,9 @@ def build_model(
     pusher move the gel's centre of curvature, and yaw turns the pusher about it.
     """
     mujoco = load_mujoco()
-    # The gel is a whole ball, which a flat pad is not, even if its ball were large.
-    if not 0.002 <= sensor.radius <= 0.1 or len(sensor.tips) != 1:
+    if not 0.001 <= sensor.radius <= 0.1 or len(sensor.tips) != 1:
         found = f"sensor {sensor.name!r} has radius {sensor.radius} m and {len(sensor.tips)} tips"
-        raise SettingError(f"{found}; simulation needs one tip with a radius of 0.002 to 0.1 m")
+        raise SettingError(f"{found}; simulation needs one tip with a radius of 0.001 to 0.1 m")
     spec = mujoco.MjSpec()
     spec.option.timestep = settings.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -126,11 +131,20 @@ def build_model(
     spec.option.impratio = 100.0  # friction holds a hundred times harder than it yields: no creep under load
     spec.option.tolerance = 1e-13  # at the usual 1e-8 the solver stops early now and then: an object at rest jerks
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], contype=0, conaffinity=0)
-    _add_pusher(mujoco, spec, sensor.radius)
-    _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64))
+    row = gel_row(sensor)
+    _add_pusher(mujoco, spec, sensor, row)
+    _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), len(row))
     model = spec.compile()
-    _set_gel_stiffness(mujoco, model, settings.gel_stiffness)
+    set_gel_stiffness(model, settings.gel_stiffness)
     return model, mujoco.MjData(model)
+
+
+def gel_row(sensor: SensorProfile) -> Array:
+    """Return where the spheres of the gel stand along its y (n,) [m]: one of a round tip, of a flat pad a bed of them.
+
+    Each is a spring of its own, so that pressure and torque on the pad follow from how deep each part of it is.
+    """
+    return np.linspace(-0.5, 0.5, _FLAT_PARTS) * sensor.flat_width if sensor.flat_width else np.zeros(1)
 
 
 def load_mujoco() -> Any:
@@ -169,7 +183,7 @@ def _is_convex(polygon: Any) -> Any:
     return shapely.area(shapely.convex_hull(polygon)) <= shapely.area(polygon) * (1.0 + 1e-9)
 
 
-def _add_pusher(mujoco: Any, spec: Any, radius: float) -> None:
+def _add_pusher(mujoco: Any, spec: Any, sensor: SensorProfile, row: Array) -> None:
     pusher = spec.worldbody.add_body(name="pusher", pos=[0, 0, _FOOT + 0.5 * HEIGHT], gravcomp=1.0)
     pusher.explicitinertial, pusher.mass, pusher.inertia = True, 1.0, [1e-3, 1e-3, 1e-3]
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
@@ -178,12 +192,22 @@ def _add_pusher(mujoco: Any, spec: Any, radius: float) -> None:
     # Contact must not hold the object up or down, as it would on a pusher that cannot yield.
     gel = pusher.add_body(name="gel", gravcomp=1.0)
     gel.add_joint(type=slide, axis=[0, 0, 1], stiffness=1.0, damping=0.05)
-    gel.add_geom(
-        name="gel", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], mass=_GEL_MASS, contype=0, conaffinity=0
-    )
+    # Each sphere is as large as it can be without standing out beyond the round edge of the pad.
+    to_edge = 0.5 * sensor.flat_width - np.abs(row) + sensor.radius
+    radii = np.clip(to_edge**2 / sensor.radius, sensor.radius, max(_FLATTEST, sensor.radius)).tolist()
+    for i, (y, radius) in enumerate(zip(row.tolist(), radii, strict=True)):
+        gel.add_geom(
+            name=f"gel{i}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            pos=[sensor.radius - radius, y, 0],
+            mass=_GEL_MASS / len(row),
+            contype=0,
+            conaffinity=0,
+        )
 
 
-def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, pose: Array) -> None:
+def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, pose: Array, gel_parts: int) -> None:
     x, y, theta = pose.tolist()
     middle = _FOOT + 0.5 * HEIGHT
     body = spec.worldbody.add_body(name="object", pos=[x, y, 0], quat=[np.cos(theta / 2), 0, 0, np.sin(theta / 2)])
@@ -206,10 +230,9 @@ def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, p
             spec.add_mesh(name=name, uservert=np.column_stack((flat, up)).ravel())
             kind = mujoco.mjtGeom.mjGEOM_MESH
             body.add_geom(name=name, type=kind, meshname=name, mass=settings.mass * share, **plain)
-    for name in names:
-        spec.add_pair(
-            name=name, geomname1=name, geomname2="gel", condim=3, friction=[settings.gel_friction] * 2 + [0, 0, 0]
-        )
+    friction = [settings.gel_friction] * 2 + [0, 0, 0]
+    for name, i in product(names, range(gel_parts)):
+        spec.add_pair(name=f"{name}-{i}", geomname1=name, geomname2=f"gel{i}", condim=3, friction=friction)
     for i, (px, py) in enumerate(settings.feet):
         foot, size, place = f"foot{i}", [_FOOT, 0, 0], [px, py, _FOOT]
         kind = mujoco.mjtGeom.mjGEOM_SPHERE
@@ -230,17 +253,25 @@ def _area(corners: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)).__abs__())
 
 
-def _set_gel_stiffness(mujoco: Any, model: Any, stiffness: float) -> None:
+def gel_pairs(model: Any) -> list[int]:
+    """Return which pairs of geoms are of gel and object."""
+    return [i for i in range(model.npair) if model.pair(i).name.startswith("part")]
+
+
+def set_gel_stiffness(model: Any, stiffness: float) -> None:
     """Set the contact of gel and object so that its normal force at rest is `stiffness` times the indentation.
+
+    Of a flat pad that is so on a patch of it; see _FLAT_STIFFER.
 
     MuJoCo gives contacts a stiffness k per unit of inertia; at rest f (1 - d) / d A = k d r with the impedance d and
     the inverse inertia A, see "Computation: constraint model" in its documentation. k = 1 / (d t)^2 for critical
     damping, where t is the time constant that a contact pair is given.
     """
     inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in ("gel", "object"))
-    k = stiffness * (1.0 - _PLIANT) / _PLIANT**2 * inverse_inertia
+    spheres = sum(model.geom(i).name.startswith("gel") for i in range(model.ngeom))
+    of_each = _FLAT_STIFFER / spheres if spheres > 1 else 1.0
+    k = of_each * stiffness * (1.0 - _PLIANT) / _PLIANT**2 * inverse_inertia
     time_constant = 1.0 / (_PLIANT * np.sqrt(k))
-    for i in range(model.npair):
-        if model.pair(i).name.startswith("part"):
-            model.pair_solref[i] = (time_constant, 1.0)
-            model.pair_solimp[i] = (_PLIANT, _PLIANT, 0.001, 0.5, 2.0)
+    pairs = gel_pairs(model)
+    model.pair_solref[pairs] = (time_constant, 1.0)
+    model.pair_solimp[pairs] = (_PLIANT, _PLIANT, 0.001, 0.5, 2.0)

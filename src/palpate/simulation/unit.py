@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,14 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.simulation import backdrop
+from palpate.simulation.markers import Markers, draw_markers
 
 Image = NDArray[np.float32]
 
 _RIM = 8e-4  # [m] from the pad's edge to where the gel gives way freely
 _BEARINGS = np.deg2rad((30.0, 150.0, 270.0))  # from where red, green and blue light come in the image, usually
+_FLAT_BEARINGS = np.deg2rad((90.0, 0.0, 270.0))  # the same of a GelSight Mini
+_MARKED = 0.5  # share of flat gels that have markers
 _USUAL = 0.5  # share of units in which they do; in the others from anywhere, in any order
 _WEAK = 0.1  # share of lights that are weak
 
@@ -39,6 +43,10 @@ class SensorUnit:
     """Where the image's middle lies on the pad, (y, z) in the sensor frame [m]."""
     roll: float
     """How far the image is turned on the pad, about the sensor's x [rad]."""
+    flat_width: float
+    """Width of the flat part of the gel across the pad [m]; 0 where it is round."""
+    markers: Markers | None
+    """Black dots on the skin; None without."""
     light: NDArray[np.float64]
     """Direction towards each light, (3 lights, 3): to the image's right, up, and into the camera."""
     colour: NDArray[np.float64]
@@ -77,6 +85,21 @@ class SensorUnit:
         inside = np.clip((self.half_width - np.abs(self.place[0])) / np.float32(_RIM), 0.0, 1.0)
         return inside * inside * (3.0 - 2.0 * inside)
 
+    def sag(self, y: Any) -> Any:
+        """How far the gel falls back at y on the pad [m]."""
+        return _arc(np.maximum(np.abs(y) - 0.5 * self.flat_width, 0.0), self.radius)
+
+    def sag_along(self, z: Any) -> Any:
+        """How far the gel falls back at z on the pad [m]."""
+        return _arc(z, self.length_radius)
+
+    @cached_property
+    def rest_slope(self) -> Image:
+        """Slopes of the gel's normal at rest to the right and up at each pixel, (2, height, width); it is hollow."""
+        y, z = self.place
+        beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * self.flat_width), 0.0)
+        return np.stack([-beyond / np.float32(self.radius), -z / np.float32(self.length_radius)])
+
     @property
     def half_width(self) -> float:
         """Half the width of the pad along y [m]."""
@@ -88,14 +111,16 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     """Draw a unit; the same seed gives the same unit. Raises SettingError for a sensor without images or a pad.
 
     The image shows 90 to 102 % of the pad's width. Relative to the profile's radius, the gel's radii are
-    those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm.
+    those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm. A flat gel is flat
+    to a tenth of a millimetre along the pad, and its edges are less or more round; half of them have markers.
     """
     height, width, half_width = profile.image_height, profile.image_width, profile.half_width
-    if not height or half_width is None or not 0.0 < half_width < profile.radius:
+    flat = profile.flat_width
+    if not height or half_width is None or not 0.0 < half_width - 0.5 * flat <= profile.radius:
         found = f"sensor {profile.name!r} has {height} rows, radius {profile.radius} m and half_width {half_width}"
-        raise SettingError(f"{found}; touch images need rows, and a half_width below the radius")
+        raise SettingError(f"{found}; touch images need rows, and a half_width that radius and flat_width reach")
     rng = np.random.default_rng(seed)
-    bearing = _BEARINGS + rng.normal(0.0, math.radians(12.0), 3)
+    bearing = (_FLAT_BEARINGS if flat else _BEARINGS) + rng.normal(0.0, math.radians(12.0), 3)
     if rng.random() > _USUAL:
         bearing = rng.permutation(bearing) + rng.uniform(-math.pi, math.pi)
     elevation = rng.uniform(math.radians(12.0), math.radians(40.0), 3)
@@ -104,16 +129,19 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     crosstalk = rng.uniform(0.0, 1.0, (3, 3)) * _CROSSTALK
     colour = (np.eye(3) + crosstalk) * rng.uniform(130.0, 210.0, (3, 1))
     colour *= np.where(rng.random((3, 1)) < _WEAK, rng.uniform(0.2, 0.6, (3, 1)), 1.0)
-    # The gel is hollow across the pad: what a light makes glow is the far side.
-    illumination = backdrop.draw_illumination(math.pi - bearing, height, width, rng)
+    # A round gel is hollow across the pad: what a light makes glow is the far side. In a flat one it is the near side.
+    kind, glow = (backdrop.FLAT, bearing) if flat else (backdrop.ROUND, math.pi - bearing)
+    illumination = backdrop.draw_illumination(glow, height, width, rng, kind)
     unit = SensorUnit(
         profile=profile,
         seed=seed,
-        radius=profile.radius * rng.uniform(0.93, 1.045),
-        length_radius=profile.radius * rng.uniform(4.15, 8.6),
+        radius=profile.radius * (rng.uniform(0.8, 1.3) if flat else rng.uniform(0.93, 1.045)),
+        length_radius=rng.uniform(0.3, 2.0) if flat else profile.radius * rng.uniform(4.15, 8.6),
         pitch=2.0 * half_width / width * rng.uniform(0.9, 1.02),
         offset=tuple(rng.normal(0.0, 3e-4, 2).tolist()),
         roll=float(rng.normal(0.0, math.radians(1.0))),
+        flat_width=flat,
+        markers=None,
         light=light,
         colour=colour,
         shear_compliance=rng.uniform(1e-4, 4e-4),
@@ -123,10 +151,16 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
         fold=rng.uniform(0.0, 1.0),
         noise=rng.uniform(0.8, 1.6),
         illumination=illumination,
-        no_contact=backdrop.draw_no_contact(illumination, colour / 200.0, rng),
+        no_contact=backdrop.draw_no_contact(illumination, colour / 200.0, rng, kind),
     )
     shade = 0.7 + 0.3 * np.sqrt(unit.softness)[..., None]  # little light gets to the rim
-    unit = replace(unit, no_contact=np.rint(unit.no_contact * shade).astype(np.uint8))
+    markers = draw_markers(unit.place, rng) if flat and rng.random() < _MARKED else None
+    unit = replace(unit, no_contact=np.rint(unit.no_contact * shade).astype(np.uint8), markers=markers)
     for array in (unit.light, unit.colour, unit.illumination, unit.no_contact):
         array.flags.writeable = False
     return unit
+
+
+def _arc(away: Any, radius: float) -> Any:
+    """How far an arc falls back at this distance from its apex."""
+    return radius - np.sqrt(np.maximum(radius * radius - away * away, 0.0))

@@ -9,7 +9,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
-from palpate.simulation.scene import WorldSettings, build_model, load_mujoco
+from palpate.simulation.scene import WorldSettings, build_model, gel_pairs, load_mujoco, set_gel_stiffness
 from palpate.simulation.shove import Finger, Shove
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Motion:
     """Depth of the object in the gel, (N,) [m]; 0 outside contact."""
     pad_angle: Array
     """Where on the gel the contact is, (N,) [rad]: its angle from the apex seen from the centre of curvature, positive
-    towards the sensor's +y; NaN outside contact."""
+    towards the sensor's +y; NaN outside contact. On a flat pad it is that of the normal where it is pressed deepest."""
     knocked: NDArray[np.bool_]
     """Whether a finger has pushed the object since the frame before, (N,)."""
 
@@ -63,7 +63,9 @@ class World:
         self._model, self._data = build_model(settings, shape, sensor, object_pose)
         self._steps = int(np.ceil(1.0 / sensor.rate / settings.time_step - 1e-9))
         self._model.opt.timestep = 1.0 / sensor.rate / self._steps
-        self._gel = self._model.geom("gel").id
+        self._gel = [i for i in range(self._model.ngeom) if self._model.geom(i).name.startswith("gel")]
+        self._gel_pairs = gel_pairs(self._model)
+        self._settings, self._age = settings, 0
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
         self._finger: Finger | None = None
@@ -106,6 +108,7 @@ class World:
         rows = np.zeros((frames, 10))
         index = 0
         for frame in range(frames):
+            self._wear()
             for _ in range(self._steps):
                 qpos[:3] = path[index]
                 qvel[:3] = velocity[index]
@@ -117,6 +120,15 @@ class World:
             self._check(frame)
         contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
         return Motion(rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
+
+    def _wear(self) -> None:
+        """Let the gel become what it is at the next frame."""
+        settings, seconds = self._settings, self._age / self._rate
+        self._age += 1
+        if any(settings.gel_drift):
+            friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
+            self._model.pair_friction[self._gel_pairs, :2] = settings.gel_friction * friction
+            set_gel_stiffness(self._model, settings.gel_stiffness * stiffness)
 
     def _between_frames(self, poses: Array) -> tuple[Array, Array]:
         """Return position and velocity of the pusher's joints at every time step (M, 3)."""
@@ -157,7 +169,7 @@ class World:
     def _touch(self) -> tuple[float, float, float, float, float, float]:
         """Return contact, normal and tangential force, slip, indentation and pad angle."""
         data, contacts = self._data, self._data.contact
-        touching = np.flatnonzero((contacts.geom == self._gel).any(axis=1) & (contacts.efc_address >= 0))
+        touching = np.flatnonzero(np.isin(contacts.geom, self._gel).any(axis=1) & (contacts.efc_address >= 0))
         if not len(touching):
             return 0.0, 0.0, 0.0, 0.0, 0.0, np.nan
         depth, slip, angle, normal_sum, tangent_sum = -np.inf, 0.0, np.nan, 0.0, 0.0
@@ -167,7 +179,7 @@ class World:
             contact = contacts[int(i)]
             self._mujoco.mj_contactForce(self._model, data, int(i), force)
             frame = contact.frame.reshape(3, 3)
-            sign = 1.0 if contact.geom[0] == self._gel else -1.0  # the normal points from the first geom to the second
+            sign = 1.0 if contact.geom[0] in self._gel else -1.0  # the normal points from the first geom to the second
             into = sign * frame[0]  # from the gel into the object
             place = np.arctan2(into[1], into[0]) - yaw
             tangent = np.array([-into[1], into[0], 0.0]) / np.hypot(into[0], into[1])

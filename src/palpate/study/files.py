@@ -6,10 +6,11 @@ from pathlib import Path, PurePosixPath
 from palpate.errors import FileError
 from palpate.files import read_json
 from palpate.formats import detect_format
+from palpate.formats.own_readers import own_format
 
 ALWAYS, JSON, TEXT = (".h5", ".hdf5"), (".json", ".json.gz"), (".txt",)
 """Endings of recordings. HDF5 files are always taken for one; of the others, those that look like one, and JSON that is
-too damaged to tell."""
+too damaged to tell. Other endings are left to readers of users' own."""
 TRAJECTORIES = ("tum", "estimates-csv")
 """Formats without sensor poses."""
 
@@ -53,7 +54,7 @@ def _is_recording(path: Path) -> bool:
     if name.endswith(ALWAYS):
         return True
     if not name.endswith(JSON + TEXT):
-        return False
+        return own_format(path) is not None
     try:
         format = detect_format(path)
         if format is None and name.endswith(JSON):

@@ -1,7 +1,8 @@
 """The folder of a study while it grows: every trial that is done, and what they were made with, so that it can go on.
 
 study.json                      settings, and the recordings that were read
-trials/METHOD/RECORDING.npz     see `evaluation.trial`
+study-shard-I-of-N.json         the same of a shard, until a run without shards puts all together
+trials/METHOD/RECORDING.npz     see `study.trial`
 """
 
 import json
@@ -14,6 +15,7 @@ import palpate
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.locks import remove_parts
+from palpate.shards import Shard
 from palpate.study.job import Job, Outcome, StudySettings
 from palpate.study.trial import Method, Trial, read_trial, write_trial
 from palpate.touch.model import TouchModel
@@ -24,12 +26,21 @@ FORMAT, VERSION = "palpate-study", 1
 class StudyFolder:
     """The folder of a study; all files in it are whole at any time."""
 
-    def __init__(self, path: Path, settings: StudySettings, model: TouchModel, resume: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        settings: StudySettings,
+        model: TouchModel,
+        resume: bool = False,
+        shard: Shard | None = None,
+    ) -> None:
         """Take an empty folder or, with `resume`, one with trials that were made with the same settings.
 
-        Raises FileError where it holds something else, SettingError where they were made with others.
+        A shard takes a folder with trials of others without that. Raises FileError where it holds something else,
+        SettingError where they were made with others.
         """
-        self.path = path
+        self.path, self._shard = path, shard
+        self._index = path / ("study.json" if shard is None else f"study-{shard}.json")
         made_with = {
             "palpate": palpate.__version__,
             "noise": asdict(settings.noise),
@@ -39,8 +50,9 @@ class StudyFolder:
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
         self._recordings: dict[str, dict[str, Any]] = {}
-        remove_parts(path, ".study.json*.part")  # of a process that was killed before it had written one
-        if any(path.iterdir()):
+        if shard is None:  # of a process that was killed before it had written one
+            remove_parts(path, ".study*.json*.part")
+        if any(not each.name.startswith(".") for each in path.iterdir()):
             self._go_on(resume)
 
     def kept(self, job: Job) -> dict[Method, Trial]:
@@ -76,28 +88,39 @@ class StudyFolder:
         return self.path / "trials" / str(method).replace(", ", "+") / f"{name}.npz"
 
     def _go_on(self, resume: bool) -> None:
-        if not resume:
+        if not resume and (self._shard is None or self._index.exists()):
             raise FileError(f"{self.path}: is not empty; --resume goes on with a study, --out names another folder")
         earlier = read_study(self.path)
-        if different := next(_differences(earlier["made_with"], self._made_with), None):
-            raise SettingError(f"{self.path}: was made with other settings ({different}); take another folder")
-        self._recordings = earlier["recordings"]
+        for index in earlier.values():
+            if different := next(_differences(index["made_with"], self._made_with), None):
+                raise SettingError(f"{self.path}: was made with other settings ({different}); take another folder")
+            self._recordings |= index["recordings"]
+        if self._shard is not None:  # the rest is that of others, who may be alive
+            return
         remove_parts(self.path, "**/.*.part")
+        if shards := earlier.keys() - {self._index}:
+            self._write()
+            for path in shards:
+                path.unlink()
 
     def _write(self) -> None:
         content = {"format": FORMAT, "version": VERSION, "made_with": self._made_with, "recordings": self._recordings}
         try:
-            with whole_file(self.path / "study.json", overwrite=True) as part:
+            with whole_file(self._index, overwrite=True) as part:
                 part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise FileError(f"{self.path}: cannot be written ({error.strerror})") from error
 
 
-def read_study(folder: Path) -> dict[str, Any]:
-    """Return the content of `study.json`; FileError where the folder is no study's."""
-    path = folder / "study.json"
-    if not path.is_file():
+def read_study(folder: Path) -> dict[Path, dict[str, Any]]:
+    """Return the content of `study.json` and of those of shards; FileError where the folder is no study's."""
+    found = {path: _read_index(path) for path in sorted(folder.glob("study*.json"))}
+    if not found:
         raise FileError(f"{folder}: is not the folder of a study: there is no study.json in it")
+    return found
+
+
+def _read_index(path: Path) -> dict[str, Any]:
     found = read_json(path)
     if found.get("format") != FORMAT or found.get("version") != VERSION:
         said = f"{found.get('format')!r} of version {found.get('version')!r}"

@@ -52,7 +52,6 @@ def results_of(
     study: Study, settings: StudySettings, model: TouchModel, folder: Path, workers: int, command: str
 ) -> dict[str, Any]:
     """Return the content of `results.json`, but `against`."""
-    counted = {name: len(getattr(study, name)) for name in ("recordings", "trials", "skipped", "failed", "broken")}
     return {
         "command": command,
         "settings": {
@@ -66,9 +65,7 @@ def results_of(
         "study": {
             "palpate": palpate.__version__,
             "folder": str(folder),
-            **counted,
-            "kept": study.kept,
-            "wall_s": study.wall_s,
+            **counted(study),
             "workers": workers,
             "cores": os.cpu_count(),
             "lost_above": {"mm": LOST_MM, "deg": LOST_DEG},
@@ -84,6 +81,12 @@ def results_of(
         "failed": _named(study.failed, "error"),
         "broken": [{"recording": name, "error": error} for name, error in study.broken.items()],
     }
+
+
+def counted(study: Study) -> dict[str, float]:
+    """Return how many recordings and trials there are, how many went which way, and how long it took [s]."""
+    counts = {name: len(getattr(study, name)) for name in ("recordings", "trials", "skipped", "failed", "broken")}
+    return {**counts, "kept": study.kept, "wall_s": study.wall_s}
 
 
 def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[str, Any]]:

@@ -15,6 +15,7 @@ from typing import Any
 from palpate.errors import SettingError
 from palpate.locks import held_folder
 from palpate.parallel import spread
+from palpate.shards import Shard, part_of_work
 from palpate.study.folder import StudyFolder
 from palpate.study.job import Job, Outcome, StudySettings, do_job
 from palpate.study.trial import Method, Trial
@@ -53,14 +54,16 @@ def run_study(
     dask: str | None = None,
     resume: bool = False,
     progress: Callable[[int], None] | None = None,
+    shard: Shard | None = None,
 ) -> Study:
     """Track recordings, by name as `files.find_recordings` gives them, and write each trial to a folder.
 
     `model` is that of learnt touch, by default the one that comes with palpate. `workers` and `dask` are those of
     `parallel.spread`; a cluster has to see the files under the same paths. Trials that are there are kept if `resume`,
     and otherwise an error. `progress` is called with the number of trials that are done, of one for each recording and
-    method. Raises SettingError on values that are not allowed and on a folder made with others, FileError where the
-    folder cannot be written.
+    method. Of a shard only its own recordings are tracked; other processes may be at the others meanwhile, and one
+    without a shard that resumes puts all together. Raises SettingError on values that are not allowed and on a folder
+    made with others, FileError where the folder cannot be written.
     """
     begin = time.perf_counter()
     if workers < 1:
@@ -68,8 +71,9 @@ def run_study(
     if settings.first_pose is not None and not all(map(math.isfinite, settings.first_pose)):
         raise SettingError(f"first pose is {settings.first_pose}; it must be three finite numbers [m, m, rad]")
     model = model or TouchModel(SHIPPED)
-    with held_folder(out, "the folder of a study"):
-        folder = StudyFolder(out, settings, model, resume)
+    files = dict(part_of_work(tuple(files.items()), shard))
+    with held_folder(out, "the folder of a study", shard):
+        folder = StudyFolder(out, settings, model, resume, shard)
         trials: dict[tuple[str, Method], Trial] = {}
         todo: list[Job] = []
         for name, path in files.items():

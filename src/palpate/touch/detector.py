@@ -1,5 +1,7 @@
 """Whether the gel is touched: how much of an image is off the untouched one (paper Sec. V-A)."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from palpate.compiled import Records, compiled
@@ -8,6 +10,7 @@ from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import Background, Image, Levels, background_of, check_channel_order, check_image
 from palpate.touch.calibration import Calibration
+from palpate.touch.markers import AnyImage, has_markers, without_markers
 
 FIRST_SECONDS, FEWEST = 0.5, 8
 """Time of frames that are taken as untouched where no background is given [s], and the fewest frames that will do."""
@@ -75,8 +78,10 @@ class ContactDetector:
         self._sparse: Image | None = None
         self._same = 0
         self._is_noisy = False
+        self._is_marked = False
         if background is not None:
-            self._compare_with(background)
+            self._is_marked = has_markers(background.mean)
+            self._compare_with(replace(background, mean=self.read(background.mean)))
 
     @property
     def background(self) -> Background | None:
@@ -88,8 +93,16 @@ class ContactDetector:
         """Share of the last image's values that are significantly off the untouched gel, 0 to 1."""
         return self._share
 
+    def read(self, image: AnyImage) -> AnyImage:
+        """Return an image (height, width, 3) as it is compared: without markers where the untouched gel has some."""
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.float32):
+            return image  # which is none, as `update` says
+        if self._background is None and not self._first:
+            self._is_marked = has_markers(image)
+        return without_markers(image) if self._is_marked else image
+
     def update(self, image: Image) -> bool:
-        """Return whether the gel is touched in this image (height, width, 3) RGB.
+        """Return whether the gel is touched in this image (height, width, 3) RGB, as `read` gives it.
 
         Raises SettingError on an image of another size or type than the background's or the first one, where the
         first one has red and blue swapped against a given background, on one that shows no touch and no untouched gel

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
+from palpate.recording.measurements import ContactDirection, ContactPlace, Measurement, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import Difference, difference, reduced
@@ -46,7 +46,10 @@ class ImageTouch:
         if self._direction is not None:
             angle, variance = look.direction
             said.append(ContactDirection(self._direction.true(angle), variance * spread["direction"].factor))
-        if self._turn:
+            if look.place is not None:
+                place, variance = look.place
+                said.append(ContactPlace(place, variance * spread["place"].factor))
+        if self._turn and look.turn is not None:
             angle, variance = look.turn
             said.append(Turn(angle, variance * spread["turn"].factor))
         return said
@@ -130,8 +133,13 @@ def pair_touch(model: TouchModel, view: View) -> Touch:
     """Return touch with a predicted distribution for each pair."""
     factor = model.settings.spread["pair"].factor
 
+    def see(difference: Difference) -> Features:
+        descriptor = model.look(difference).descriptor
+        assert descriptor is not None  # `make_touch` takes no other model
+        return descriptor
+
     def compare(earlier: Features, later: Features) -> tuple[Array, Array]:
         turn, variance = model.compare(earlier.astype(np.float32), later.astype(np.float32))
         return turn, variance * factor
 
-    return PairTouch(view, lambda difference: model.look(difference).descriptor, compare)
+    return PairTouch(view, see, compare)

@@ -6,7 +6,9 @@
 | pair.onnx | earlier (P, D), later (P, D) | turned (P, 2) |
 | keypoint.onnx | difference (1, 3, 32, 128) | keypoint (1, 2), kinds (1, C), which are logits |
 
-Direction, turn and turned are means [rad] and log variances. Training writes the folder, `TouchModel` reads it.
+Direction, turn and turned are means [rad] and log variances. That of a flat gel gives place (1, 2) [cm] besides, after
+the others. One that was learnt from presses has touch.onnx alone, which gives direction alone. Training writes the
+folder, `TouchModel` reads it.
 """
 
 import hashlib
@@ -27,7 +29,7 @@ from palpate.printable import one_line
 from palpate.touch.difference import Difference
 
 Array = NDArray[np.float64]
-FORMAT, VERSION = "palpate-touch-model", 1
+FORMAT, VERSION = "palpate-touch-model", 2  # all of version 1 told direction, turn and pairs
 NETWORKS = ("touch", "pair", "keypoint")
 ARRAYS = {
     "touch": (("difference",), ("direction", "turn", "descriptor")),
@@ -39,8 +41,13 @@ LARGEST = 100 * 10**6
 """[bytes] of a network; the shipped ones have less than one million."""
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
 """Kinds of contact that a model tells apart."""
-SHIPPED = Path(__file__).resolve().parents[1] / "data" / "digit"
+_DATA = Path(__file__).resolve().parents[1] / "data"
+SHIPPED = _DATA / "digit"
 """The model of the DIGIT that comes with palpate."""
+SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
+"""Those that come with palpate, by the names of their sensor profiles."""
+TOLD, PLACE = ("direction", "turn", "pair", "linear"), "place"
+"""What models tell, and what those of flat gels tell besides."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,8 @@ class ModelSettings:
     image_width: int
     """Columns of its images [px]."""
     spread: Mapping[str, Spread]
-    """Of "direction", "turn", "pair" and "linear". The last predicts no variance: its scale is the variance [rad^2]."""
+    """Of all TOLD, or of "direction" alone, and of "place" where a model tells it. The linear one predicts no variance:
+    its scale is the variance [rad^2]."""
     linear: tuple[tuple[float, float], ...]
     """Change of sin(yaw) per change of the key point's column and row, for each of KINDS: the paper's linear model."""
     training: Mapping[str, Any]
@@ -82,10 +90,12 @@ class Look:
 
     direction: tuple[float, float]
     """Angle of the contact on the tip, mean [rad] and variance [rad^2]."""
-    turn: tuple[float, float]
-    """Yaw up to an offset of the contact, mean [rad] and variance [rad^2]."""
-    descriptor: NDArray[np.float32]
-    """(D,) what `TouchModel.compare` takes."""
+    turn: tuple[float, float] | None
+    """Yaw up to an offset of the contact, mean [rad] and variance [rad^2]; None of a model that tells no turns."""
+    descriptor: NDArray[np.float32] | None
+    """(D,) what `TouchModel.compare` takes; None likewise."""
+    place: tuple[float, float] | None = None
+    """Where along y a flat pad is touched, mean [m] and variance [m^2]; None on a round tip."""
 
 
 class TouchModel:
@@ -101,17 +111,30 @@ class TouchModel:
         version = written.get("version")
         if not isinstance(version, int) or version > VERSION:
             raise FileError(f"{folder / 'model.json'}: version is {version!r}, this palpate reads up to {VERSION}")
-        self.networks = {name: _network(folder / f"{name}.onnx") for name in NETWORKS}
+        settings = written.get("settings")
+        spread = settings.get("spread") if isinstance(settings, dict) else None
+        names = NETWORKS[:1] if isinstance(spread, dict) and set(spread) == {*TOLD[:1]} else NETWORKS
+        self.networks = {name: _network(folder / f"{name}.onnx") for name in names}
         found = fingerprint(written.get("settings"), self.networks)
         if found != written.get("hash"):
             raise FileError(f"{folder}: hash is {found[:12]}, model.json says {str(written.get('hash'))[:12]}: altered")
         self.folder, self.hash = folder, found
         self.settings = _settings(folder, written["settings"])
 
+    @property
+    def tells_turns(self) -> bool:
+        """Whether it tells anything but directions."""
+        return "turn" in self.settings.spread
+
     def look(self, difference: Difference) -> Look:
         """Return what a difference from the untouched gel (32, 128, 3) says; see `touch.difference`."""
-        direction, turn, descriptor = self._touch.run(None, {"difference": _batch(difference)})
-        return Look(_gaussian(direction[0]), _gaussian(turn[0]), descriptor[0])
+        direction, *others = self._touch.run(None, {"difference": _batch(difference)})
+        if not others:
+            return Look(_gaussian(direction[0]), None, None)
+        turn, descriptor, *place = others
+        centimetres = _gaussian(place[0][0]) if place else None
+        told = centimetres and (1e-2 * centimetres[0], 1e-4 * centimetres[1])
+        return Look(_gaussian(direction[0]), _gaussian(turn[0]), descriptor[0], told)
 
     def compare(self, earlier: NDArray[np.float32], later: NDArray[np.float32]) -> tuple[Array, Array]:
         """Return the sensor's turn (P,) [rad] from descriptors (P, D) to one (D,), and its variance (P,)."""
@@ -138,8 +161,11 @@ class TouchModel:
             has = {each.name for each in found.get_inputs()}, [each.name for each in found.get_outputs()]
         except Exception as error:  # what ONNX Runtime makes of damaged bytes, of many kinds
             raise FileError(f"{place}: is no network that can be run ({one_line(error)})") from error
-        if has != (set(ARRAYS[name][0]), list(ARRAYS[name][1])):
-            raise FileError(f"{place}: takes and gives {has}, expected {ARRAYS[name]}")
+        takes, gives = ARRAYS[name]
+        if name == "touch":
+            gives = (*gives, PLACE) if PLACE in self.settings.spread else gives if self.tells_turns else gives[:1]
+        if has != (set(takes), list(gives)):
+            raise FileError(f"{place}: takes and gives {has}, expected {takes, gives}")
         return found
 
     @cached_property
@@ -155,10 +181,14 @@ class TouchModel:
         return self._session("keypoint")
 
 
+def shipped_model(sensor: str = "DIGIT") -> TouchModel:
+    """Return the model that comes with palpate for a profile of this name, opened once; else that of the DIGIT."""
+    return _opened(SHIPPED_OF.get(sensor, SHIPPED))
+
+
 @cache
-def shipped_model() -> TouchModel:
-    """Return the model of the DIGIT that comes with palpate, opened once."""
-    return TouchModel(SHIPPED)
+def _opened(folder: Path) -> TouchModel:
+    return TouchModel(folder)
 
 
 def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, bytes]) -> None:
@@ -167,7 +197,7 @@ def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, by
     `model.json` comes last, so that a folder with one holds a whole model.
     """
     plain = json.loads(json.dumps(asdict(settings)))
-    for name in NETWORKS:
+    for name in networks:
         with whole_file(folder / f"{name}.onnx", overwrite=True) as part:
             part.write_bytes(networks[name])
     written = {"format": FORMAT, "version": VERSION, "hash": fingerprint(plain, networks), "settings": plain}
@@ -178,7 +208,7 @@ def write_model(folder: Path, settings: ModelSettings, networks: Mapping[str, by
 def fingerprint(settings: Any, networks: Mapping[str, bytes]) -> str:
     """Return the hash of a model's settings and networks."""
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    for name in NETWORKS:
+    for name in networks:
         digest.update(hashlib.sha256(networks[name]).digest())
     return digest.hexdigest()
 
@@ -211,7 +241,7 @@ def _settings(folder: Path, plain: Mapping[str, Any]) -> ModelSettings:
         made = ModelSettings(**{**plain, "spread": spread})
         numbers = [number for each in spread.values() for number in (each.scale, each.together)]
         numbers += [made.image_height, made.image_width]
-        if spread.keys() != {"direction", "turn", "pair", "linear"} or not all(
+        if set(spread) not in ({*TOLD}, {*TOLD, PLACE}, {*TOLD[:1]}) or not all(
             isinstance(number, int | float) and 0.0 < number < FARTHEST for number in numbers
         ):
             raise TypeError("spread or the size of images is no set of numbers above 0")

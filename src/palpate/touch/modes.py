@@ -45,17 +45,18 @@ Sigmas = tuple[float, float, float]
 def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None = None) -> tuple[Tactile, str]:
     """Return what touch is to say of a stream that begins with this image, or with none, and why in words.
 
-    It is learnt where the model reads such images: of its size, in colours, of a sensor with one tip.
+    It is learnt where the model reads such images: of its size, of a sensor with one tip, and in colours unless it is a
+    model of the user's own.
     """
     if image is None:
         return "none", "there are no images"
     if len(sensor.tips) > 1:
         return "none", f"the sensor has {len(sensor.tips)} tips, and the touch model reads images of one"
-    made_for = (model or shipped_model()).settings
+    made_for = (model or shipped_model(sensor.name)).settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         found = f"{sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px"
         return "none", f"{found}, and the touch model reads {made_for.image_height} x {made_for.image_width} px"
-    if image.mean() > DARK and (image == image[..., :1]).all():
+    if model is None and image.mean() > DARK and (image == image[..., :1]).all():
         return "none", "images are grey, and the touch model reads colours"
     return "learnt", f"images fit the touch model of the {made_for.sensor}"
 
@@ -94,13 +95,15 @@ def make_touch(
         raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
     if len(sensor.tips) > 1:
         raise SettingError(f"tactile is {tactile}, which reads images of one tip; sensor {sensor.name!r} has several")
-    model, view = model or shipped_model(), View(background)
+    model, view = model or shipped_model(sensor.name), View(background)
     made_for = model.settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         raise SettingError(
             f"sensor {sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px; the touch model "
             f"is of {made_for.sensor!r}, with {made_for.image_height} x {made_for.image_width} px"
         )
+    if not model.tells_turns and tactile not in TELL_DIRECTION:
+        raise SettingError(f"tactile is {tactile}; {model.folder} was learnt from presses, which tell directions alone")
     nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)  # opens the network now, not in a robot's loop
     if tactile == "learnt-linear":
         model.keypoint(nothing)

@@ -56,7 +56,7 @@ def _checked_images(
     for done, index in enumerate(frames.tolist(), 1):
         image = recording[index].image
         assert image is not None
-        if detector.update(image):
+        if detector.update(detector.read(image)):
             raise FileError(
                 f"{_name(recording)}: frame {index} is off the first ones in {detector.share:.1%} of its values, as if "
                 f"touched; allowed is {START:.0%}: calibrate on frames without contact"

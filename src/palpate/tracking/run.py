@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
+from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import shape_to_dict
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
@@ -49,8 +50,8 @@ class Run:
     """What the untouched sensor looks like, where it was given and not taken from the first frames."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
-    first_pose_sigma: Array | None
-    """How well it was known, (3,) [m, m, rad]; None where the noise settings say so."""
+    first_pose_sigma: Array
+    """How well it was known, (3,) [m, m, rad]."""
     online: Trajectory
     """The estimate at each frame from all frames up to it, with covariance, contact and status."""
     smoothed: Trajectory
@@ -83,9 +84,9 @@ def track(
 ) -> Run:
     """Track the object of a recording; `progress` is called after each frame with the number done, and `watch`.
 
-    `first_pose` (3,) [m, m, rad] is world_T_object at the start; the default is the first known ground truth. `model`,
-    `calibration` and `first_pose_sigma` are the Tracker's. A frame that cannot be used is left out: the estimate before
-    stands for it, with status "faulty".
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start, and `first_pose_sigma` (3,) how well that is known; by
+    default they are those of `first_pose_of`. `model` and `calibration` are the Tracker's.
+    A frame that cannot be used is left out: the estimate before stands for it, with status "faulty".
     `state` is a file in which what is known is saved now and again; where it exists, tracking goes on from it and ends
     as if it had not been interrupted. `dump` is a file that is written where a step fails; see `failed_step`.
     Raises SettingError if the recording lacks what the settings need, EstimationError where the estimator
@@ -93,7 +94,7 @@ def track(
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
-    first = first_pose_of(recording) if first_pose is None else np.asarray(first_pose, dtype=np.float64)
+    first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     _check(recording, settings)
     sensor = _turned(recording.sensor, calibration)
     made_of = {
@@ -101,7 +102,7 @@ def track(
         "object": shape_to_dict(recording.shape),
         "sensor": sensor_to_dict(sensor),
         "first pose": first,
-        "first pose sigma": None if first_pose_sigma is None else np.asarray(first_pose_sigma, np.float64),
+        "first pose sigma": sigma,
         "setting": settings,
         "touch model": None if model is None else model.hash,
         "calibration": calibration and (calibration.background.mean, calibration.view, calibration.direction),
@@ -111,7 +112,7 @@ def track(
         if state is not None and state.exists():
             return load_steps(state, made_of)
         given = recording.shape, sensor, first, settings, model, calibration
-        return Steps(Tracker(*given, first_pose_sigma=first_pose_sigma))
+        return Steps(Tracker(*given, first_pose_sigma=sigma))
 
     steps, saving = begun(), None if state is None else Saving(state, made_of)
     for index in range(len(steps.taken), len(recording)):
@@ -135,7 +136,7 @@ def track(
             saving.see(steps)
     tracker, estimates, step_ms = steps.tracker, steps.estimates, np.array(steps.step_ms)
     settings = replace(settings, tactile=tracker.tactile)
-    model = (model or shipped_model()) if settings.tactile.startswith("learnt") else None
+    model = (model or shipped_model(recording.sensor.name)) if settings.tactile.startswith("learnt") else None
     online, answers, friction = gathered(estimates)
     contact = np.asarray(online.contact, np.bool_)
     smoothed = _with_left_out(tracker.smoothed(), np.array(steps.taken), recording.time)
@@ -153,7 +154,6 @@ def track(
     )
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    sigma = None if first_pose_sigma is None else np.asarray(first_pose_sigma, dtype=np.float64)
     return Run(
         recording,
         settings,
@@ -211,8 +211,29 @@ def _check(recording: Recording, settings: TrackerSettings) -> None:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
 
 
-def first_pose_of(recording: Recording) -> Array:
-    """Return the first ground truth (3,) [m, m, rad]. Raises SettingError where there is none."""
+def first_pose_of(
+    recording: Recording,
+    noise: NoiseSettings,
+    given: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """Return the first pose (3,) [m, m, rad] and how well it is known (3,).
+
+    It is what is given; else what the recording says; else the first ground truth. Raises SettingError where there is
+    none of them.
+    """
+    deviation = np.array(noise.first_pose.deviation)
+    if given is not None:
+        first = np.asarray(given, np.float64)
+    elif recording.first_pose is not None:
+        first = recording.first_pose
+        deviation = deviation if recording.first_pose_sigma is None else recording.first_pose_sigma
+    else:
+        first, deviation = _first_truth(recording), np.array(noise.first_pose.truth)
+    return first, deviation if sigma is None else np.asarray(sigma, np.float64)
+
+
+def _first_truth(recording: Recording) -> Array:
     name = recording.file or "the recording"
     known = trusted_truth(recording)
     if recording.object_pose is None or not known.any():

@@ -117,7 +117,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
         "calibration": None if run.calibration is None else str(run.calibration.file),
         "first_pose": run.first_pose.tolist(),
-        "first_pose_sigma": None if run.first_pose_sigma is None else run.first_pose_sigma.tolist(),
+        "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
         **_options(run.recording.file, run.settings),
     }

@@ -67,7 +67,7 @@ def _onsets(recording: Recording, calibration: Calibration | None) -> list[int]:
     """The first frames of contacts, by the images."""
     detector, view = detector_for(recording.sensor, calibration), view_of(calibration)
     images = (frame.image for frame in recording)
-    touched = np.array([image is not None and detector.update(view.of(image)) for image in images])
+    touched = np.array([image is not None and detector.update(detector.read(view.of(image))) for image in images])
     return (np.flatnonzero(touched[1:] & ~touched[:-1]) + 1).tolist()
 
 

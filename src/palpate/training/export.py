@@ -11,9 +11,9 @@ from torch import nn
 
 from palpate.errors import EstimationError
 from palpate.touch.difference import COLUMNS, ROWS
-from palpate.touch.model import session
+from palpate.touch.model import ARRAYS, PLACE, session
 from palpate.training.learn import Keypoints, Touch
-from palpate.training.networks import DESCRIPTOR
+from palpate.training.networks import DESCRIPTOR, DirectionNetwork
 
 _CLOSE = 1e-4  # by which outputs in ONNX Runtime may differ
 _PAIRS = 3
@@ -24,10 +24,17 @@ def exported(keypoints: Keypoints, touch: Touch) -> dict[str, bytes]:
     image = torch.randn(1, 3, ROWS, COLUMNS)
     earlier, later = torch.randn(2, _PAIRS, DESCRIPTOR)
     return {
-        "touch": _onnx(touch.image, {"difference": image}, ["direction", "turn", "descriptor"]),
+        "touch": _onnx(
+            touch.image, {"difference": image}, [*ARRAYS["touch"][1], *([PLACE] if touch.image.place else [])]
+        ),
         "pair": _onnx(touch.pair, {"earlier": earlier, "later": later}, ["turned"], any_number=True),
         "keypoint": _onnx(keypoints.encoder, {"difference": image}, ["keypoint", "kinds"]),
     }
+
+
+def exported_direction(network: DirectionNetwork) -> dict[str, bytes]:
+    """Return the network of a model of directions alone, likewise."""
+    return {"touch": _onnx(network, {"difference": torch.randn(1, 3, ROWS, COLUMNS)}, ["direction"])}
 
 
 def restore(network: nn.Module, file: bytes) -> None:

@@ -37,6 +37,8 @@ class Features:
     """Yaw up to an offset, mean and variance, (N, 2) [rad], [rad^2]."""
     descriptor: NDArray[np.float32]
     """(N, D)"""
+    place: Array | None = None
+    """Where along y a flat pad is touched, mean and variance, (N, 2) [m], [m^2]; None of a round tip."""
 
 
 def features_of(samples: Samples, keypoints: Keypoints, touch: Touch) -> Features:
@@ -49,7 +51,8 @@ def features_of(samples: Samples, keypoints: Keypoints, touch: Touch) -> Feature
             difference = batch(samples, np.arange(begin, min(begin + _BATCH, len(samples))))
             point, logits = keypoints.encoder(difference)
             parts.append((point, logits.softmax(dim=1), *touch.image(difference)))
-    point, kinds, direction, turn, descriptor = (torch.cat(column).numpy() for column in zip(*parts, strict=True))
+    seen = (torch.cat(column).numpy() for column in zip(*parts, strict=True))
+    point, kinds, direction, turn, descriptor, *place = seen
     there = ~np.isnan(samples.ellipse)
     mean = np.mean(samples.ellipse, axis=0, where=there) if there.any() else 0.0
     ellipse = np.where(there, samples.ellipse, mean)
@@ -60,6 +63,7 @@ def features_of(samples: Samples, keypoints: Keypoints, touch: Touch) -> Feature
         _with_variance(direction),
         _with_variance(turn),
         descriptor,
+        _with_variance(place[0]) * (1e-2, 1e-4) if place else None,
     )
 
 

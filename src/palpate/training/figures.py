@@ -90,6 +90,8 @@ def calibration_figure(samples: Samples, seen: Features, touch: Touch, spread: M
     covered, told = figure.subplots(1, 2)
     deviations = np.linspace(0.0, 3.0, 61)
     for name, (error, variance) in prediction_errors(samples, seen, touch).items():
+        if name == "place":
+            continue  # in other units
         sigma = np.sqrt(variance * spread[name].scale)
         shares = [np.mean(np.abs(error) <= width * sigma) for width in deviations]
         covered.plot(100.0 * erf(deviations / np.sqrt(2.0)), 100.0 * np.array(shares), label=name)

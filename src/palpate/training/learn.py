@@ -11,7 +11,15 @@ from torch import Tensor, nn
 from palpate.recording.sensor import SensorProfile
 from palpate.training.fit import FitSettings, fit
 from palpate.training.losses import gaussian_nll, offset_nll
-from palpate.training.networks import Decoder, KeypointEncoder, PairNetwork, TouchNetwork, blobs, imprint
+from palpate.training.networks import (
+    Decoder,
+    DirectionNetwork,
+    KeypointEncoder,
+    PairNetwork,
+    TouchNetwork,
+    blobs,
+    imprint,
+)
 from palpate.training.pairs import Seen, draw_groups, varied_batch
 from palpate.training.samples import Samples
 
@@ -20,6 +28,7 @@ Progress = Callable[[int, str], None]
 
 TOUCH, KEYPOINT = FitSettings(steps=3000), FitSettings(steps=1000)
 _GROUPS, _FRAMES, _IMAGES = 24, 8, 128  # in a batch; the cost of a frame is its encoding, so each is in seven pairs
+_PRESSES = 48  # in a batch, where there are only some hundred
 _HELD_OUT = 4  # batches that the held-out recordings are judged by, always the same
 _FOCUS = 1e-3  # weight of an activation that is spread out
 
@@ -35,9 +44,9 @@ class Keypoints(nn.Module):
 class Touch(nn.Module):
     """What an image says, and what two say."""
 
-    def __init__(self) -> None:
+    def __init__(self, tells_place: bool = False) -> None:
         super().__init__()
-        self.image, self.pair = TouchNetwork(), PairNetwork()
+        self.image, self.pair = TouchNetwork(tells_place), PairNetwork()
 
 
 def learn_keypoints(
@@ -83,20 +92,45 @@ def learn_touch(
         return draw_groups(samples, _GROUPS, _FRAMES, rng)
 
     def losses(samples: Samples, chosen: Indices, seen: Seen) -> dict[str, Tensor]:
-        direction, turn, descriptor = network.image(seen.difference)
+        direction, turn, descriptor, *place = network.image(seen.difference)
         angle = seen.direction(samples.direction[chosen]).ravel()
         yaw = np.unwrap(samples.yaw[chosen], axis=1)
         yaw = seen.turn(yaw - yaw[:, :1])
         turn, descriptor = turn.unflatten(0, chosen.shape), descriptor.unflatten(0, chosen.shape)
         i, j = torch.triu_indices(_FRAMES, _FRAMES, 1)
         pair = network.pair(descriptor[:, i].flatten(0, 1), descriptor[:, j].flatten(0, 1))
+        places = 1e2 * seen.place(samples.place[chosen]).ravel()
         return {
+            **({"place": gaussian_nll(place[0][:, 0] - places, place[0][:, 1])} if place else {}),
             "direction": gaussian_nll(direction[:, 0] - angle, direction[:, 1]),
             "turn": offset_nll(yaw - turn[..., 0], turn[..., 1]),
             "pair": gaussian_nll(pair[:, 0] - (yaw[:, j] - yaw[:, i]).flatten(), pair[:, 1]),
         }
 
     _fit("touch", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
+
+
+def learn_direction(
+    network: DirectionNetwork,
+    train: Samples,
+    held_out: Samples,
+    sensor: SensorProfile,
+    seed: int,
+    folder: Path,
+    settings: FitSettings,
+    progress: Progress | None = None,
+) -> None:
+    """Train direction alone, on presses that have nothing to do with one another."""
+
+    def draw(samples: Samples, rng: np.random.Generator) -> Indices:
+        return rng.integers(len(samples), size=(_PRESSES, 1))
+
+    def losses(samples: Samples, chosen: Indices, seen: Seen) -> dict[str, Tensor]:
+        direction = network(seen.difference)
+        angle = seen.direction(samples.direction[chosen]).ravel()
+        return {"direction": gaussian_nll(direction[:, 0] - angle, direction[:, 1])}
+
+    _fit("direction", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
 
 
 def _fit(

@@ -108,7 +108,8 @@ class Decoder(nn.Module):
 class TouchNetwork(nn.Module):
     """Images to all that one image says: where it is touched, how the sensor is turned, and a descriptor."""
 
-    def __init__(self) -> None:
+    def __init__(self, tells_place: bool = False) -> None:
+        """Take whether the gel is flat, so that where along it it is touched is told besides."""
         super().__init__()
         self.encoder = Encoder()
         self.points = nn.Conv2d(self.encoder.width, 4, 1)
@@ -119,15 +120,32 @@ class TouchNetwork(nn.Module):
         self.direction = nn.Linear(_HIDDEN + 8, 2)
         self.turn = nn.Linear(_HIDDEN + 8, 2)
         self.descriptor = nn.Linear(_HIDDEN + 8, DESCRIPTOR)
+        self.place = nn.Linear(_HIDDEN + 8, 2) if tells_place else None
 
-    def forward(self, difference: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return direction (B, 2) and turn (B, 2), each mean [rad] and log variance, and descriptor (B, D)."""
+    def forward(self, difference: Tensor) -> tuple[Tensor, ...]:
+        """Return direction (B, 2) and turn (B, 2), each mean [rad] and log variance, and descriptor (B, D).
+
+        Of a flat gel also the place (B, 2), mean [cm] and log variance.
+        """
         features = self.encoder(difference)
         points = keypoint(nn.functional.softplus(self.points(features))).flatten(1)
         coarse = nn.functional.avg_pool2d(torch.relu(self.reduce(features)), (MAP[0] // 2, 1)).flatten(1)
         body = self.body(torch.cat([coarse, points], dim=1))
         said = torch.cat([body, points], dim=1)
-        return gaussian(self.direction(said)), gaussian(self.turn(said)), self.descriptor(said)
+        told = gaussian(self.direction(said)), gaussian(self.turn(said)), self.descriptor(said)
+        return told if self.place is None else (*told, gaussian(self.place(said)))
+
+
+class DirectionNetwork(nn.Module):
+    """Images to the direction alone: what can be learnt where nothing else is known of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.image = TouchNetwork()
+
+    def forward(self, difference: Tensor) -> Tensor:
+        """Return mean [rad] and log variance (B, 2)."""
+        return self.image(difference)[0]
 
 
 DESCRIPTOR = 16

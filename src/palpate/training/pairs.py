@@ -103,6 +103,10 @@ class Seen:
         """Return the directions (G, F) [rad] that the images show, of the samples' own (G, F) [rad]."""
         return torch.arcsin(self.sign * torch.from_numpy(np.sin(told).astype(np.float32)) + self.moved)
 
+    def place(self, told: NDArray[np.float64]) -> Tensor:
+        """Return the places (G, F) [m] that the images of a flat pad show, of the samples' own (G, F) [m]."""
+        return self.sign * torch.from_numpy(told.astype(np.float32))
+
     def turn(self, told: NDArray[np.float64]) -> Tensor:
         """Return the turns (G, F) [rad] that the images show, of the samples' own (G, F) [rad]."""
         return self.sign * torch.from_numpy(told.astype(np.float32))
@@ -138,7 +142,12 @@ def varied_batch(samples: Samples, chosen: Indices, sensor: SensorProfile, rng: 
 
 
 def _column_sine(sensor: SensorProfile) -> float:
-    """By how much the sine of a contact's direction grows from one column of a difference to the next."""
+    """By how much the sine of a contact's direction grows from one column of a difference to the next.
+
+    0 where it does not: on a flat pad, whose imprints of a side belong to its edges.
+    """
+    if sensor.flat_width:
+        return 0.0
     return 2.0 * sensor.half_width / sensor.radius / COLUMNS if sensor.half_width and sensor.radius else 0.0
 
 

@@ -25,7 +25,7 @@ _FEWEST = 100  # pairs of a kind that a number is given for
 def measure_spread(samples: Samples, seen: Features, models: PairModels, touch: Touch) -> dict[str, Spread]:
     """Return how far each kind of prediction is to be believed, from recordings that were held out."""
     errors = prediction_errors(samples, seen, touch)
-    spread = {name: spread_of(*errors[name], samples.episode) for name in ("direction", "turn")}
+    spread = {name: spread_of(*errors[name], samples.episode) for name in errors if name != "pair"}
     # An image takes part in a pair with each of those that it is compared with, and they tell no more than it does.
     together = len(BACK) * spread["turn"].together
     error, variance = errors["pair"]
@@ -54,12 +54,13 @@ def judge(
     honesty = {}
     for name, (error, variance) in prediction_errors(samples, seen, touch).items():
         scaled = variance * spread[name].scale
+        unit, per_unit = ("mm", 1e-3) if name == "place" else ("deg", np.radians(1.0))
         honesty[name] = {
             "coverage": {f"{share:g}": found for share, found in coverage(error, scaled).items()},
             "log_likelihood": log_likelihood(error, scaled),
             "log_likelihood_constant": log_likelihood(error, float(np.mean(error**2))),
-            "rms_deg": float(np.degrees(np.sqrt(np.mean(error**2)))),
-            "median_deg": float(np.degrees(np.median(np.abs(error)))),
+            f"rms_{unit}": float(np.sqrt(np.mean(error**2)) / per_unit),
+            f"median_{unit}": float(np.median(np.abs(error)) / per_unit),
         }
     told_kind = seen.kinds.argmax(axis=1)
     return {
@@ -85,10 +86,15 @@ def _unit_offsets(samples: Samples, seen: Features) -> float:
 
 
 def prediction_errors(samples: Samples, seen: Features, touch: Touch) -> dict[str, tuple[Array, Array]]:
-    """Return errors [rad] of "direction" and "turn" (N,) and "pair" (P,), each with the predicted variances."""
+    """Return errors [rad] of "direction" and "turn" (N,) and "pair" (P,), each with the predicted variances.
+
+    Of a flat pad also those of "place" (N,) [m].
+    """
     earlier, later, true = _pairs(samples)
     told, variance = told_by_pair(touch, seen, earlier, later)
+    place = {} if seen.place is None else {"place": (seen.place[:, 0] - samples.place, seen.place[:, 1])}
     return {
+        **place,
         "direction": (se2.wrap(seen.direction[:, 0] - samples.direction), seen.direction[:, 1]),
         "turn": (_turn_error(samples, seen), seen.turn[:, 1]),
         "pair": (se2.wrap(told - true), variance),

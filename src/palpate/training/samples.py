@@ -19,6 +19,7 @@ from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import background_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.ellipse import ellipse_features
+from palpate.touch.markers import has_markers, without_markers
 from palpate.touch.model import KINDS
 
 Array = NDArray[np.float64]
@@ -47,6 +48,8 @@ class Samples:
     """Yaw of the sensor in the object frame, (N,) [rad]."""
     direction: Array
     """Angle of the contact on the tip, (N,) [rad]; see `measurement.ContactDirection`."""
+    place: Array
+    """Where along y the pad is touched, (N,) [m]; see `measurement.ContactPlace`."""
     kind: Indices
     """Kind of contact, (N,), place in KINDS."""
     ellipse: Array
@@ -97,12 +100,14 @@ def samples_of(recording: Recording, number: int = 0) -> Samples:
     if len(untouched) < 2:
         raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
     chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
-    background = background_of([_image(recording, int(index)) for index in chosen])
+    at_rest = [_image(recording, int(index)) for index in chosen]
+    read = without_markers if has_markers(at_rest[0]) else lambda image: image
+    background = background_of([read(image) for image in at_rest])
     mean = reduced(background.mean)
     g = se2.between(recording.object_pose, recording.sensor_pose)
     episode, frame = _contacts(recording.contact & np.isfinite(g).all(axis=1))
-    images = [_image(recording, int(index)) for index in frame]
-    direction, kind = _geometry(recording, g[frame])
+    images = [read(_image(recording, int(index))) for index in frame]
+    direction, place, kind = _geometry(recording, g[frame])
     return Samples(
         np.array([difference(image, mean) for image in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
@@ -110,6 +115,7 @@ def samples_of(recording: Recording, number: int = 0) -> Samples:
         frame,
         g[frame, 2],
         direction,
+        place,
         kind,
         np.array([ellipse_features(image, background) for image in images]).reshape(-1, 6),
     )
@@ -140,14 +146,12 @@ def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)
 
 
-def _geometry(recording: Recording, g: Array) -> tuple[Array, Indices]:
-    """Angle of the contact on the tip (N,) and its kind (N,), from the outline."""
-    field = contact_model(recording.shape, recording.sensor).field
-    center = se2.transform(g, recording.sensor.centers[0])
-    distance, normal, _ = field.value_gradient_hessian(center)
-    toward = np.arctan2(-normal[:, 1], -normal[:, 0])
-    touched = center - distance[:, None] * normal
-    return se2.wrap(toward - g[:, 2]), _kinds(recording.shape, touched)
+def _geometry(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
+    """Angle of the contact on the tip (N,), its place along y (N,) and its kind (N,), from the outline."""
+    touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0, :, 0]
+    touched = touch["point"] - touch["gap"] * touch["normal"]
+    kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
+    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds
 
 
 def _kinds(shape: Shape, touched: Array) -> Indices:

@@ -73,7 +73,7 @@ def train(
     total. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
     with held_folder(out, "the folder of a model"):
-        return _train(files, out, _free(out, resume), settings, bar, start, test)
+        return _train(files, out, free_folder(out, resume), settings, bar, start, test)
 
 
 def _train(
@@ -103,7 +103,7 @@ def _train(
         draw_pairs(part, 1, np.random.default_rng(0))  # raises now what it would after an hour of training
     work.mkdir(exist_ok=True)
     torch.manual_seed(settings.seed)
-    keypoints, touch = Keypoints(), Touch()
+    keypoints, touch = Keypoints(), Touch(tells_place=sensor.flat_width > 0.0)
     settings = replace(settings, touch=settings.touch if base is None else FINE)
     if settings.steps is not None:
         settings = replace(
@@ -180,8 +180,8 @@ def _check_sensor(what: str, name: str, size: tuple[int, int], sensor: SensorPro
         )
 
 
-def _free(out: Path, resume: bool) -> Path:
-    """The folder for the work in a model's folder; FileError unless a model may be made there."""
+def free_folder(out: Path, resume: bool) -> Path:
+    """Return the folder for the work in a model's folder; FileError unless a model may be made there."""
     work = out / WORK
     if (out / "model.json").exists():
         raise FileError(f"{out}: holds a model already; take another folder")

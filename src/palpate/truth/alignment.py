@@ -16,6 +16,12 @@ from palpate.truth.watched import Watched
 
 Array = NDArray[np.float64]
 
+FEWEST = 20
+"""Pictures of the sensor's tag that are needed."""
+LEAST_TURN = 10.0
+"""[degrees] of the sensor's turning that are needed to begin with."""
+TURN_MORE = "let it turn by 60 or more in the recording, best before the first push"
+"""What helps."""
 LARGEST_SIGMA = 1e-3
 """[m] standard deviation of the table's place in the world, above which a recording does not tell it."""
 
@@ -57,10 +63,13 @@ def align(time: Array, sensor_pose: Array, tag: Watched) -> Alignment:
         difference = se2.between(by_robot, by_video)
         return difference / (tag.sigma + _ROBOT)
 
-    delay = _delay(time, sensor_pose, tag)
+    _check_enough(len(tag.time))
+    turned = np.degrees(np.ptp(angle))
+    if turned < LEAST_TURN:
+        raise FileError(f"the sensor turns by {turned:.0f} degrees; {TURN_MORE}")
+    delay = _delay(time, angle, tag)
     used = (tag.time + delay > time[0]) & (tag.time + delay < time[-1])
-    if used.sum() < 20:
-        raise FileError(f"the sensor's tag is seen in {used.sum()} pictures of the recording's time, 20 are needed")
+    _check_enough(int(used.sum()))
     table = _rough(sensor_at(tag.time[used] + delay), tag.pose[used])
     mount = se2.between(sensor_at(tag.time[used] + delay), se2.compose(table, tag.pose[used]))
     start = np.concatenate([table, [0.0, 0.0, np.angle(np.exp(1j * mount[:, 2]).mean())], [delay]])
@@ -73,28 +82,33 @@ def align(time: Array, sensor_pose: Array, tag: Watched) -> Alignment:
     covariance = 10.0 * np.linalg.inv(found.jac.T @ found.jac)
     sigma = np.sqrt(np.diag(covariance))[[0, 1, 2, 6]]
     if sigma[:2].max() > LARGEST_SIGMA:
-        turned = np.degrees(np.ptp(angle))
         raise FileError(
             f"the table's place in the world is known to {sigma[:2].max() * 1e3:.1f} mm only: the sensor turns by "
-            f"{turned:.0f} degrees; let it turn by 60 or more in the recording, best before the first push"
+            f"{turned:.0f} degrees; {TURN_MORE}"
         )
     off = apart(found.x, used)[:, :2] * (tag.sigma[:2] + _ROBOT[:2])
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
     return Alignment(found.x[:3], found.x[3:6], float(found.x[6]), sigma, rms)
 
 
-def _delay(time: Array, sensor_pose: Array, tag: Watched) -> float:
-    """The delay by which the speeds of sensor and tag are most alike [s]."""
-    robot, video = _speed(time, sensor_pose), _speed(tag.time, tag.pose)
-    robot, video = robot - robot.mean(), video - video.mean()
-    alike = np.correlate(robot, video, "full")
+def _check_enough(seen: int) -> None:
+    if seen < FEWEST:
+        raise FileError(f"the sensor's tag is seen in {seen} pictures of the recording's time, {FEWEST} are needed")
+
+
+def _delay(time: Array, angle: Array, tag: Watched) -> float:
+    """The delay by which sensor and tag turn most alike [s]; their turning does not depend on how the tag is mounted.
+
+    It makes the squared difference of the two rates least, of the whole video, the sensor at rest before and after its
+    recording.
+    """
+    robot, video = _turning(time, angle), _turning(tag.time, np.unwrap(tag.pose[:, 2]))
+    alike = 2.0 * np.correlate(robot, video, "full") - np.correlate(robot**2, np.ones(len(video)), "full")
     return float((np.argmax(alike) - (len(video) - 1)) * _STEP + time[0] - tag.time[0])
 
 
-def _speed(time: Array, pose: Array) -> Array:
-    even = np.arange(time[0], time[-1], _STEP)
-    x, y = (np.interp(even, time, column) for column in pose[:, :2].T)
-    return np.hypot(np.gradient(x), np.gradient(y))
+def _turning(time: Array, angle: Array) -> Array:
+    return np.diff(np.interp(np.arange(time[0], time[-1], _STEP), time, angle))
 
 
 def _rough(sensor: Array, tag: Array) -> Array:

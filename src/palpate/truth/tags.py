@@ -3,6 +3,7 @@
 A tag's frame has its origin in the middle, x to the right and y up as it is printed.
 """
 
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -42,13 +43,15 @@ SQUARES, SQUARE, MARKER = (7, 5), 0.035, 0.026
 """The board that the camera is calibrated with: its squares along x and y, their side and that of its markers [m]."""
 
 
-def corners_in(image: Gray) -> dict[int, Array]:
-    """The corners (4, 2) [px] of each tag in a grey picture, by its id.
+def corners_in(image: Gray, wanted: Container[int] | None = None) -> dict[int, Array]:
+    """The corners (4, 2) [px] of each tag in a grey picture, by its id; of the wanted ones only, if some are named.
 
     Tags are looked for quickly, and then closely where they are: a close look at all of the picture takes long.
     """
     found = {}
     for number, rough in _detected(image, closely=False).items():
+        if wanted is not None and number not in wanted:
+            continue
         margin = 0.25 * np.ptp(rough, axis=0)
         low = np.maximum(rough.min(axis=0) - margin, 0.0).astype(int)
         high = (rough.max(axis=0) + margin).astype(int) + 1

@@ -44,13 +44,13 @@ def views(recording: Recording, calibration: Calibration | None) -> Iterator[tup
 
     The gel is compared with as tracking does it: with the background as it was when the contact began.
     """
-    compared = calibration and calibration.background
     detector, view = detector_for(recording.sensor, calibration), view_of(calibration)
+    compared = detector.background
     for index in range(len(recording)):
         image = recording[index].image
         if image is None:
             raise SettingError("the recording has no images to show")
-        image = view.of(image)
+        image = detector.read(view.of(image))
         if not detector.update(image):
             compared = detector.background
         yield image, None if compared is None else seen(image, compared)

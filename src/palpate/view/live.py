@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import SettingError
 from palpate.estimate import Estimate
@@ -31,6 +32,8 @@ from palpate.view.viewer import open_viewer
 if TYPE_CHECKING:
     import rerun as rr
 
+Array = NDArray[np.float64]
+
 logger = logging.getLogger(__name__)
 
 INTERVAL = 0.1
@@ -47,6 +50,13 @@ class _Shown:
     background: Background | None
 
 
+@dataclass(frozen=True, eq=False)
+class _Truth:
+    time: float
+    pose: Array
+    estimate: Array | None
+
+
 class LiveLog:
     """Takes what a tracker says, and sends some of it to Rerun from a thread of its own.
 
@@ -57,8 +67,9 @@ class LiveLog:
         """Take where to send, and what is tracked by what."""
         self._shape, self._sensor = shape, sensor
         self._log = SceneLog(stream, shape, sensor)
-        self._queue: queue.Queue[_Shown | None] = queue.Queue(_WAITING)
-        self._next = -np.inf
+        self._queue: queue.Queue[_Shown | _Truth | None] = queue.Queue(_WAITING)
+        self._next = self._next_truth = -np.inf
+        self._frames_tell_truth = False
         self.dropped = 0
         """Frames that should have been shown and were not."""
         self._thread = threading.Thread(target=self._run, name="palpate-view", daemon=True)
@@ -74,6 +85,13 @@ class LiveLog:
             return
         image = None if frame.image is None else frame.image.copy()  # cameras may reuse their buffers
         self._queue.put_nowait(_Shown(replace(frame, image=image), estimate, background))
+
+    def show_truth(self, time: float, pose: Array, estimate: Array | None) -> None:
+        """Take a true pose of the object (3,) at a time [s], which frames do not tell, and what was estimated then."""
+        if time < self._next_truth or self._queue.full():
+            return
+        self._next_truth = time + INTERVAL - _ROUNDING
+        self._queue.put_nowait(_Truth(time, pose, estimate))
 
     def close(self) -> None:
         """Send what waits still, for a while at most, and say what was dropped."""
@@ -92,19 +110,26 @@ class LiveLog:
             with suppress(queue.Empty):
                 while True:  # all that waits is sent in one go, which takes little longer than one frame
                     waiting.append(self._queue.get_nowait())
-            shown = [each for each in waiting if each is not None]
-            ended = len(shown) < len(waiting)
-            if failed or not shown:
+            ended = None in waiting
+            shown = [each for each in waiting if isinstance(each, _Shown)]
+            truths = [each for each in waiting if isinstance(each, _Truth)]
+            if failed:
                 self.dropped += len(shown)
                 continue
             try:
                 self._send(shown)
+                for true in truths:
+                    estimate = None if true.estimate is None else true.estimate[None]
+                    self._log.send_truth(np.array([true.time]), true.pose[None], estimate)
             except Exception as error:  # whatever is the matter with the view, tracking goes on
                 failed = True
                 self.dropped += len(shown)
-                logger.warning("the view ends at %.3f s: %s", shown[0].frame.time, error)
+                time = shown[0].frame.time if shown else truths[0].time
+                logger.warning("the view ends at %.3f s: %s", time, error)
 
     def _send(self, shown: Sequence[_Shown]) -> None:
+        if not shown:
+            return
         self._log.send(self._scene(shown))
         for frame, background in ((each.frame, each.background) for each in shown):
             if frame.image is None:
@@ -117,6 +142,8 @@ class LiveLog:
     def _scene(self, shown: Sequence[_Shown]) -> Scene:
         """The scene of some frames, but for their images."""
         frames, unknown = [each.frame for each in shown], np.full(3, np.nan)
+        self._frames_tell_truth |= any(frame.object_pose is not None for frame in frames)
+        truth = np.array([unknown if frame.object_pose is None else frame.object_pose for frame in frames])
         return Scene(
             "",
             Recording(
@@ -125,7 +152,7 @@ class LiveLog:
                 self._shape,
                 self._sensor,
             ),
-            np.array([unknown if frame.object_pose is None else frame.object_pose for frame in frames]),
+            truth if self._frames_tell_truth else None,
             *gathered([each.estimate for each in shown]),
         )
 

@@ -50,7 +50,7 @@ class SceneLog:
         self._time = recording.time
         self._send_sensor(recording.sensor_pose)
         if scene.truth is not None:
-            self._send_poses("truth", scene.truth)
+            self.send_truth(recording.time, scene.truth, None if scene.estimate is None else scene.estimate.pose)
         if scene.estimate is None:
             return
         pose, covariance = scene.estimate.pose, scene.estimate.covariance
@@ -60,9 +60,6 @@ class SceneLog:
             distance, angle = deviations(covariance)
             self._send_number("translation/sigma", 1e3 * distance)
             self._send_number("rotation/sigma", np.degrees(angle))
-        if scene.truth is not None:
-            self._send_number("translation/error", 1e3 * translation_errors(pose, scene.truth))
-            self._send_number("rotation/error", np.degrees(np.abs(rotation_errors(pose, scene.truth))))
         if scene.contact is not None:
             points = contact_points(recording.sensor_pose, pose, recording.sensor, self._field)
             self._send_points("above/contact", points, scene.contact)
@@ -76,6 +73,14 @@ class SceneLog:
             self._send_number("friction/more", value + deviation)
         if scene.estimate.status:
             self._columns("status", rr.StateChange.columns(state=list(scene.estimate.status)))
+
+    def send_truth(self, time: Array, truth: Array, estimate: Array | None) -> None:
+        """Send true poses (N, 3) at times (N,) [s] and, of estimates (N, 3) of the same times, their errors."""
+        self._time = time
+        self._send_poses("truth", truth)
+        if estimate is not None:
+            self._send_number("translation/error", 1e3 * translation_errors(estimate, truth))
+            self._send_number("rotation/error", np.degrees(np.abs(rotation_errors(estimate, truth))))
 
     def send_images(self, path: str, time: Array, images: Sequence[bytes]) -> None:
         """Send encoded images (JPEG or PNG) at times (N,) [s]."""

@@ -1,21 +1,33 @@
-"""What `palpate live` records: images and sensor poses as they came, and the estimates, as ROS 2 messages.
+"""What `palpate live` records: images, sensor poses and true poses as they came, and the estimates, as ROS 2 messages.
 
 An attachment at the front holds what messages cannot: the outline and the sensor, so that the file is a recording that
 can be tracked again.
 """
 
 import json
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FileError, PalpateError
 from palpate.files import json_object
 from palpate.formats.bags.bag_recording import read_bag
 from palpate.formats.bags.choices import BagChoices
+from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.mcap_file import leading_attachments
-from palpate.formats.bags.recording_mcap import IMAGES, SENSOR_POSES
+from palpate.formats.bags.messages import decoded, poses_of
+from palpate.formats.bags.raw import CutShort
+from palpate.formats.bags.recording_mcap import IMAGES, OBJECT_POSES, SENSOR_POSES
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
+from palpate.recording.plane import flat, into_plane
 from palpate.recording.recording import Recording
+from palpate.recording.seen_poses import SIGMA, poses_at
 from palpate.recording.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
+
+Array = NDArray[np.float64]
 
 ATTACHMENT, MEDIA_TYPE = "palpate-live.json", "application/json"
 
@@ -36,4 +48,24 @@ def read_live_mcap(path: Path) -> Recording | None:
     except (TypeError, KeyError, PalpateError) as error:
         raise FileError(f"{path}: the attachment {ATTACHMENT} is damaged ({error})") from error
     # By the log's clock, which is the headers': a replay may begin at 0 s, a stamp that stands for none.
-    return read_bag(path, shape, BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log"), sensor).recording
+    choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
+    reading = read_bag(path, shape, choices, sensor)
+    return _with_truth(reading.recording, path) if OBJECT_POSES in reading.mapping.unused else reading.recording
+
+
+def _with_truth(recording: Recording, path: Path) -> Recording:
+    """The recording with the true poses between those of the file, which are in the plane of the sensor's."""
+    times, numbers, sigmas = list[float](), list[tuple[float, ...]](), list[Array]()
+    with suppress(CutShort):  # which reading the rest has told
+        for raw in raw_messages(path):
+            if raw.channel.topic == OBJECT_POSES:
+                message = decoded(raw)
+                times.append(raw.log_time / 1e9)
+                numbers.append(poses_of(message)[0].numbers)
+                sigmas.append(np.sqrt(message.pose.covariance[[0, 7, 35]]))
+    order = np.argsort(times)
+    seen = np.array(numbers)[order]
+    pose, _, _ = into_plane(flat(), seen[:, :3], seen[:, 3:])
+    found, sigma = poses_at(recording.time, np.array(times)[order], pose, np.array(sigmas)[order])
+    frames = recording.frames | {"object_pose": f"{OBJECT_POSES}, as an overhead camera told it meanwhile"}
+    return replace(recording, object_pose=found, extra={**recording.extra, SIGMA: sigma}, frames=frames)

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.errors import PalpateError, ShapeError
 from palpate.files import read_json, read_text
 from palpate.formats.outlines.scan import is_scan, shape_of_scan
-from palpate.geometry.shapes import Polygon, Shape, shape_from_dict, shape_to_dict
+from palpate.geometry.shapes import Polygon, Shape, scaled, shape_from_dict
 from palpate.printable import one_line
 
 logger = logging.getLogger(__name__)
@@ -52,13 +52,7 @@ def read_json_shape(path: Path, scale: float | None) -> Shape:
         shape = shape_from_dict({"type": "polygon", **data})
     except PalpateError as error:
         raise ShapeError(str(error)) from error
-    return shape if scale is None else _scaled(shape, scale)
-
-
-def _scaled(shape: Shape, scale: float) -> Shape:
-    data = shape_to_dict(shape)
-    kind = data.pop("type")
-    return shape_from_dict({"type": kind, **{name: (np.array(value) * scale).tolist() for name, value in data.items()}})
+    return shape if scale is None else scaled(shape, scale)
 
 
 def _is_number(word: str) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.geometry import se2
-from palpate.geometry.shapes import shape_from_dict, shape_to_dict
+from palpate.geometry.shapes import scaled
 from palpate.study.faults.stream import Stream
 
 
@@ -18,8 +18,4 @@ def first_pose_off(stream: Stream, rng: np.random.Generator, length: float, degr
 
 def outline_off(stream: Stream, rng: np.random.Generator, share: float) -> Stream:
     """Let the told outline be larger than the object by this share of every length."""
-    told = {
-        name: np.multiply(value, 1.0 + share).tolist() if name != "type" else value
-        for name, value in shape_to_dict(stream.shape).items()
-    }
-    return replace(stream, shape=shape_from_dict(told))
+    return replace(stream, shape=scaled(stream.shape, 1.0 + share))

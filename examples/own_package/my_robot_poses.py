@@ -1,11 +1,6 @@
 """A source of sensor poses of your own: here a robot whose sensor goes straight on, 50 times a second.
 
-Put the function into a package of yours and name it in its pyproject.toml:
-
-    [project.entry-points."palpate.poses"]
-    my-robot = "own_poses:poses"
-
-Then `palpate live --camera D20001 --poses my-robot ...` takes it.
+`palpate live --camera D20001 --poses my-robot ...` takes it, by the entry point in pyproject.toml.
 """
 
 import time

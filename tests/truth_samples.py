@@ -1,5 +1,7 @@
 """A camera over a table, and the video that it gives of a push, rendered."""
 
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,9 @@ from palpate.simulation.objects import SHAPES
 from palpate.truth.camera import Camera
 from palpate.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, tag_image
 
+COUNT = 45
+PRECISE = (3e-4, 3e-4, np.radians(0.1))
+"""What truth has to be within at 1 px per 0.5 mm [m, m, rad]."""
 ROWS, COLUMNS, FOCAL = 720, 960, 1200.0
 CAMERA = Camera((ROWS, COLUMNS), ((FOCAL, 0.0, 480.0), (0.0, FOCAL, 360.0), (0.0, 0.0, 1.0)), (0.0,) * 5, 0.1)
 """1 px for 0.5 mm at 0.6 m."""
@@ -63,15 +68,16 @@ def motion(time: Any) -> tuple[Any, Any]:
     """Where object and sensor are on the table at times (N,) [s] of the video, (N, 3) each."""
     object_pose = np.column_stack([-0.05 + 0.03 * np.sin(time), -0.13 + 0.015 * time, 0.5 * np.sin(0.7 * time)])
     sensor_pose = np.column_stack(
-        [0.1 + 0.03 * np.cos(1.3 * time), -0.1 + 0.02 * np.sin(2 * time), 1.0 * np.sin(2.5 * time)]
+        [0.13 + 0.06 * np.cos(3.0 * time), -0.1 + 0.04 * np.sin(4.0 * time), np.sin(5.0 * time)]
     )
     return object_pose, sensor_pose
 
 
-def video(count: int) -> list[tuple[float, Gray]]:
-    """Pictures at 30 Hz; in some of them a hand is over the object's tag."""
+@cache
+def video() -> list[tuple[float, Gray]]:
+    """COUNT pictures at 30 Hz; in some of them a hand is over the object's tag."""
     rng = np.random.default_rng(3)
-    time = np.arange(count) / 30.0
+    time = np.arange(COUNT) / 30.0
     objects, tags = motion(time)
     lying: Patches = [(each, TABLE_PLACE + np.array([*each.place, 0.0]), 0.0) for each in TABLE]
     table, pictures = drawn(np.full((ROWS * FINE, COLUMNS * FINE), 150, np.uint8), lying), []
@@ -84,9 +90,19 @@ def video(count: int) -> list[tuple[float, Gray]]:
     return pictures
 
 
-def recording(count: int) -> tuple[Recording, Any]:
+def write_video(path: Path) -> None:
+    """Write the pictures as a video."""
+    import cv2
+
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (COLUMNS, ROWS))
+    for _, picture in video():
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+
+
+def recording() -> tuple[Recording, Any]:
     """What the robot recorded meanwhile, at 60 Hz by its own clock, and where the object really was in its world."""
-    time = DELAY + np.arange(int(count * 2.0)) / 60.0
+    time = DELAY + np.arange(2 * COUNT) / 60.0
     objects, tags = (se2.compose(se2.inverse(TABLE_PLACE), pose) for pose in motion(time - DELAY))
     sensor = se2.compose(se2.compose(WORLD_T_TABLE, tags), se2.inverse(SENSOR_T_TAG))
     made = Recording(time, sensor, SHAPES["disc"], DIGIT, contact=np.zeros(len(time), np.bool_))

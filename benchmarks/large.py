@@ -1,0 +1,99 @@
+"""Memory of tracking a recording that is larger than memory should be.
+
+    python benchmarks/large.py --gigabytes 5 --folder /tmp
+
+A simulated push is played forwards and backwards until the file is large enough, its images as PNG that are not
+compressed. It is tracked by a process of its own, whose memory is looked at several times a second together with that
+of all processes that it starts. What is printed as JSON is the most that there was: `rss_mb`, in which pages that
+processes share count for each of them, and `pss_mb`, in which they count once. The file is removed.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import psutil
+import tyro
+from numpy.typing import NDArray
+
+from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.objects import SHAPES
+from palpate.recording.recording import Recording
+from palpate.simulation.recordings import simulate_recording
+
+LOOK = 0.2
+"""[s] between looks at the memory."""
+MB = 1e6
+
+
+def long_recording(size: float) -> Recording:
+    """A recording whose images have so many bytes."""
+    push = simulate_recording(SHAPES["rectangle"], "rectangle-edges", 1, 10.0)
+    images = [_uncompressed(frame.image) for frame in push if frame.image is not None]
+    there_and_back = [*range(len(push)), *reversed(range(len(push)))]
+    rounds = int(np.ceil(size / (2 * sum(map(len, images)))))
+    order = np.array(there_and_back * rounds)
+    truth = push.object_pose
+    assert truth is not None
+    return replace(
+        push,
+        time=np.arange(len(order)) / push.sensor.rate,
+        sensor_pose=push.sensor_pose[order],
+        object_pose=truth[order],
+        contact=None,
+        episode=None,
+        image=tuple(images[index] for index in order.tolist()),  # each is there but once
+        codec="png",
+        extra={},
+    )
+
+
+def _uncompressed(image: NDArray[np.uint8]) -> bytes:
+    """The image (height, width, 3) RGB as a large PNG."""
+    done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 0])
+    assert done
+    return data.tobytes()
+
+
+def most_memory(words: Sequence[str]) -> dict[str, float]:
+    """Run a command and return the most memory that it and what it starts have at once [MB], and how long it takes."""
+    begin = time.monotonic()
+    process = psutil.Popen(words, stdout=subprocess.DEVNULL)
+    most = {"rss_mb": 0.0, "pss_mb": 0.0}
+    while process.poll() is None:
+        now = {"rss_mb": 0.0, "pss_mb": 0.0}
+        for each in (process, *process.children(recursive=True)):
+            try:
+                memory = each.memory_full_info()
+            except psutil.Error:  # it has ended meanwhile
+                continue
+            now["rss_mb"] += memory.rss / MB
+            now["pss_mb"] += memory.pss / MB
+        most = {name: max(value, now[name]) for name, value in most.items()}
+        time.sleep(LOOK)
+    if process.returncode:
+        raise SystemExit(f"{' '.join(words)} ended with {process.returncode}")
+    return {**most, "seconds": time.monotonic() - begin}
+
+
+def main(gigabytes: float = 5.0, folder: Path = Path()) -> None:
+    """Make the file, track it and print what was found."""
+    with tempfile.TemporaryDirectory(dir=folder) as made:
+        path, run = Path(made) / "large.h5", Path(made) / "run"
+        recording = long_recording(gigabytes * 1e9)
+        write_recording(recording, path)
+        words = [sys.executable, "-m", "palpate", "track", str(path), "--out", str(run)]
+        found = most_memory(words)
+        said = {"frames": len(recording), "gigabytes": path.stat().st_size * 1e-9, **found}
+        print(json.dumps({name: round(value, 2) for name, value in said.items()}))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,44 @@
+"""Make again the touch model of the GelSight Mini that comes with palpate, and the study of it.
+
+    python scripts/train_gelsight_mini_model.py FOLDER
+
+Half an hour on two cores. Weights may differ in the last digits from one processor to another.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from palpate.cli.console import progress_bar
+from palpate.recording.sensor import GELSIGHT_MINI
+from palpate.simulation.folder import plan, simulate_folder
+from palpate.simulation.objects import PAPER, find_shape
+from palpate.training.fit import FitSettings
+from palpate.training.train import TrainSettings, train
+
+RECORDINGS = 25
+"""Of each of the paper's objects, to learn from."""
+STUDIED = ("disc", "rectangle-edges", "ellipse")
+"""Kinds of contact of the study; true corners on a flat pad are not what it is good for."""
+SEQUENCES = 10
+"""Of each kind."""
+
+
+def main(folder: Path) -> None:
+    """Simulate, train, simulate other units, track them."""
+    shapes = dict(map(find_shape, PAPER))
+    learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI)
+    with progress_bar("simulating", len(learned)) as progress:
+        simulate_folder(folder / "train", learned, seconds=6.0, resume=True, progress=progress)
+    settings = TrainSettings(keypoint=FitSettings(steps=60, check=30), touch=FitSettings(steps=450, check=75))
+    train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
+    jobs = [job for job in plan(shapes, 3 * SEQUENCES, seed=3, sensor=GELSIGHT_MINI) if job.kind in STUDIED]
+    judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
+    with progress_bar("simulating", len(judged)) as progress:
+        simulate_folder(folder / "study", judged, seconds=10.0, resume=True, progress=progress)
+    study = ["evaluate", str(folder / "study"), "--out", str(folder / "results"), "--model", str(folder / "model")]
+    subprocess.run([sys.executable, "-m", "palpate", *study, "--tactile", "learnt", "oracle"], check=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,73 @@
+"""Contact place: touch tells where along y a flat pad is touched.
+
+The true place is that of the sensor's material point, the mean over the pad's parts by how much each bears, so the
+residual [m] is `y of material - place`. On a flat pad a round outline is touched with its normal along x wherever it
+lies: what a contact direction tells on a round tip, this tells there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.compiled import Array, Given, Places, Records, compiled
+from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
+from palpate.estimation.planar import cauchy
+from palpate.estimation.setting import Settings, Tunable, setting
+from palpate.estimation.unknowns import SENSOR_IN_OBJECT
+from palpate.estimation.values import State
+from palpate.recording.measurements import ContactPlace
+
+DATA = np.dtype([("place", np.float64), ("information", np.float64)])
+
+
+@dataclass(frozen=True)
+class PlaceSettings(Settings):
+    """How far touch is to be believed about the contact place."""
+
+    share: float = setting(2.0, tune=Tunable(1e-2, 100.0, usual=False))
+    """Variance of a place as a share of what touch says."""
+    kernel: float | None = setting(3.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
+
+
+@compiled
+def _linearise(
+    state: State,
+    places: Places,
+    data: Records,
+    given: Given,
+    residual: Array,
+    jacobian: Array,
+    information: Array,
+    weight: Array,
+) -> None:
+    g, _e, _shared, touching, _angle, _c, _model_center = state
+    (kernel,) = given
+    for b in range(len(g)):
+        for t in range(len(places)):
+            touch, inverse_variance = touching[b, places[t, 0], 0], data[t].information
+            residual[b, t, 0] = touch.material.imag - data[t].place
+            for k in range(3):
+                jacobian[b, t, 0, k] = touch.material_by_g[k].imag
+            information[b, t, 0] = inverse_variance
+            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
+class Place(Factor):
+    """One term for each contact place that touch tells."""
+
+    name = "place"
+    steps = ((SENSOR_IN_OBJECT,),)
+    rows = 1
+    data = DATA
+    kernel = _linearise
+
+    def __init__(self, settings: PlaceSettings, model: ContactModel) -> None:
+        self.given = (kernel_scale(settings.kernel),)
+        self._share, self._tips = settings.share, model.tips
+
+    def terms(self, step: Step) -> Terms | None:
+        """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
+        said = one_tip_only([one for one in step.measurements if isinstance(one, ContactPlace)], self._tips)
+        return terms_now([(one.place, 1.0 / (one.variance * self._share)) for one in said], DATA)

@@ -1,0 +1,155 @@
+"""Shards of a simulation and of a study: together they leave what one process leaves."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import pushed
+
+from palpate.cli import main
+from palpate.errors import FileError
+from palpate.formats.palpate_h5 import write_recording
+from palpate.locks import held_folder
+from palpate.shards import Shard, part_of_work
+
+STUDY = ("evaluate", "pushes", "--tactile", "oracle")
+BUSY = "another process is writing it"
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    """Every test works in a folder of its own, where `pushes` holds three recordings; no figures are drawn."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("palpate.study.report.write_report", lambda *_: None)
+    Path("pushes").mkdir()
+    for index in range(3):
+        given = pushed(20)
+        bent = given.sensor_pose + np.array([0.0, 1e-4 * index, 0.0])
+        write_recording(replace(given, sensor_pose=bent), f"pushes/push-{index}.h5")
+
+
+def contents(folder: str) -> dict[str, Any]:
+    """What is in a folder by the names of files; of trials, what does not tell how long they took."""
+    found: dict[str, Any] = {}
+    for path in sorted(Path(folder).rglob("*")):
+        if path.suffix == ".npz":
+            with np.load(path) as arrays:
+                found[str(path)] = {key: arrays[key].tobytes() for key in arrays if key not in ("step_ms", "about")}
+        elif path.is_file():
+            found[str(path)] = path.read_bytes()
+    return {name.removeprefix(f"{folder}/"): data for name, data in found.items()}
+
+
+def test_every_item_is_in_one_shard():
+    items = "abcdefgh"
+    parts = [part_of_work(items, Shard(number, 3)) for number in (1, 2, 3)]
+    assert parts == ["adg", "beh", "cf"] and part_of_work(items, None) == items
+    assert [part_of_work("a", Shard(number, 2)) for number in (1, 2)] == ["a", ""]
+
+
+def test_shards_of_a_simulation_make_the_same_files(capsys):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    words = ("--shape", "disc", "--shape", "rectangle", "--count", "2", "--seconds", "3", "--no-images")
+    assert main.main(["simulate", "whole", *words]) == 0
+    capsys.readouterr()
+    for shard, made in (("3/3", 1), ("1/3", 2), ("2/3", 1)):
+        assert main.main(["simulate", "parts", *words, "--shard", shard, "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert (len(said["made"]), said["kept"]) == (made, [])
+    assert contents("parts") == contents("whole")
+    assert main.main(["simulate", "parts", *words, "--shard", "1/3"]) == 2
+    assert "parts: holds 2 recordings already; --resume keeps them" in capsys.readouterr().err
+    next(Path("parts").glob("disc*")).unlink()
+    assert main.main(["simulate", "parts", *words, "--resume"]) == 0  # what a shard failed to make
+    assert "1 made, 3 kept" in capsys.readouterr().out
+    assert contents("parts") == contents("whole")
+
+
+def test_shards_of_a_study_are_put_together(capsys):
+    assert main.main([*STUDY, "--out", "whole"]) == 0
+    capsys.readouterr()
+    for shard in ("2/3", "1/3"):  # the third was never begun
+        assert main.main([*STUDY, "--out", "parts", "--shard", shard]) == 0
+        said = capsys.readouterr().out
+        assert "1 trials, 0 kept" in said and "--resume without --shard reports" in said
+    assert not Path("parts/sequences.csv").exists()
+    assert main.main([*STUDY, "--out", "parts", "--shard", "1/3"]) == 2
+    assert "parts: is not empty; --resume goes on" in capsys.readouterr().err
+    assert main.main([*STUDY, "--out", "parts", "--shard", "1/3", "--resume", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["study"]["kept"] == 1
+    assert main.main([*STUDY, "--out", "parts", "--resume"]) == 0
+    assert "3 trials, 2 kept" in capsys.readouterr().out
+    whole, parts = contents("whole"), contents("parts")
+    assert parts.keys() == whole.keys()
+    same = [name for name in whole if name.startswith("trials")]
+    assert len(same) == 3 and all(parts[name] == whole[name] for name in same)
+    indices = [json.loads(each["study.json"]) for each in (whole, parts)]
+    assert indices[0] == indices[1]
+    tables = [list(csv.DictReader(each["sequences.csv"].decode().splitlines())) for each in (whole, parts)]
+    for rows in tables:
+        for row in rows:
+            for column in [name for name in row if name.startswith("step_ms") or name == "wall_s"]:
+                del row[column]
+    assert tables[0] == tables[1] and len(tables[0]) == 3
+
+
+def test_shards_of_other_settings_are_not_put_together(capsys):
+    assert main.main([*STUDY, "--out", "parts", "--shard", "1/2"]) == 0
+    assert main.main([*STUDY, "--out", "parts", "--shard", "2/2", "--pressure", "rim"]) == 2
+    assert "parts: was made with other settings (pressure was 'uniform', is 'rim')" in capsys.readouterr().err
+
+
+def test_shards_work_at_once_each_by_one_process(tmp_path):
+    folder = tmp_path / "out"
+    with held_folder(folder, "a folder", Shard(1, 2)):
+        with held_folder(folder, "a folder", Shard(2, 2)):
+            pass
+        with pytest.raises(FileError, match=rf"shard-1-of-2: {BUSY}"), held_folder(folder, "a folder", Shard(1, 2)):
+            pass
+        with pytest.raises(FileError, match=rf"out: {BUSY}"), held_folder(folder, "a folder"):
+            pass
+    (folder / ".shard-2-of-2.lock").touch()  # of a shard that was killed
+    with held_folder(folder, "a folder"):
+        with pytest.raises(FileError, match=rf"out: {BUSY}"), held_folder(folder, "a folder", Shard(2, 2)):
+            pass
+        assert not list(folder.iterdir())
+
+
+def test_a_shard_leaves_alone_what_others_write(capsys):
+    """Where a file system knows no locks, what others write cannot be told from what the dead left."""
+    Path("parts/trials/oracle").mkdir(parents=True)
+    theirs = [Path("parts/.study-shard-2-of-2.json.part"), Path("parts/trials/oracle/.push-1.h5.npz.part")]
+    for path in theirs:
+        path.write_text("half")
+    assert main.main([*STUDY, "--out", "parts", "--shard", "2/2"]) == 2  # trials of nobody knows what
+    theirs[1].parent.rename("elsewhere")
+    Path("parts/trials").rmdir()
+    assert main.main([*STUDY, "--out", "parts", "--shard", "1/2"]) == 0
+    Path("parts/trials/oracle/.push-1.h5.npz.part").touch()
+    assert main.main([*STUDY, "--out", "parts", "--shard", "1/2", "--resume"]) == 0
+    assert Path("parts/trials/oracle/.push-1.h5.npz.part").exists() and theirs[0].exists()
+    assert main.main([*STUDY, "--out", "parts", "--resume"]) == 0
+    assert not [path for path in Path("parts").rglob(".*") if path.is_file()]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("simulate", "out", "--shard", "0/3"), "shard is 0/3; allowed are 1/N to N/N"),
+        (("simulate", "out", "--shard", "4/3"), "shard is 4/3"),
+        (("simulate", "out", "--shard", "3"), "--shard is '3'; allowed are 1/N to N/N, such as 3/8"),
+        ((*STUDY, "--out", "out", "--shard", "-1/3"), "--shard is '-1/3'"),
+        ((*STUDY, "--out", "out", "--shard", "1/3", "--against", "old"), "compared with nothing"),
+        (("evaluate", "pushes", "--out", "out", "--faults", "--shard", "1/3"), "--shard cannot go with it"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(capsys, words, said):
+    before = sorted(Path().iterdir())
+    assert main.main([*words]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and said in err
+    assert sorted(Path().iterdir()) == before

@@ -1,0 +1,94 @@
+"""How a flat pad touches an outline, and the place on it that touch tells."""
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.errors import EstimationError
+from palpate.estimation.contact_model import contact_model
+from palpate.estimation.factors.factor import Step
+from palpate.estimation.factors.place import Place, PlaceSettings
+from palpate.estimation.unknowns import SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
+from palpate.estimation.values import Values
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Ellipse, Rectangle
+from palpate.recording.measurements import ContactPlace
+from palpate.recording.sensor import GELSIGHT_MINI, SensorProfile
+
+SQUARE = contact_model(Rectangle(0.09, 0.09), GELSIGHT_MINI)
+DISC = contact_model(Disc(0.05), GELSIGHT_MINI)
+HALF = 0.5 * GELSIGHT_MINI.flat_width
+
+
+def touch(model, *pose):
+    return model.touching(np.array([[pose]], np.float64))[0, 0, 0]
+
+
+def test_flush_on_a_side_it_is_touched_in_the_middle_and_leaning_at_its_edge():
+    flush = touch(SQUARE, -0.045, 0.01, 0.0)
+    assert flush["gap"] == pytest.approx(0.0, abs=1e-7)
+    assert flush["material"] == pytest.approx(0.0, abs=1e-7)
+    assert flush["point"] == pytest.approx(-0.045 + 0.01j, abs=1e-7)
+    places = [touch(SQUARE, -0.045, 0.01, math.radians(tilt))["material"].imag for tilt in (0.2, 1.0, 5.0, 12.0)]
+    # Turned counter-clockwise the right edge, which is at -y, comes to the side first.
+    assert np.all(np.diff(places) < 0.0)
+    assert -HALF < places[-1] < -0.8 * HALF
+    # Little tilted, the centre moves as an elastic foundation's of that depth does: by theta h^2 / (3 depth).
+    assert places[0] == pytest.approx(-math.radians(0.2) * HALF**2 / (3.0 * 2e-4), rel=0.2)
+    for tilt in (-12.0, -3.0, 3.0):
+        found = touch(SQUARE, -0.045, 0.01, math.radians(tilt))
+        assert np.angle(-found["normal"]) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_round_outline_is_touched_where_it_lies_on_the_pad():
+    for y in (-0.003, 0.0, 0.002):
+        found = touch(DISC, -0.05, -y, 0.0)
+        assert found["material"].imag == pytest.approx(y, abs=4e-4)
+        assert abs(found["normal"]) == pytest.approx(1.0, abs=0.01)
+    # Beyond the flat part the edge is round: its centre is 2 mm behind the front.
+    beyond = touch(DISC, -0.05, -HALF - 0.02, 0.0)
+    at_edge = np.hypot(-0.052, -0.02) - 0.052
+    assert at_edge < beyond["gap"] < at_edge + 2e-4 * math.log(15)
+
+
+@pytest.mark.parametrize("model", [SQUARE, DISC, contact_model(Ellipse(0.105, 0.131), GELSIGHT_MINI)])
+def test_derivatives(model):
+    def numbers(pose):
+        found = touch(model, *pose)
+        return np.array([found["gap"], *(found[name] for name in ("point", "material", "normal"))])
+
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        start = np.array([-0.0455, rng.uniform(-0.02, 0.02), rng.uniform(-0.1, 0.1)])
+        found = touch(model, *start)
+        for axis in range(3):
+            step = 1e-6 * np.eye(3)[axis]
+            ahead, behind = (se2.compose(start, se2.exp(sign * step)) for sign in (1.0, -1.0))
+            by = [found[f"{name}_by_g"][axis] for name in ("gap", "point", "material", "normal")]
+            np.testing.assert_allclose((numbers(ahead) - numbers(behind)) / 2e-6, by, rtol=1e-3, atol=2e-4)
+
+
+def test_the_factor_of_the_place():
+    factor = Place(PlaceSettings(share=4.0, kernel=None), DISC)
+    g = np.array([[[-0.05, -0.003, 0.02]]])
+    values = Values(DISC, {SENSOR_IN_OBJECT: g, SENSOR: g}, np.zeros((SHARED_SIZE, 1)))
+    terms = factor.terms(Step(g[0, 0], None, [ContactPlace(0.001, 1e-6)], [0.0]))
+    assert terms is not None
+    rows = factor.linearise(values, terms)
+    assert rows.residual[0, 0, 0] == pytest.approx(touch(DISC, *g[0, 0])["material"].imag - 0.001)
+    np.testing.assert_allclose(rows.jacobian[0, 0, 0], touch(DISC, *g[0, 0])["material_by_g"].imag)
+    assert rows.weight[0, 0, 0] == pytest.approx(1.0 / 4e-6)
+    with pytest.raises(EstimationError, match="contact place has place nan"):
+        ContactPlace(math.nan, 1.0)
+
+
+def test_parts_of_a_profile():
+    finger = SensorProfile("finger", radius=0.01)
+    assert finger.round_centers.tolist() == [[-0.01, 0.0]]
+    parts = GELSIGHT_MINI.round_centers
+    assert (parts[:, 0] == -0.002).all()
+    np.testing.assert_allclose([parts[0, 1], parts[-1, 1]], [-HALF, HALF])
+    (outline,) = GELSIGHT_MINI.pads
+    assert outline[:, 1].max() == pytest.approx(GELSIGHT_MINI.half_width)
+    assert outline[:, 0].max() == pytest.approx(0.0, abs=1e-4)
