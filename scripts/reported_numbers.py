@@ -105,9 +105,17 @@ def _scored(name: str, rows: Sequence[Row]) -> list[str]:
 SCORES = ("objects", "sequences", "final error", "in 95 %: contact, end", "silently wrong")
 
 
+def systematic() -> str:
+    """Return the table of pushes of which what is told is wrong all the time."""
+    return _by_kind(sequences("systematic"))
+
+
 def plain() -> str:
     """Return the table of pushes that nothing disturbs."""
-    rows = sequences("plain")
+    return _by_kind(sequences("plain"))
+
+
+def _by_kind(rows: Sequence[Row]) -> str:
     kinds = [(told, [row for row in rows if row["group"] == group]) for group, told in SEEN.items()]
     unseen = [row for row in rows if row["group"] not in SEEN]
     return table(SCORES, [_scored(*kind) for kind in (*kinds, (UNSEEN, unseen), ("all", rows))])
@@ -380,6 +388,7 @@ def _whole(number: str) -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
+    "systematic": systematic,
     "plain": plain,
     "knocked": knocked,
     "ways": ways,

@@ -29,6 +29,14 @@ def train(
             help_behavior_hint="(default: from nothing)",
         ),
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="UNIT.npz",
+            help="The unit that the recordings are of, from palpate calibrate --presses; track with both then.",
+            help_behavior_hint="(default: images are as they are)",
+        ),
+    ] = None,
     test: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -74,6 +82,7 @@ def train(
         raise SettingError(
             f"training needs {error.name}, which is not installed: pip install palpate[train]"
         ) from error
+    from palpate.touch.calibration import load_calibration
     from palpate.training.train import TrainSettings
     from palpate.training.train import train as train_model
 
@@ -94,7 +103,10 @@ def train(
     if untouched or sensor:
         raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
-    results = train_model(_files(source), out, settings, progress_bar, start, _files(test) if test else (), resume)
+    unit = None if calibration is None else load_calibration(calibration)
+    results = train_model(
+        _files(source), out, settings, progress_bar, start, _files(test) if test else (), resume, unit
+    )
     results["wall_s"] = time.perf_counter() - begin
     for why in results["recordings"]["left_out"].values():
         complain(f"left out: {why}")
