@@ -158,13 +158,8 @@ class TouchModel:
             raise FileError(f"{place}: is no network that can be run ({one_line(error)})") from error
         takes, gives = ARRAYS[name]
         if name == "touch":
-            gives = (
-                (*gives, PLACE)
-                if PLACE in self.settings.spread
-                else gives
-                if "turn" in self.settings.spread
-                else gives[:1]
-            )
+            spread = self.settings.spread
+            gives = gives[:1] if "turn" not in spread else (*gives, PLACE) if PLACE in spread else gives
         if has != (set(takes), list(gives)):
             raise FileError(f"{place}: takes and gives {has}, expected {takes, gives}")
         return found
