@@ -1,4 +1,4 @@
-"""Train a model from presses of simulated domes with pins and judge it on others: docs/study/presses.json.
+"""Train a model from presses of a simulated dome with pins and judge it on others: docs/study/presses.json.
 
     python scripts/judge_press_model.py FOLDER
 
@@ -19,29 +19,25 @@ from palpate.touch.presses import Presses
 from palpate.training.from_presses import train_on_presses
 
 OUT = Path(__file__).parents[1] / "docs/study/presses.json"
-DOMES, LEARNED, JUDGED = 2, 200, 200
+SEED, LEARNED, JUDGED = 1000, 200, 200
 WIDEST = np.radians(45.0)
 
 
-def main(folder: Path) -> None:
+def main(out: Path) -> None:
     """Press, train, press again."""
-    errors, sigmas = [], []
-    for seed in range(DOMES):
-        rng, dome = np.random.default_rng(100 + seed), draw_dome(1000 + seed)
-        still = [press(dome, None, rng) for _ in range(5)]
-        angles = rng.uniform(-WIDEST, WIDEST, LEARNED)
-        images = tuple(press(dome, angle, rng) for angle in angles)
-        given = Presses(images, angles, tuple(f"press {i}" for i in range(LEARNED)))
-        out = folder / f"dome-{seed}"
-        train_on_presses(given, still, PIN_DOME.name, out, progress_bar, seed=seed)
-        model, mean = TouchModel(out), np.asarray(np.mean([reduced(image) for image in still], axis=0), np.float32)
-        for angle in rng.uniform(-WIDEST, WIDEST, JUDGED):
-            told, variance = model.look(difference(press(dome, angle, rng), mean)).direction
-            errors.append(np.degrees(told - angle))
-            sigmas.append(np.degrees(np.sqrt(variance * model.settings.spread["direction"].scale)))
-    error, sigma = np.abs(errors), np.array(sigmas)
+    rng, dome = np.random.default_rng(100), draw_dome(SEED)
+    still = [press(dome, None, rng) for _ in range(5)]
+    angles = rng.uniform(-WIDEST, WIDEST, LEARNED)
+    images = tuple(press(dome, angle, rng) for angle in angles)
+    given = Presses(images, angles, tuple(f"press {i}" for i in range(LEARNED)))
+    train_on_presses(given, still, PIN_DOME.name, out, progress_bar)
+    model, mean = TouchModel(out), np.asarray(np.mean([reduced(image) for image in still], axis=0), np.float32)
+    scale = model.settings.spread["direction"].scale
+    true = rng.uniform(-WIDEST, WIDEST, JUDGED)
+    said = [model.look(difference(press(dome, angle, rng), mean)).direction for angle in true]
+    told, variance = np.array(said).T
+    error, sigma = np.degrees(np.abs(told - true)), np.degrees(np.sqrt(variance * scale))
     result = {
-        "domes": DOMES,
         "presses": LEARNED,
         "judged": JUDGED,
         "rms_deg": float(np.sqrt(np.mean(error**2))),

@@ -90,11 +90,11 @@ def video() -> list[tuple[float, Gray]]:
     return pictures
 
 
-def write_video(path: Path, rate: float = 30.0) -> None:
-    """Write the pictures as a video of so many a second."""
+def write_video(path: Path) -> None:
+    """Write the pictures as a video."""
     import cv2
 
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (COLUMNS, ROWS))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (COLUMNS, ROWS))
     for _, picture in video():
         writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
     writer.release()

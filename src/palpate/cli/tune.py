@@ -13,10 +13,10 @@ from palpate.cli.options import (
     ModelOption,
     RecordingsFolder,
     SmootherOption,
+    TactileChoice,
     WorkersOption,
     check_model,
 )
-from palpate.touch.modes import TactileChoice
 
 if TYPE_CHECKING:
     from palpate.tuning.tuning import Judgement, Tuning

@@ -40,6 +40,8 @@ class V4l2Device:
         os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", _TIMEOUT)
         import cv2
 
+        # What is wrong is said here in a sentence, and not by OpenCV as well.
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._path = path
         self._capture: Any = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
         if not self._capture.isOpened():

@@ -73,6 +73,8 @@ def contents(path: Path) -> Contents:
             if is_read(raw.channel):
                 _look_into(path, raw, tally, parents)
     except CutShort as error:
+        if not tallies:
+            raise FileError(f"{error}; there is no message before that") from error
         cut = True
         count = sum(len(tally.log_times) for tally in tallies.values())
         warn_of_cut(error, count, "messages")
