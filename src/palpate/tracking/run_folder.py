@@ -115,7 +115,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "palpate": palpate.__version__,
         "source": run.recording.source,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
-        "calibration": None if run.calibration is None else str(run.calibration.file),
+        "calibration": str(run.calibration.file) if run.calibration and run.calibration.file else None,
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
