@@ -18,6 +18,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -116,6 +117,8 @@ def begin(words: str, folder: Path) -> int:
         os.dup2(said, 1)
         os.dup2(said, 2)
         code = main.main(words.split())
+    except Exception:
+        traceback.print_exc()
     finally:
         sys.stderr.flush()
         os._exit(code)

@@ -10,7 +10,7 @@ from typing import Any
 import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
-from palpate.files import read_json, whole_folder
+from palpate.files import read_json, remove_left_of, whole_folder
 from palpate.formats import estimates_csv, palpate_h5, tum
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
 from palpate.recording.plane import Plane
@@ -61,7 +61,7 @@ def state_file(part: Path) -> Path:
 
 
 def summary_of_whole(folder: Path, file: Path, settings: TrackerSettings) -> dict[str, Any]:
-    """Return the summary of a run that is there already.
+    """Return the summary of a run that is there already, and remove what a killed process left beside it.
 
     Raises FileError unless it is of this recording and these settings.
     """
@@ -71,6 +71,7 @@ def summary_of_whole(folder: Path, file: Path, settings: TrackerSettings) -> dic
             raise FileError(
                 f"{folder}: holds a run with another {name}; --force replaces it, --out names another folder"
             )
+    remove_left_of(folder)
     return read_json(folder / "summary.json")
 
 
