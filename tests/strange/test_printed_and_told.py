@@ -113,7 +113,7 @@ def model(tmp_path):
     "settings",
     [
         {"spread": []},
-        {"spread": {"direction": {"scale": 1.0, "together": 1.0}}},
+        {"spread": {"turn": {"scale": 1.0, "together": 1.0}}},
         {"spread": {name: {"scale": "x", "together": 1.0} for name in ("direction", "turn", "pair", "linear")}},
         {"image_height": None},
         {"linear": [[1.0, 2.0]]},

@@ -41,7 +41,7 @@ def test_the_way_from_a_table_of_grey_images_to_measurements(tmp_path, capsys):
     assert main(["train", *given, "--sensor", "pin dome"]) == 0
     assert "of 9 presses that were left out, directions are off by" in capsys.readouterr().out
     model = TouchModel(out)
-    assert model.settings.sensor == "pin dome" and not model.tells_turns
+    assert model.settings.sensor == "pin dome" and set(model.settings.spread) == {"direction"}
     assert sorted(path.name for path in out.glob("*.onnx")) == ["touch.onnx"]
     look = model.look(difference(IMAGES[0], reduced(STILL)))
     assert look.turn is look.descriptor is look.place is None

@@ -121,11 +121,6 @@ class TouchModel:
         self.folder, self.hash = folder, found
         self.settings = _settings(folder, written["settings"])
 
-    @property
-    def tells_turns(self) -> bool:
-        """Whether it tells anything but directions."""
-        return "turn" in self.settings.spread
-
     def look(self, difference: Difference) -> Look:
         """Return what a difference from the untouched gel (32, 128, 3) says; see `touch.difference`."""
         direction, *others = self._touch.run(None, {"difference": _batch(difference)})
@@ -163,7 +158,13 @@ class TouchModel:
             raise FileError(f"{place}: is no network that can be run ({one_line(error)})") from error
         takes, gives = ARRAYS[name]
         if name == "touch":
-            gives = (*gives, PLACE) if PLACE in self.settings.spread else gives if self.tells_turns else gives[:1]
+            gives = (
+                (*gives, PLACE)
+                if PLACE in self.settings.spread
+                else gives
+                if "turn" in self.settings.spread
+                else gives[:1]
+            )
         if has != (set(takes), list(gives)):
             raise FileError(f"{place}: takes and gives {has}, expected {takes, gives}")
         return found

@@ -102,7 +102,7 @@ def make_touch(
             f"sensor {sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px; the touch model "
             f"is of {made_for.sensor!r}, with {made_for.image_height} x {made_for.image_width} px"
         )
-    if not model.tells_turns and tactile not in TELL_DIRECTION:
+    if "turn" not in made_for.spread and tactile not in TELL_DIRECTION:
         raise SettingError(f"tactile is {tactile}; {model.folder} was learnt from presses, which tell directions alone")
     nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)  # opens the network now, not in a robot's loop
     if tactile == "learnt-linear":
