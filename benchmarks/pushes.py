@@ -14,12 +14,12 @@ from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import render
 from palpate.simulation.limit_surface import Steering, push
 from palpate.simulation.unit import draw_unit
-from palpate.touch.detector import FIRST_SECONDS
+from palpate.touch.steady import first_frames
 
 Array = NDArray[np.float64]
 SHAPE = Rectangle(0.2363, 0.1579)
 RATE = 30.0  # [Hz]
-_FIRST = round(FIRST_SECONDS * RATE)  # frames that are taken as untouched
+_FIRST = first_frames(RATE)  # frames that are taken as untouched
 
 _FELT = 0.01  # [rad], standard deviation of directions and turns
 _OFFSET = 0.7  # [rad] by which turns are less than the yaw

@@ -18,8 +18,9 @@ from palpate.recording.images import decode_image, encode_image
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import render
 from palpate.simulation.unit import draw_unit
-from palpate.touch.detector import FIRST_SECONDS, ContactDetector
+from palpate.touch.detector import ContactDetector
 from palpate.touch.modes import Tactile, make_touch
+from palpate.touch.steady import first_frames
 
 FRAMES, WARM = 400, 50
 SIGMAS = (1.0, 1.0, 0.02)
@@ -34,7 +35,7 @@ def main() -> None:
     reference = _median([lambda each=each: decode_image(each, "jpeg", size) for each in data])
     print(f"{'decoding a JPEG':28s} {reference:6.2f} ms")
     detector = ContactDetector()
-    for _ in range(round(FIRST_SECONDS * DIGIT.rate)):
+    for _ in range(first_frames(DIGIT.rate)):
         detector.update(images[0])
     found = _median([lambda each=each: detector.update(each) for each in images])
     print(f"{'contact':28s} {found:6.2f} ms  {found / reference:5.2f} of decoding")

@@ -3,7 +3,7 @@
 They need images, contact flags and ground truth of the object, for it is from these that the model learns. A folder of
 simulated ones will do for a try (needs the extras sim and train; the default number of steps takes an hour):
 
-    palpate simulate recordings --count 10
+    palpate simulate recordings --count 10 --ideal
     python 07_train_on_your_data.py recordings my-model 100
 
 `palpate train` does the same, and with `--from` goes on from a model to fit it to another unit.

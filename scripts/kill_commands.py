@@ -40,6 +40,7 @@ from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.simulation.scene import load_mujoco
 from palpate.study import report  # noqa: F401
 from palpate.training import features, heads, learn, results, train
+from palpate.tracking import steps
 from palpate.training.fit import FitSettings
 from palpate.tuning import tuning  # noqa: F401
 
@@ -49,6 +50,9 @@ TOLD = ("another process is writing it", "already exists", "holds", "is not empt
 """What it may be told: that somebody is there, or that something is."""
 TIMED = (".png", ".html", ".tum", "summary.json", "out/results.json", "sequences.csv")
 """Ends of files that say how long something took, or that are drawn from such; what they are made of is compared."""
+
+FRAMES = 16
+"""Of a recording that is tracked: there are contacts in it, and fifty kills take a minute."""
 
 Name = Literal["simulate", "evaluate", "tune", "train", "track"]
 
@@ -66,11 +70,11 @@ class Command:
 
 
 COMMANDS: dict[Name, Command] = {
-    "simulate": Command("simulate out --shape disc --count 3 --seconds 3", "--resume", "out"),
+    "simulate": Command("simulate out --shape disc --count 2 --seconds 3", "--resume", "out"),
     "evaluate": Command("evaluate pushes --out out --tactile oracle", "--resume", "out"),
-    "tune": Command("tune pushes --out out.json --tactile oracle --evaluations 9", "--start out.json", "out.json"),
+    "tune": Command("tune pushes --out out.json --tactile oracle --evaluations 4", "--start out.json", "out.json"),
     "train": Command("train touches --out out", "--resume", "out"),
-    "track": Command("track pushes/push-0.h5 --tactile oracle --out out", "--force", "out"),
+    "track": Command("track pushes/push-0.h5 --tactile oracle --out out", "--resume", "out"),
 }
 
 
@@ -79,8 +83,8 @@ def prepare(folder: Path) -> None:
     load_mujoco()
     warm_up()
     (folder / "pushes").mkdir()
-    for index in range(3):
-        given = pushed(60)
+    for index in range(2):
+        given = pushed(FRAMES)
         bent = given.sensor_pose + np.array([0.0, 1e-4 * index, 0.0])
         write_recording(dataclasses.replace(given, sensor_pose=bent), folder / "pushes" / f"push-{index}.h5")
     (folder / "touches").mkdir()
@@ -88,6 +92,7 @@ def prepare(folder: Path) -> None:
     (folder / "touches" / "bare.h5").unlink()  # it has no images, and is there for a test
     short = FitSettings(steps=8, check=2)
     changes: dict[Any, dict[str, Any]] = {
+        steps: {"_EVERY": 0.0},
         train: {"TrainSettings": partial(train.TrainSettings, keypoint=short, touch=short)},
         learn: {"_GROUPS": 4, "_IMAGES": 16, "_HELD_OUT": 1},
         heads: {"_STEPS": 20},
@@ -181,7 +186,7 @@ def go_on(name: Name, folder: Path, wanted: dict[str, Any], seen: Counter[str]) 
     seen["left hidden files"] += any(map(is_hidden, left))
     seen["left files"] += out.exists()
     from_start = not out.exists()
-    with_more = command.words if from_start and name in ("tune", "track") else f"{command.words} {command.again}"
+    with_more = command.words if from_start and name == "tune" else f"{command.words} {command.again}"
     code, said = end(begin(with_more, folder)), (folder / "said").read_text()
     assert code == 0 or (name == "train" and "holds a model already" in said), said
     found = {key: content(key, path) for key, path in files_of(out).items()}

@@ -105,9 +105,17 @@ def _scored(name: str, rows: Sequence[Row]) -> list[str]:
 SCORES = ("objects", "sequences", "final error", "in 95 %: contact, end", "silently wrong")
 
 
+def systematic() -> str:
+    """Return the table of pushes of which what is told is wrong all the time."""
+    return _by_kind(sequences("systematic"))
+
+
 def plain() -> str:
     """Return the table of pushes that nothing disturbs."""
-    rows = sequences("plain")
+    return _by_kind(sequences("plain"))
+
+
+def _by_kind(rows: Sequence[Row]) -> str:
     kinds = [(told, [row for row in rows if row["group"] == group]) for group, told in SEEN.items()]
     unseen = [row for row in rows if row["group"] not in SEEN]
     return table(SCORES, [_scored(*kind) for kind in (*kinds, (UNSEEN, unseen), ("all", rows))])
@@ -176,6 +184,34 @@ def ways() -> str:
             for name, row in rows.items()
         ],
     )
+
+
+MINI = {"disc": "disc", "rectangle-edges": "rectangle, edges", "ellipse": "ellipse"}
+MINI_ERRORS = {"ideal": "exact set-up", "real": "its errors drawn"}
+
+
+def mini() -> str:
+    """Return the table of pushes by a simulated GelSight Mini."""
+    cells = []
+    for name, errors in MINI_ERRORS.items():
+        rows = sequences(f"gelsight_mini/{name}")
+        for group, told in MINI.items():
+            cells.append(_scored(f"{told}; {errors}", [row for row in rows if row["group"] == group]))
+    return table(("objects; set-up", *SCORES[1:]), cells)
+
+
+def mini_facts() -> set[str]:
+    """Return what is said of the model of the GelSight Mini."""
+    told = loaded("docs/study/gelsight_mini/touch_model.json")["honesty"]
+    return {"95", f"{told['place']['median_mm']:.1f}", f"{told['direction']['median_deg']:.1f}"}
+
+
+def press_facts() -> set[str]:
+    """Return how far a model from presses is off."""
+    found = loaded("docs/study/presses.json")
+    shares = {f"{100.0 * found[key]:.0f}" for key in ("in_68_share", "in_95_share")}
+    counts = {str(found[key]) for key in ("presses", "judged")}
+    return {"68", "95", *shares, *counts, f"{found['rms_deg']:.1f}", f"{found['median_deg']:.1f}"}
 
 
 def readers() -> str:
@@ -352,9 +388,11 @@ def _whole(number: str) -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
+    "systematic": systematic,
     "plain": plain,
     "knocked": knocked,
     "ways": ways,
+    "mini": mini,
     "readers": readers,
     "balls": balls,
     "real-motion": real_motion,
@@ -371,6 +409,8 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "coverage-facts": coverage_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
+    "mini-facts": mini_facts,
+    "press-facts": press_facts,
     "real-facts": real_facts,
     "rendered-facts": rendered_facts,
     "step-facts": step_facts,

@@ -27,17 +27,18 @@ SEQUENCES = 10
 def main(folder: Path) -> None:
     """Simulate, train, simulate other units, track them."""
     shapes = dict(map(find_shape, PAPER))
-    learned = plan(shapes, RECORDINGS, seed=1, sensor=GELSIGHT_MINI)
+    learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI)
     with progress_bar("simulating", len(learned)) as progress:
         simulate_folder(folder / "train", learned, seconds=6.0, resume=True, progress=progress)
     settings = TrainSettings(keypoint=FitSettings(steps=60, check=30), touch=FitSettings(steps=450, check=75))
     train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
-    jobs = [job for job in plan(shapes, 3 * SEQUENCES, seed=3, sensor=GELSIGHT_MINI) if job.kind in STUDIED]
-    judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
-    with progress_bar("simulating", len(judged)) as progress:
-        simulate_folder(folder / "study", judged, seconds=10.0, resume=True, progress=progress)
-    study = ["evaluate", str(folder / "study"), "--out", str(folder / "results"), "--model", str(folder / "model")]
-    subprocess.run([sys.executable, "-m", "palpate", *study, "--tactile", "learnt", "constant", "oracle"], check=True)
+    for name, ideal in (("real", False), ("ideal", True)):
+        jobs = plan(shapes, 3 * SEQUENCES, seed=3, ideal=ideal, sensor=GELSIGHT_MINI)
+        judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
+        with progress_bar(f"simulating, {name}", len(judged)) as progress:
+            simulate_folder(folder / name, judged, seconds=10.0, resume=True, progress=progress)
+        study = ["evaluate", str(folder / name), "--out", str(folder / f"results-{name}"), "--tactile", "learnt"]
+        subprocess.run([sys.executable, "-m", "palpate", *study, "--model", str(folder / "model")], check=True)
 
 
 if __name__ == "__main__":

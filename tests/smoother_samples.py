@@ -34,7 +34,7 @@ from palpate.touch.relative import compared_frames
 Array = np.ndarray
 ROBUST = with_settings(
     NoiseSettings(
-        priors=Priors(friction_ratio=(0.2, 0.3), friction_center=(0.0, 0.12), grip=(0.4, 0.12)),
+        priors=Priors(depth=(3e-4, 4e-4), friction_ratio=(0.2, 0.3), friction_center=(0.0, 0.12), grip=(0.4, 0.12)),
     ),
     first_pose={"deviation": NoiseSettings().first_pose.truth},
     relative_pose={"oracle": (1.0, 1.0, 0.02)},

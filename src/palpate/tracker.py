@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 _ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
 _FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
+_UNFELT = "in contact before it was known how the gel looks untouched: touch tells nothing until the sensor lets go"
+_NEAR, _IN = 3.0, -1.0  # [standard deviations] of the gap to the object below which a sensor may touch it, and does
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
@@ -94,6 +96,9 @@ class Tracker:
         noise = _with_offset(settings.noise, self._correction.offset_sigma)
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._guard = StreamGuard(self._sensor.rate)
+        self._doubtful = self._detector.background is None  # whether the gel may be touched since before it was known
+        self._was_near = False  # whether the sensor was at the object before it was known
+        self._in_unfelt_touch = False  # whether it is in the object since then
         self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
         self._last: Frame | None = None
         self._interval = 1.0 / self._sensor.rate  # [s] between the last frames; sensors may be slower than they say
@@ -119,13 +124,12 @@ class Tracker:
             estimator.end_contact(self._moved_unseen(frame))
             touch.end_contact()
         if frame.contact:
-            said = (*touch.measure(frame), *frame.measurements)
+            said = self._measured(frame)
             try:
                 estimator.touch(frame.sensor_pose, said, frame.time)
             except EstimationError as error:
                 touch.end_contact()
-                said = (*touch.measure(frame), *frame.measurements)
-                estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
+                estimator.begin_anew(frame.sensor_pose, self._measured(frame), frame.time, error)
         else:
             estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
         if self._last is not None:
@@ -188,13 +192,18 @@ class Tracker:
         if touched:
             self._touched_at = time
         blind = self._guard.blind
+        status, reason = estimator.status, estimator.reason
+        if blind:
+            status, reason = "faulty", _FROZEN.format(1e3 * blind)
+        elif self._in_unfelt_touch:
+            status, reason = "uncertain", _UNFELT
         return Estimate(
             time,
             estimator.known.pose.copy(),
             estimator.covariance + estimator.covariance_of_motion(blind),
             estimator.in_contact,
-            "faulty" if blind else estimator.status,
-            _FROZEN.format(1e3 * blind) if blind else estimator.reason,
+            status,
+            reason,
             estimator.answers,
             _friction(estimator.known),
             touched and touched.point,
@@ -207,6 +216,12 @@ class Tracker:
         """The untouched gel; it is known before the first contact that the detector finds."""
         assert self.background is not None
         return self.background
+
+    def _measured(self, frame: Frame) -> Sequence[Measurement]:
+        """All that is measured at a frame of contact."""
+        if self._in_unfelt_touch and self._tactile.startswith("learnt") and not self._is_touch_given:
+            return frame.measurements
+        return (*self._touch.measure(frame), *frame.measurements)
 
     def _paused(self, frame: Frame) -> bool:
         """Whether so much is missing before a frame that its contact is another one."""
@@ -225,20 +240,39 @@ class Tracker:
         last = -np.inf if self._last is None else self._last.time
         frame = checked_frame(frame, measurements, last, len(self._sensor.tips))
         self._guard.check_time(frame.time)
+        unfelt = False
         if frame.image is None:
             if frame.contact and self._tactile.startswith("learnt") and not self._is_touch_given:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         else:
             try:
                 image = self._detector.read(self._view.of(frame.image))
-                frame = replace(frame, contact=self._detector.update(image), image=image)
+                felt = self._detector.update(image)
+                unfelt = self._touches_unfelt(frame.sensor_pose, felt)
+                frame = replace(frame, contact=felt or unfelt, image=image)
             except (SettingError, IndexError) as error:  # the latter of an image without three channels
                 raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
         self._gone = self._guard.check_pose(frame.time, frame.sensor_pose, bool(frame.contact))
+        self._in_unfelt_touch = unfelt
         if frame.image is not None and self._guard.drawn_back:
             self._detector.forget()
+            self._doubtful = self._in_unfelt_touch = False
             return replace(frame, contact=False)
         return frame
+
+    def _touches_unfelt(self, sensor_pose: Array, felt: bool) -> bool:
+        """Whether the sensor (3,) touches the object since before it was known how the gel looks untouched.
+
+        It was at the object while the first images came, and went on into it before a touch was felt.
+        """
+        if self._in_unfelt_touch or not self._doubtful:
+            return self._in_unfelt_touch
+        gap, deviation = self._estimator.gap(sensor_pose)
+        if self._detector.background is None:
+            self._was_near |= gap < _NEAR * deviation
+        elif felt or not self._was_near:
+            self._doubtful = False
+        return self._doubtful and gap < _IN * deviation
 
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame."""

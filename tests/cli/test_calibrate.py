@@ -100,6 +100,7 @@ def test_a_file_gives_back_what_was_written(tmp_path, background):
     again = load_calibration(path)
     assert (again.background.mean == background.mean).all()
     assert (again.background.deviation == background.deviation).all()
+    assert (again.background.noise == background.noise).all()
     assert (again.view, again.direction, again.file) == (given.view, given.direction, path)
     with pytest.raises(FileError, match="already exists"):
         write_calibration(given, path)
@@ -126,6 +127,7 @@ def test_a_file_of_the_first_version_has_no_view(tmp_path, background):
         ({"mean": np.full((4, 4, 3), np.nan, np.float32)}, "mean: found .* not grey levels"),
         ({"deviation": np.full((4, 4, 3), -1.0, np.float32)}, "deviation: found .* not grey levels"),
         ({"deviation": np.ones((4, 5, 3), np.float32)}, r"deviation: found shape \(4, 5, 3\), expected \(4, 4, 3\)"),
+        ({"noise": np.ones((2, 2, 3), np.float32)}, r"noise: found shape \(2, 2, 3\), expected \(4, 4, 3\)"),
         ({"mean": np.array([[["a", "b", "c"]]])}, "mean: found values of type"),
         ({"mean": np.array([[[None, 1, 2]]])}, "damaged"),
         ({"version": 9}, "version: found 9, this palpate reads up to 2"),

@@ -20,6 +20,7 @@ from palpate.estimation.diagnosis import (
 )
 from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OBJECT_SIZE
 from palpate.geometry import se2
+from palpate.recording.measurements import ContactDirection
 
 Array = np.ndarray
 ONE_TIP = contact_model(SHAPES["rectangle"], sensor(), 0.05)
@@ -77,7 +78,7 @@ def test_a_sensor_within_an_untouched_object(beyond, displaced, depth):
 @pytest.mark.parametrize(("beyond", "displaced"), [(0.99, False), (1.01, True)])
 def test_a_touch_where_the_object_should_not_be(beyond, displaced, side):
     diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known()
-    diagnosis.see_first_touch(prior, at(side * beyond * 1.5e-3))
+    diagnosis.see_first_touch(prior, at(side * beyond * 1.5e-3), [])
     assert diagnosis.displaced == displaced
     assert diagnosis.in_contact(ROUGH) == ("displaced" if displaced else "tracking")
 
@@ -87,23 +88,45 @@ def test_how_well_the_gap_is_known_depends_on_where():
     prior = known((4e-4, 1e-3, 0.02))
     for y, displaced in ((0.0, True), (0.05, False)):
         diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
-        diagnosis.see_first_touch(prior, at(2.5e-3, y))
+        diagnosis.see_first_touch(prior, at(2.5e-3, y), [])
         assert diagnosis.displaced == displaced
     # The same of an object that stands elsewhere, and of its covariance in its own frame.
     moved = np.array([0.4, -0.3, 2.0])
     for y, displaced in ((0.0, True), (0.05, False)):
         diagnosis = Diagnosis(ONE_TIP, CONTACT, EXACT)
         there = Prior(moved, prior.values, prior.covariance)
-        diagnosis.see_first_touch(there, se2.compose(moved, at(2.5e-3, y)))
+        diagnosis.see_first_touch(there, se2.compose(moved, at(2.5e-3, y)), [])
         assert diagnosis.displaced == displaced
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("beyond", "displaced"), [(0.99, False), (1.01, True)])
+def test_a_touch_from_where_the_object_should_not_be(beyond, displaced, side):
+    # Yaw is known to 0.03 rad, frames agree to 0.02, and the direction is said to 0.06: to 0.07 together.
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, (0.0, 0.0, 0.02)), known((4e-4, 1e-3, 0.03))
+    angle = side * beyond * SURPRISE * 0.07
+    diagnosis.see_first_touch(prior, at(0.0), [ContactDirection(angle, 0.06**2)])
+    assert diagnosis.displaced == displaced
+    # The object turned by that much and moved by as much at c.
+    turned = np.array([0.05 * angle, 0.05 * angle, angle]) if displaced else np.zeros(3)
+    np.testing.assert_allclose(diagnosis.displacement_covariance(), np.diag(np.square(turned)), atol=1e-9)
+
+
+@pytest.mark.parametrize(("from_corner", "displaced"), [(0.004, False), (0.02, True)])
+def test_a_corner_that_may_be_what_is_touched_is_no_surprise(from_corner, displaced):
+    # The corner, about which the contact goes over the tip by 5 mm or 0.24 rad, is so near or is not, known to 3 mm.
+    diagnosis, prior = Diagnosis(ONE_TIP, CONTACT, EXACT), known((4e-4, 3e-3, 1e-3))
+    corner = at(0.0, 0.1579 / 2 - from_corner)
+    diagnosis.see_first_touch(prior, corner, [ContactDirection(-0.4, 0.06**2)])
+    assert diagnosis.displaced == displaced
 
 
 def test_of_several_tips_the_nearest_counts():
     # The second tip stands 4 mm ahead.
     diagnosis = Diagnosis(TWO_TIPS, CONTACT, EXACT)
-    diagnosis.see_first_touch(known(), at(4e-3))
+    diagnosis.see_first_touch(known(), at(4e-3), [])
     assert not diagnosis.displaced
-    diagnosis.see_first_touch(known(), at(0.0))
+    diagnosis.see_first_touch(known(), at(0.0), [])
     assert diagnosis.displaced
     np.testing.assert_allclose(diagnosis.displacement_covariance()[0, 0], (2.0 * 4e-3) ** 2, rtol=1e-3)
 
@@ -121,7 +144,7 @@ def test_the_largest_displacement_stays_until_the_object_is_found():
 def test_an_object_that_is_found_is_no_longer_displaced(number):
     limit = (0.005, 0.005, 0.1)[number]
     diagnosis = Diagnosis(ONE_TIP, CONTACT, (0.01, 0.01, 0.15))
-    diagnosis.see_first_touch(known(), at(5e-3))
+    diagnosis.see_first_touch(known(), at(5e-3), [])
     for share, status in ((1.01, "displaced"), (0.99, "tracking"), (1.01, "displaced")):
         deviation = [1e-4, 1e-4, 1e-4]
         deviation[number] = share * limit
@@ -278,7 +301,7 @@ def test_calibration_is_part_of_nothing_else(gap):
     for calibration in (EXACT, CALIBRATION):
         resting, touched = (Diagnosis(ONE_TIP, CONTACT, calibration) for _ in range(2))
         resting.see_rest(prior, at(-gap * 1.5e-3))
-        touched.see_first_touch(prior, at(gap * 1.5e-3))
+        touched.see_first_touch(prior, at(gap * 1.5e-3), [])
         assert resting.displaced == touched.displaced == (gap > 1.0)
         length = 2.0 * 1.5e-3 * gap if gap > 1.0 else 0.0
         np.testing.assert_allclose(resting.displacement_covariance()[0, 0], length**2, rtol=1e-3)

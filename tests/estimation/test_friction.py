@@ -154,7 +154,8 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
     # Of a slide the grip is learnt as well.
     assert belief.prior.covariance[-1, -1] < 0.7 * ROBUST.priors.grip[1] ** 2
     # Taken for sticking it is missed altogether, and nothing says so.
-    _, along, nees = followed(o, e, STICKING, seed)
+    stuck = with_settings(STICKING, first_pose={"deviation": ROBUST.first_pose.deviation})
+    _, along, nees = followed(o, e, stuck, seed)
     assert abs(along) > 0.9 * abs(way)
     assert nees > 100.0
 

@@ -55,15 +55,16 @@ def test_momentary_rotation_with_another_friction():
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_noise_free_push_keeps_all_residuals_at_zero(name):
+def test_a_noise_free_push_stays_on_the_outline(name):
     model = model_of(name)
     g = touching(model, np.array([0.015]), 0.1)
-    o, e = push(model, np.array([[0.3, 0.1, 3.1]]), g, 80, Steering())
+    o, e = push(model, np.array([[0.3, 0.1, 3.1]]), g, 300, Steering())
     g = se2.between(o, e)
     residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
-    np.testing.assert_allclose(residual, 0.0, atol=1e-12)
-    # Rolling costs r omega^2 / 2 a step in the gap: below 0.021 (0.01 rad)^2 / 2 = 1e-6 m each.
-    assert np.abs(gaps(g, model)).max() < 80 * 1e-6
+    # Rolling costs r omega^2 / 2 a step in the gap, below 0.021 (0.015 rad)^2 / 2 = 3e-6 m, which does not add up.
+    np.testing.assert_allclose(residual[..., :2], 0.0, atol=3e-6)
+    np.testing.assert_allclose(residual[..., 2], 0.0, atol=1e-12)
+    assert np.abs(gaps(g, model)).max() < 3e-6
 
 
 def test_drawn_slip_and_torque_are_what_the_residuals_show():
@@ -74,7 +75,7 @@ def test_drawn_slip_and_torque_are_what_the_residuals_show():
     o, e = push(model, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
     g = se2.between(o, e)
     residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
-    np.testing.assert_allclose(residual[..., :2], slip, atol=1e-12)
+    np.testing.assert_allclose(residual[..., :2], slip, atol=5e-6)  # what rolling opens is taken back
     np.testing.assert_allclose(residual[..., 2], torque, atol=1e-12)
     # The sensor goes as it is steered, whatever slips: 1 mm along its own arc a step.
     np.testing.assert_allclose(

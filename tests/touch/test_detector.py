@@ -169,6 +169,53 @@ def test_deviation_follows_too():
     assert np.sqrt((detector.background.deviation**2).mean()) == pytest.approx(2.5, rel=0.05)
 
 
+def line(width: float) -> np.ndarray:
+    """A grey image of 320 x 240 px with a dark line across, so many px wide."""
+    image = grey(size=(320, 240))
+    rows, columns = np.indices(image.shape[:2])
+    image[np.abs(0.8 * (columns - 120) + 0.6 * (rows - 160)) < 0.5 * width] -= 60
+    return image
+
+
+def test_a_scratch_is_no_touch_and_is_learnt():
+    rng = np.random.default_rng(6)
+    images = [(grey(size=(320, 240)) + rng.normal(0.0, 2.0, (320, 240, 3))).astype(np.uint8) for _ in range(FIRST)]
+    detector = ContactDetector(background_of(images))
+    assert detector.update(line(9.0))  # wider than a cell
+    assert not any(detector.update(line(3.0)) for _ in range(300))
+    found = detector.background
+    assert found is not None and np.abs(found.mean - line(3.0)).max() < 4.0
+    pressed = line(3.0)
+    pressed[100:160, 60:100] += 20
+    assert detector.update(pressed)
+
+
+def test_stripes_that_cells_share_are_noise():
+    rng = np.random.default_rng(7)
+
+    def striped() -> np.ndarray:
+        stripes = np.repeat(rng.normal(0.0, 3.0, (1, 30, 3)), 8, axis=1)
+        return (100.0 + stripes + rng.normal(0.0, 1.0, (320, 240, 3))).astype(np.uint8)
+
+    known = background_of(striped() for _ in range(FIRST))
+    by_pixels = Background(known.mean, known.deviation)
+    assert np.sqrt(np.mean(known.noise**2)) == pytest.approx(3.0, rel=0.15)
+    assert np.sqrt(np.mean(by_pixels.noise**2)) < 1.0
+    assert any(ContactDetector(by_pixels).update(striped()) for _ in range(5))
+    detector = ContactDetector(known)
+    assert not any(detector.update(striped()) for _ in range(20))
+    pressed = striped()
+    pressed[100:180, 60:120] += 40
+    assert detector.update(pressed)
+
+
+def test_of_few_images_noise_is_what_cells_have_in_common():
+    rng = np.random.default_rng(8)
+    few = background_of(grey() + rng.integers(-8, 9, (60, 60, 3)).astype(np.uint8) for _ in range(2))
+    # Of two values the deviation of each cell spreads from nothing to several times the true one.
+    assert few.noise.max() / few.noise.min() < 2.0
+
+
 def test_takes_well_under_a_millisecond(units):
     rng = np.random.default_rng(0)
     images = [touch_image(units[0], None, rng=rng) for _ in range(FIRST)]

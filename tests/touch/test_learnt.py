@@ -20,8 +20,12 @@ BACKGROUND = Background(np.full((320, 240, 3), 100.0, np.float32), np.ones((320,
 SIGMAS = (1.0, 1.0, 0.1)
 
 
+PATCH, SEEN = np.s_[150:160, 120:135], np.s_[15:16, 64:72]
+"""Where images show a touch, and where it is in their differences."""
+
+
 class StandIn:
-    """A model that reads the mean level off an image: 100 + k grey levels are k hundredths of everything."""
+    """A model that reads the level off a patch: 100 + k grey levels are k hundredths of everything."""
 
     settings = SimpleNamespace(
         sensor="DIGIT",
@@ -39,7 +43,7 @@ class StandIn:
 
     @staticmethod
     def level(difference: Any) -> float:
-        return 0.32 * float(difference.mean())
+        return 0.32 * float(difference[SEEN].mean())
 
     def look(self, difference: Any) -> Look:
         level = self.level(difference)
@@ -58,8 +62,10 @@ def touch(mode: Any, background: Any = lambda: BACKGROUND) -> Any:
     return make_touch(mode, DIGIT, SIGMAS, SIGMAS, model, background)
 
 
-def frame(k: int) -> Frame:
-    return Frame(k / 30, np.zeros(3), image=np.full((320, 240, 3), 100 + k, np.uint8))
+def frame(k: int, light: float = 1.0) -> Frame:
+    image = np.full((320, 240, 3), 100.0)
+    image[PATCH] += k
+    return Frame(k / 30, np.zeros(3), image=np.rint(light * image).astype(np.uint8))
 
 
 def test_difference_is_of_reduced_images():
@@ -82,10 +88,10 @@ def test_images_tell_direction_and_turn(mode, kinds):
     said = {type(one): one for one in touch(mode).measure(frame(7))}
     assert list(said) == kinds
     if ContactDirection in kinds:
-        assert said[ContactDirection].angle == pytest.approx(0.07)
+        assert said[ContactDirection].angle == pytest.approx(0.07, rel=1e-3)
         assert said[ContactDirection].variance == pytest.approx(0.01 * 2.0 * 3.0)
     if Turn in kinds:
-        assert said[Turn].angle == pytest.approx(0.14)
+        assert said[Turn].angle == pytest.approx(0.14, rel=1e-3)
         assert said[Turn].variance == pytest.approx(0.02 * 0.5 * 4.0)
 
 
@@ -99,7 +105,7 @@ def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
         (found,) = pairs.measure(frame(k))
         assert found.back.tolist() == compared_frames(k).tolist()
         np.testing.assert_allclose(
-            found.pose, np.column_stack([0 * found.back, 0 * found.back, told(found.back)]), atol=1e-6
+            found.pose, np.column_stack([0 * found.back, 0 * found.back, told(found.back)]), atol=3e-4
         )
         np.testing.assert_allclose(
             found.covariance, np.broadcast_to(np.diag([1.0, 1.0, variance]), (len(found.back), 3, 3))
@@ -112,21 +118,27 @@ def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
 
 
 def test_a_contact_keeps_the_background_it_began_with():
-    light = [100.0]
-    images = touch(
-        "learnt-direction",
-        lambda: Background(BACKGROUND.mean * np.float32(light[0] / 100.0), BACKGROUND.deviation),
-    )
+    known = BACKGROUND.mean.copy()
+    images = touch("learnt-direction", lambda: Background(known, BACKGROUND.deviation))
 
     def angle() -> float:
         (direction,) = images.measure(frame(5))
         return direction.angle
 
-    assert angle() == pytest.approx(0.05)
-    light[0] = 104.0
-    assert angle() == pytest.approx(0.05)
+    assert angle() == pytest.approx(0.05, rel=1e-3)
+    known = BACKGROUND.mean.copy()
+    known[PATCH] += 4.0
+    assert angle() == pytest.approx(0.05, rel=1e-3)
     images.end_contact()
-    assert angle() == pytest.approx(0.01, rel=1e-4)
+    assert angle() == pytest.approx(0.01, rel=1e-2)
+
+
+@pytest.mark.parametrize("light", [0.6, 1.0, 1.4])
+def test_light_that_changes_in_a_contact_is_told_from_what_is_untouched(light):
+    images = touch("learnt-direction")
+    images.measure(frame(20))
+    (direction,) = images.measure(frame(20, light))
+    assert direction.angle == pytest.approx(0.2 * light, rel=1e-2)
 
 
 def test_linear_touch_mixes_kinds_as_likely_as_they_are():
@@ -146,7 +158,7 @@ def test_linear_touch_takes_the_kind_of_both_images(monkeypatch):
     pairs = touch("learnt-linear")
     pairs.measure(frame(0))
     (found,) = pairs.measure(frame(10))
-    assert found.pose[:, 2] == pytest.approx(np.arcsin(0.5 * (0.5 + 2.0) * 0.1), abs=1e-6)
+    assert found.pose[:, 2] == pytest.approx(np.arcsin(0.5 * (0.5 + 2.0) * 0.1), abs=1e-4)
 
 
 def test_bad_input_is_named():

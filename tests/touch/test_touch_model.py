@@ -131,6 +131,10 @@ def test_a_cell_is_the_mean_of_its_pixels():
     assert reduced(image)[-1, -1] == pytest.approx(4.0)
 
 
+PATCH, SEEN = np.s_[30:32, 60:64], np.s_[15, 60:64]
+"""Where levels differ in images, and where that is in their differences; all else is as the light is."""
+
+
 class Gel:
     """Tells the background, which may change, and counts how often it is asked."""
 
@@ -139,26 +143,32 @@ class Gel:
 
     def __call__(self) -> Background:
         self.asked += 1
-        return Background(np.full((64, 128, 3), self.level, np.float32), np.ones((64, 128, 3), np.float32))
+        return Background(image_of(self.level).astype(np.float32), np.ones((64, 128, 3), np.float32))
+
+
+def image_of(level: float) -> Any:
+    image = np.full((64, 128, 3), 100.0)
+    image[PATCH] = level
+    return image
 
 
 def frame(level: int) -> Frame:
-    return Frame(0.5, np.zeros(3), np.full((64, 128, 3), level, np.uint8))
+    return Frame(0.5, np.zeros(3), image_of(level).astype(np.uint8))
 
 
 def level_of(seen: Any) -> float:
-    return 32.0 * float(seen.mean())
+    return 32.0 * float(seen[SEEN].mean())
 
 
 def test_a_view_keeps_the_background_of_a_contact():
     gel = Gel()
     view = View(gel)
     assert gel.asked == 0  # nothing is known of it before the contact
-    assert level_of(view.of(frame(110))) == pytest.approx(10.0)
+    assert level_of(view.of(frame(110))) == pytest.approx(10.0, abs=0.01)
     gel.level = 105.0
-    assert level_of(view.of(frame(110))) == pytest.approx(10.0)
+    assert level_of(view.of(frame(110))) == pytest.approx(10.0, abs=0.01)
     view.forget()
-    assert level_of(view.of(frame(110))) == pytest.approx(5.0)
+    assert level_of(view.of(frame(110))) == pytest.approx(5.0, abs=0.01)
     assert gel.asked == 2
     with pytest.raises(EstimationError, match=r"frame at 0.500 s has no image"):
         view.of(Frame(0.5, np.zeros(3)))
@@ -191,9 +201,9 @@ def test_what_an_image_tells_is_believed_as_far_as_was_measured():
     gel = Gel()
     direction, turn = ImageTouch(stand_in(), View(gel)).measure(frame(110))
     assert isinstance(direction, ContactDirection) and isinstance(turn, Turn)
-    assert direction.angle == pytest.approx(-0.1)
+    assert direction.angle == pytest.approx(-0.1, abs=1e-4)
     assert direction.variance == pytest.approx(0.1 * 2.0 * 3.0)  # scale and together
-    assert turn.angle == pytest.approx(0.1)
+    assert turn.angle == pytest.approx(0.1, abs=1e-4)
     assert turn.variance == pytest.approx(0.2 * 5.0 * 1.5)
     (only,) = ImageTouch(stand_in(), View(gel), turn=False).measure(frame(110))
     assert isinstance(only, ContactDirection)
@@ -216,7 +226,7 @@ def test_pairs_tell_the_turn_since_each_earlier_frame(make):
         np.testing.assert_array_equal(relative.back, back)
         # The level rises by 1 a frame: yaw by 0.01, or the key point by as much, which of discs is the sine.
         wanted = 0.01 * back if make is pair_touch else np.arcsin(0.01 * back)
-        np.testing.assert_allclose(relative.pose[:, 2], wanted, atol=1e-6)
+        np.testing.assert_allclose(relative.pose[:, 2], wanted, atol=2e-4)
         told = 0.07 * np.arange(1, len(back) + 1) if make is pair_touch else np.full(len(back), 0.04)
         np.testing.assert_allclose(relative.covariance[:, 2, 2], told, rtol=1e-6)
         assert (relative.covariance[:, [0, 1], [0, 1]] >= 1.0).all()  # nothing is told of x and y, a metre is nothing
@@ -237,5 +247,5 @@ def test_pairs_are_asked_with_features_in_the_order_of_back():
     for age in range(13):
         touch.measure(frame(100 + age))
     earlier, later = asked[-1]
-    np.testing.assert_allclose(later, [12.0], atol=1e-5)
-    np.testing.assert_allclose(earlier[:, 0], 12.0 - compared_frames(12), atol=1e-5)
+    np.testing.assert_allclose(later, [12.0], atol=0.01)
+    np.testing.assert_allclose(earlier[:, 0], 12.0 - compared_frames(12), atol=0.01)

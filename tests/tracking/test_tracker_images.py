@@ -1,6 +1,7 @@
 """The tracker on simulated touch images: contact from what they show, and the model that comes with palpate."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from palpate.estimation.contact_model import contact_model
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
+from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.simulation.recordings import simulate_recording
 from palpate.touch.calibration import Calibration
@@ -50,12 +52,66 @@ def test_contact_is_what_images_show_whatever_the_flags_say(recording):
 
 def test_a_background_from_calibration_is_used(recording):
     background, _ = calibrate(recording)
-    late = list(recording)[np.flatnonzero(recording.contact)[0] :]
-    first = recording.object_pose[0]
+    late, first = late_frames(recording), recording.object_pose[0]
     told = Tracker(recording.shape, recording.sensor, first, calibration=Calibration(background))
-    guessed = Tracker(recording.shape, recording.sensor, first)
     assert sum(told.update(frame).contact for frame in late[:15]) >= 14
-    assert not any(guessed.update(frame).contact for frame in late[:15])  # takes them as untouched, as it says
+
+
+def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(recording):
+    """A tracker cannot look ahead: it takes the contact from where the sensor is, and touch tells nothing."""
+    frames = late_frames(recording)
+    tracker = Tracker(recording.shape, recording.sensor, frames[0].object_pose)
+    found = [tracker.update(frame) for frame in frames]
+    lifted = next(index for index, frame in enumerate(frames) if not frame.contact)
+    begun = next(index for index, estimate in enumerate(found) if estimate.contact)
+    unfelt = [estimate.reason.startswith("in contact before it was known") for estimate in found]
+    assert begun < 10 and all(unfelt[begun:lifted]) and not any(unfelt[:begun])
+    assert {estimate.status for estimate in found[begun:lifted]} == {"uncertain"}
+    known = unfelt.index(False, begun)
+    assert not found[known].contact and not any(unfelt[known:])
+    assert distance(frames[lifted - 1].object_pose, found[lifted - 1].pose) < 0.01  # pushed by several times that
+
+
+def test_a_recording_that_begins_in_contact_is_compared_with_the_gel_after_it(recording):
+    there_and_back = [*range(len(recording)), *range(len(recording) - 2, len(recording) - 22, -1)]  # to rest for longer
+    whole, late = (of_frames(recording, there_and_back[first:]) for first in (0, begun_at(recording)))
+    run, unbroken = track(late), track(whole)
+    lifted = int(np.argmin(np.asarray(late.contact)))
+    assert lifted - 2 <= 30 * run.summary["untouched_from_s"] < lifted + 30
+    assert "untouched_from_s" not in unbroken.summary
+    assert run.calibration is not None and unbroken.calibration is None
+    assert np.mean(np.asarray(run.online.contact) != late.contact) < 0.02
+    assert distance(run.online.pose[-1], unbroken.online.pose[-1]) < 3e-3
+
+
+def begun_at(recording: Recording) -> int:
+    """A frame at which the first contact has begun."""
+    return int(np.argmax(np.asarray(recording.contact))) + 3
+
+
+def late_frames(recording: Recording) -> list[Frame]:
+    """The frames of a recording from where a contact has begun."""
+    return list(recording)[begun_at(recording) :]
+
+
+def of_frames(recording: Recording, chosen: list[int]) -> Recording:
+    """A recording of chosen frames, one after the other."""
+    assert recording.object_pose is not None and recording.contact is not None and recording.image is not None
+    return dataclasses.replace(
+        recording,
+        time=np.arange(len(chosen)) / 30,
+        sensor_pose=recording.sensor_pose[chosen],
+        object_pose=recording.object_pose[chosen],
+        contact=recording.contact[chosen],
+        image=tuple(recording.image[index] for index in chosen),
+        episode=None,
+        extra={},
+    )
+
+
+def distance(one: Any, other: Any) -> float:
+    """How far two poses are apart [m]."""
+    return float(np.hypot(*se2.between(one, other)[:2]))
 
 
 def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_turns(recording):
@@ -64,7 +120,7 @@ def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_tu
     touched = np.flatnonzero(recording.contact)[3:-3:3]
     looks = [model.look(difference(recording[int(index)].image, mean)) for index in touched]
     g = se2.between(recording.object_pose, recording.sensor_pose)[touched]
-    told = np.array([[look.direction[0], look.turn[0]] for look in looks])
+    told = np.array([[look.direction[0], look.turn[0]] for look in looks if look.turn])
     direction = se2.wrap(contact_directions(g, contact_model(recording.shape, recording.sensor)) - told[:, 0])
     assert np.median(np.abs(direction)) < np.radians(1.5)
     turn = np.unwrap(g[:, 2]) - told[:, 1]

@@ -11,9 +11,13 @@ from palpate.errors import FileError
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Ellipse, Polygon, Shape
+from palpate.recording.images import encode_image
 from palpate.recording.sensor import DIGIT
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS
+from palpate.touch.view import CameraView
 from palpate.training.samples import UNTOUCHED, read_samples, samples_of
 
 RADIUS = DIGIT.radius
@@ -200,3 +204,33 @@ def test_pushes_are_what_they_are_meant_to_be():
         weight = np.clip(found.difference.astype(np.float64).mean(axis=(1, 3)) - 0.1, 0.0, None)
         column = (weight @ (np.arange(COLUMNS) + 0.5)) / weight.sum(axis=1) / COLUMNS
         np.testing.assert_allclose(2.0 * column - 1.0, 0.8 * found.direction / 0.6, atol=0.03)
+
+
+# --- a unit that is known ---
+
+
+def test_images_of_a_unit_are_seen_as_its_calibration_says():
+    plainly = recording(on_left_side(np.zeros(30), 0.1), np.arange(30) >= 10, where=np.full(30, 0.5))
+    plain = samples_of(plainly)
+    view = CameraView(quarter_turns=2, channels=(2, 1, 0))  # turned back by the same
+    turned = tuple(encode_image(view.of(frame.image), "png") for frame in plainly if frame.image is not None)
+    untouched = Background(np.full((64, 128, 3), 100.0, np.float32), np.ones((64, 128, 3), np.float32))
+    unit = Calibration(untouched, view, DirectionCorrection(0.02, 0.9))
+    found = samples_of(dataclasses.replace(plainly, image=turned), calibration=unit)
+    assert np.array_equal(found.difference, plain.difference)
+    assert np.allclose(found.direction, 0.02 + 0.9 * plain.direction)
+    assert np.allclose([unit.direction.true(told) for told in found.direction.tolist()], plain.direction)
+
+
+def test_without_untouched_frames_the_gel_is_that_of_the_calibration():
+    given = recording(on_left_side(np.zeros(12), 0.0), np.ones(12), where=np.full(12, 0.5))
+    levels = np.broadcast_to(np.array([90.0, 100.0, 110.0], np.float32), (64, 128, 3))
+    found = samples_of(given, calibration=Calibration(Background(levels, np.ones_like(levels))))
+    assert found.difference.astype(np.float32).mean(axis=(0, 3)).max() == pytest.approx(60 / 32, rel=0.1)
+
+
+def test_a_calibration_of_other_images():
+    given = recording(on_left_side(np.zeros(30), 0.0), np.arange(30) >= 10)
+    levels = np.full((320, 240, 3), 100.0, np.float32)
+    with pytest.raises(FileError, match=r"has images of \(64, 128\), the calibration \(320, 240\)"):
+        samples_of(given, calibration=Calibration(Background(levels, levels)))

@@ -19,8 +19,8 @@ from palpate.tracker_settings import TrackerSettings
 from palpate.tuning import tuning
 from palpate.tuning.likelihood import negative_log_likelihood
 from palpate.tuning.parameters import check_parameters, tunable, value_of, with_value
-from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
-from palpate.tuning.tuning import LOST, Tuning, judge, tune
+from palpate.tuning.recorded_touch import RecordedTouch, record_touch, track_recorded
+from palpate.tuning.tuning import LOST, Judgement, Tuning, held_out, judge, tune
 
 FELT, STEPS = 0.01, 16
 TRUE = with_settings(
@@ -93,6 +93,42 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
     assert [each.evaluations for each in seen] == list(range(1, 13))
     assert (np.diff([each.after.score for each in seen]) <= 0.0).all()
     assert seen[0].after == seen[0].before == found.before and seen[-1].after == found.after
+
+
+def test_every_kind_counts_the_same_and_is_held_out_by_itself():
+    kinds = ["robot", *["simulated"] * 5, *["robot"] * 3, *["simulated"] * 3]
+    assert [index for index, is_out in enumerate(held_out(kinds)) if is_out] == [4, 8, 11]
+    # One recording of a kind that the settings do badly on, beside three of another.
+    bad = replace(drawn(1)[0], truth=se2.compose(drawn(1)[0].truth, [0.02, 0.0, 0.0]), kind="robot")
+    mixed = judge([bad, *(replace(one, kind="simulated") for one in drawn(4)[1:])], settings())
+    alone = {"robot": judge([bad], settings()), "simulated": judge(drawn(4)[1:], settings())}
+    assert set(mixed.kinds) == set(alone) and alone["robot"].kinds == {}
+    for kind, found in alone.items():
+        assert replace(mixed.kinds[kind], kinds={}) == found
+    assert mixed.score == pytest.approx(np.mean([found.score for found in alone.values()]))
+    assert mixed.recordings == 4 and mixed.inside_95 == pytest.approx(0.75, abs=0.05)
+
+
+def test_no_kind_is_let_grow_too_sure_of_itself():
+    def judgement(score, **inside):
+        kinds = {kind: Judgement(1, score, 1.0, 1.0, share, 0) for kind, share in inside.items()}
+        return Judgement(2, score, 1.0, 1.0, None, 0, kinds)
+
+    before = judgement(1.0, robot=0.6, simulated=0.95)
+    assert tuning._cost(before, before) == 1.0  # what was bad before costs nothing
+    assert tuning._cost(judgement(0.9, robot=0.6, simulated=0.89), before) == 0.9
+    # Seven hundredths of 0.88 in one of two kinds, and five of 0.6 in the other.
+    assert tuning._cost(judgement(0.9, robot=0.6, simulated=0.81), before) == pytest.approx(0.9 + 0.07 * 20.0 / 2)
+    assert tuning._cost(judgement(0.9, robot=0.55, simulated=1.0), before) == pytest.approx(0.9 + 0.05 * 20.0 / 2)
+
+
+def test_recordings_without_images_are_felt_by_the_oracle():
+    blind = record_touch(drawn(1)[0].recording, "auto")
+    assert (blind.tactile, blind.measurements) == ("oracle", None)
+    found = judge([blind, replace(drawn(1)[0], tactile="learnt", kind="felt")], replace(settings(), tactile="auto"))
+    assert found.kinds[""] == replace(judge([blind], replace(settings(), tactile="oracle")), kinds={})
+    names = check_parameters(TrackerSettings(tactile="auto"))
+    assert {"relative_pose.oracle", "direction.share"} <= set(names) and "relative_pose.constant" not in names
 
 
 def test_tuning_twice_is_the_same():

@@ -30,7 +30,6 @@ _TOUCH_SAYS = (
     "What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, by pairs of "
     "images (linear is the paper's), the turn or the contact's direction alone"
 )
-NamedTactileOption = Annotated[Tactile, tyro.conf.arg(help=f"{_TOUCH_SAYS}.")]
 TactileOption = Annotated[
     TactileChoice,
     tyro.conf.arg(help=f"{_TOUCH_SAYS}; auto is learnt where there are images that fit the model, else none."),

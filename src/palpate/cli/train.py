@@ -9,7 +9,14 @@ from palpate.cli.options import JsonOption
 
 
 def train(
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="Folder of recordings (.h5).")],
+    source: Annotated[
+        tyro.conf.Positional[Path],
+        tyro.conf.arg(
+            metavar="DIR|PRESSES.csv",
+            help="Folder of recordings (.h5), or presses at known angles: columns file, an image beside the CSV, and "
+            "angle_deg, of the contact on the tip. These give a model of directions alone.",
+        ),
+    ],
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="MODEL", help="Folder of the model.")],
@@ -22,6 +29,14 @@ def train(
             help_behavior_hint="(default: from nothing)",
         ),
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="UNIT.npz",
+            help="The unit that the recordings are of, from palpate calibrate --presses; track with both then.",
+            help_behavior_hint="(default: images are as they are)",
+        ),
+    ] = None,
     test: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -30,20 +45,28 @@ def train(
             help_behavior_hint="(default: a share of DIR that is left out)",
         ),
     ] = None,
+    untouched: Annotated[
+        tuple[Path, ...],
+        tyro.conf.arg(metavar="IMAGE", help="With presses: images of the untouched gel.", help_behavior_hint=""),
+    ] = (),
+    sensor: Annotated[
+        str | None,
+        tyro.conf.arg(metavar="NAME", help="With presses: the name of the sensor's profile.", help_behavior_hint=""),
+    ] = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N", help="Of weights, batches and what is left out.")] = 0,
     steps: Annotated[
         int | None,
         tyro.conf.arg(
             metavar="N",
             help="Most steps of each descent.",
-            help_behavior_hint="(default: 1000 of key points and 3000 of touch; 300 with --from)",
+            help_behavior_hint="(default: 1000 of key points and 3000 of touch; 300 with --from or presses)",
         ),
     ] = None,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that read recordings.")] = 1,
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a training that was cut off.")] = False,
     json: JsonOption = False,
 ) -> int:
-    """Train a touch model on recordings with images, contacts and ground truth, and judge it on others."""
+    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others."""
     import os
     import time
 
@@ -59,12 +82,31 @@ def train(
         raise SettingError(
             f"training needs {error.name}, which is not installed: pip install palpate[train]"
         ) from error
+    from palpate.touch.calibration import load_calibration
     from palpate.training.train import TrainSettings
     from palpate.training.train import train as train_model
 
     begin = time.perf_counter()
+    if source.suffix.lower() == ".csv":
+        if start or test or not untouched or not sensor:
+            raise SettingError("train: presses take --untouched and --sensor, and neither --from nor --test")
+        results = _train_on_presses(source, untouched, sensor, out, seed, steps, resume)
+        results["wall_s"] = time.perf_counter() - begin
+        if json:
+            print_json({"model": str(out), **results})
+        else:
+            print_line(
+                f"model: {out}   of {results['held_out']} presses that were left out, directions are off by "
+                f"{results['rms_deg']:.2f} degrees RMS, {results['median_deg']:.2f} in the median"
+            )
+        return 0
+    if untouched or sensor:
+        raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
-    results = train_model(_files(folder), out, settings, progress_bar, start, _files(test) if test else (), resume)
+    unit = None if calibration is None else load_calibration(calibration)
+    results = train_model(
+        _files(source), out, settings, progress_bar, start, _files(test) if test else (), resume, unit
+    )
     results["wall_s"] = time.perf_counter() - begin
     for why in results["recordings"]["left_out"].values():
         complain(f"left out: {why}")
@@ -74,6 +116,19 @@ def train(
         _report(results)
         print_line(f"model: {out}   figures and logs: {out / 'training'}   {results['wall_s']:.0f} s")
     return 3 if results["recordings"]["left_out"] else 0
+
+
+def _train_on_presses(
+    presses: Path, untouched: tuple[Path, ...], sensor: str, out: Path, seed: int, steps: int | None, resume: bool
+) -> dict[str, Any]:
+    """Train on presses and return what the model is worth."""
+    from palpate.cli.console import progress_bar
+    from palpate.touch.presses import read_image, read_presses
+    from palpate.training.from_presses import train_on_presses
+
+    at_rest = [read_image(path, grey=True) for path in untouched]
+    given = read_presses(presses, grey=True)
+    return train_on_presses(given, at_rest, sensor, out, progress_bar, seed, steps, resume)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -11,9 +11,9 @@ from palpate.cli.options import (
     NOISE,
     JsonOption,
     ModelOption,
-    NamedTactileOption,
     RecordingsFolder,
     SmootherOption,
+    TactileChoice,
     WorkersOption,
     check_model,
 )
@@ -27,7 +27,13 @@ def tune(
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="FILE", help="File of the settings (.json), for --noise of others.")],
-    tactile: NamedTactileOption = "learnt",
+    tactile: Annotated[
+        TactileChoice,
+        tyro.conf.arg(
+            help="What touch says, as palpate track has it; auto is learnt where there are images and the oracle where "
+            "there are none, for real and simulated recordings together."
+        ),
+    ] = "learnt",
     model: ModelOption = None,
     smoother: SmootherOption = "fixed-lag",
     parameters: Annotated[
@@ -49,7 +55,11 @@ def tune(
     workers: WorkersOption = 1,
     json: JsonOption = False,
 ) -> int:
-    """Learn the noise settings from recordings with ground truth; a fourth of them is kept to judge by."""
+    """Learn the noise settings from recordings with ground truth; a fourth of them is kept to judge by.
+
+    Recordings in folders of their own are kinds: all kinds count the same, however many recordings there are of each,
+    and the 95 % region of none is let hold too little.
+    """
     import time
 
     from palpate.cli.console import complain, print_json, progress_bar
@@ -60,12 +70,12 @@ def tune(
     from palpate.tracker_settings import TrackerSettings
     from palpate.tuning.parameters import check_parameters
     from palpate.tuning.recorded_touch import record_touch_of_files
-    from palpate.tuning.tuning import HELD_OUT
+    from palpate.tuning.tuning import held_out
     from palpate.tuning.tuning import tune as tune_settings
 
     begin = time.perf_counter()
-    learnt = tactile.startswith("learnt")
-    check_model(model, [tactile])
+    learnt = tactile == "auto" or tactile.startswith("learnt")
+    check_model(model, ["learnt" if tactile == "auto" else tactile])
     settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(start))
     check_parameters(settings, parameters, evaluations)
     _check_out(out, start)
@@ -76,14 +86,15 @@ def tune(
             recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
         for why in left_out.values():
             complain(f"left out: {why}")
-        names = list(recorded)
+        is_out = dict(zip(recorded, held_out([one.kind for one in recorded.values()]), strict=True))
         about = {
             "tactile": tactile,
             "model": None if touch_model is None else touch_model.hash,
             "smoother": smoother,
             "start": start,
-            "recordings": [name for index, name in enumerate(names) if index % HELD_OUT != HELD_OUT - 1],
-            "held_out": names[HELD_OUT - 1 :: HELD_OUT],
+            "recordings": [name for name in recorded if not is_out[name]],
+            "held_out": [name for name in recorded if is_out[name]],
+            "sources": {name: one.recording.source for name, one in recorded.items()},
         }
         written = None
 
@@ -105,7 +116,7 @@ def tune(
             {"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing, "wall_s": wall_s}
         )
     else:
-        _show(tuning, out, len(about["recordings"]), len(about["held_out"]), wall_s)
+        _show(tuning, out, wall_s)
     return 3 if left_out else 0
 
 
@@ -135,17 +146,19 @@ def _found(tuning: "Tuning") -> dict[str, Any]:
     }
 
 
-def _show(tuning: "Tuning", out: Path, learned_from: int, held_out: int, wall_s: float) -> None:
+def _show(tuning: "Tuning", out: Path, wall_s: float) -> None:
     from palpate.cli.console import print_line, print_table
 
     rows = [(name, f"{old:.4g}", f"{new:.4g}") for name, (old, new) in tuning.values.items()]
     print_table(f"{tuning.settings.tactile}, {tuning.settings.smoother}", ("setting", "before", "after"), rows, (1, 2))
-    scored = [("tuned on", str(learned_from), tuning.before, tuning.after)]
+    scored = [("tuned on", tuning.before, tuning.after)]
     if tuning.held_out:
-        scored.append(("held out", str(held_out), *tuning.held_out))
+        scored.append(("held out", *tuning.held_out))
+    for which, before, after in [*scored]:
+        scored += [(f"{which}: {kind}", before.kinds[kind], after.kinds[kind]) for kind in before.kinds]
     rows = [
-        (which, count, when, *_cells(judgement))
-        for which, count, *sides in scored
+        (which, str(judgement.recordings), when, *_cells(judgement))
+        for which, *sides in scored
         for when, judgement in zip(("before", "after"), sides, strict=True)
     ]
     columns = ("", "recordings", "", "score", "RMSE mm", "RMSE deg", "in 95 %", "given up")

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.unknowns import DEPTH
+from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS
 from palpate.geometry import se2
+from palpate.recording.measurements import ContactDirection, Measurement
 
 Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
@@ -27,7 +28,7 @@ Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "d
 - ambiguous: several poses far apart fit what was measured; the covariance spans them.
 - strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock); the
   covariance is larger by as much.
-- uncertain: the covariance is so large that it is itself a guess.
+- uncertain: the covariance is so large that it is itself a guess, or touch cannot tell anything yet.
 - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
   says, in this contact and after it.
 - indeterminate: the graph could not be solved at this frame and starts anew from the last pose.
@@ -42,6 +43,7 @@ _SURPRISE = 3.0  # standard deviations of a distance from which on an untouched 
 _STILL = 3e-4  # [m] noise of a distance that the sensor has gone
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] how fast and far a hand moves an object, standard deviations
 _FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] from which a displaced object is found again
+_ALONG = np.linspace(-1.0, 1.0, 7)  # shares of the likely length along an outline at which its direction is looked at
 UNCERTAIN = np.array([0.02, 0.02, 0.2])
 """Standard deviations [m, m, rad] from which a covariance is a guess itself."""
 REASONS: dict[Status, str] = {
@@ -79,9 +81,18 @@ class Diagnosis:
         """Whether the object must have moved while nothing touched it."""
         return self._displacement > 0.0
 
+    def gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, float]:
+        """Return the estimated distance between sensor (3,) and object, and its standard deviation, both [m].
+
+        The strain is left out: it puts pushing in doubt, not where the outline was last touched.
+        """
+        gap, by_object = self._seen_gap(prior, sensor_pose)
+        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
+        return gap, float(np.sqrt(variance))
+
     def see_rest(self, prior: Prior, sensor_pose: Array) -> None:
         """Compare where the sensor (3,) is with an object that nothing touches."""
-        gap, deviation = self._gap(prior, sensor_pose)
+        gap, deviation = self.gap(prior, sensor_pose)
         if gap < -_SURPRISE * deviation:
             self._displacement = max(self._displacement, -gap)
 
@@ -96,11 +107,16 @@ class Diagnosis:
         if now < before - _SURPRISE * deviation:
             self._displacement = max(self._displacement, min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * since))
 
-    def see_first_touch(self, prior: Prior, sensor_pose: Array) -> None:
-        """Compare where the sensor (3,) is with an object that it begins to touch."""
-        gap, deviation = self._gap(prior, sensor_pose)
+    def see_first_touch(self, prior: Prior, sensor_pose: Array, measurements: Sequence[Measurement]) -> None:
+        """Compare where the sensor (3,) is, and where it is touched, with an object that it begins to touch."""
+        gap, deviation = self.gap(prior, sensor_pose)
         if abs(gap) > _SURPRISE * deviation:
             self._displacement = max(self._displacement, abs(gap))
+        for said in measurements:
+            if isinstance(said, ContactDirection):
+                # Half, for the gap shows one part of a motion, and a turn shows all of it.
+                moved = 0.5 * self._model.friction_radius * self._turn(prior, sensor_pose, said)
+                self._displacement = max(self._displacement, moved)
 
     def see_errors(self, errors: Mapping[str, Array]) -> None:
         """Take the errors (rows,) of a step's factors that tell strain [standard deviations]."""
@@ -145,14 +161,23 @@ class Diagnosis:
         """Return the covariance (3, 3) of an unknown motion of this size [m]."""
         return np.diag(np.square([length, length, length / self._model.friction_radius]))
 
-    def _gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, float]:
-        """Estimated distance between sensor and object, and its standard deviation, both [m].
+    def _turn(self, prior: Prior, sensor_pose: Array, said: ContactDirection) -> float:
+        """How far the object must have turned [rad] to be touched where it is said to be; 0 where it need not have.
 
-        The strain is left out: it puts pushing in doubt, not where the outline was last touched.
+        It need not have where it would be touched so at a place on its outline that is likely.
         """
-        gap, by_object = self._seen_gap(prior, sensor_pose)
-        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
-        return gap, float(np.sqrt(variance))
+        g = se2.between(prior.pose, sensor_pose)
+        covariance = prior.pose_covariance
+        touch = self._model.touching(g[None, None])[0, 0, 0]
+        along = 1j * touch["normal"]
+        by_object = np.array([along.real, along.imag, (along * touch["point"].conjugate()).imag])
+        likely = _SURPRISE * np.sqrt(by_object @ covariance @ by_object) * _ALONG
+        places = self._model.moved_along(np.tile(g, (len(likely), 1)), likely)
+        normals = self._model.touching(places[None])[0, :, 0]["normal"]
+        off = np.angle(-normals * np.exp(1j * (prior[DIRECTION_BIAS][0] - said.angle - g[2])))
+        deviation = np.sqrt(covariance[2, 2] + self._calibration[2, 2] + said.variance)
+        least = float(np.abs(off).min())
+        return least if least > _SURPRISE * deviation else 0.0
 
     def _seen_gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, Array]:
         """Estimated distance between sensor and object [m], and its derivative by the object's pose (3,)."""

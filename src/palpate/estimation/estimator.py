@@ -66,6 +66,11 @@ class Estimator:
         return self._contact is not None
 
     @property
+    def is_displaced(self) -> bool:
+        """Whether the object must have moved while nothing touched it, and was not found since."""
+        return self._diagnosis.displaced
+
+    @property
     def covariance(self) -> Array:
         """Covariance (3, 3) of the object's pose, tangent space at the estimate (right, body frame)."""
         doubt = 0.0 if self.in_contact else self._diagnosis.displacement_covariance()
@@ -78,6 +83,10 @@ class Estimator:
             return None
         angle = self._contact.pushing_angle() if isinstance(self._contact, FixedLag) else math.nan
         return touched(self._model, self._contact.belief(), angle)
+
+    def gap(self, sensor_pose: Array) -> tuple[float, float]:
+        """Return how far from the object a sensor is that stands here (3,), and the standard deviation of that [m]."""
+        return self._diagnosis.gap(self.known, sensor_pose)
 
     def path(self) -> Array:
         """Return all object poses so far (N, 3), each as all later measurements in its contact leave it."""
@@ -107,7 +116,7 @@ class Estimator:
         `grip` is what is to be believed of GRIP instead of its prior, and more certain.
         """
         assert isinstance(self._contact, FixedLag)
-        other = self._copy()
+        other = self.copied()
         grips = None if grip is None else (self._settings.priors.grip, grip)
         other._contact = contact = self._contact.knocked(steps, slide, grips)
         other.known = contact.belief().prior
@@ -116,11 +125,12 @@ class Estimator:
 
     def started(self, prior: Prior) -> "Estimator":
         """Return a copy that begins its next contact with something else known."""
-        other = self._copy()
+        other = self.copied()
         other._start = prior
         return other
 
-    def _copy(self) -> "Estimator":
+    def copied(self) -> "Estimator":
+        """Return one that knows the same and may go another way."""
         other = copy(self)
         other._diagnosis = copy(self._diagnosis)
         other._settled, other._online = [*self._settled], [*self._online]
@@ -134,9 +144,9 @@ class Estimator:
         """Return what each step of the contact costs; see Window."""
         return self._contact.costs() if isinstance(self._contact, FixedLag) else np.empty((0, 2))
 
-    def expected(self, sensor_pose: Array) -> Prior:
-        """Return what is known of the object where a contact begins with the sensor here (3,)."""
-        self._diagnosis.see_first_touch(self.known, sensor_pose)
+    def expected(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> Prior:
+        """Return what is known of the object where a contact begins with the sensor here (3,), and touch says this."""
+        self._diagnosis.see_first_touch(self.known, sensor_pose, measurements)
         return self.unmoved.loosened(self._diagnosis.displacement_covariance())
 
     @property
@@ -152,7 +162,7 @@ class Estimator:
         `knock` is what else may have moved the object since the last frame.
         """
         if self._contact is None:
-            self.known = self.expected(sensor_pose) if self._start is None else self._start
+            self.known = self.expected(sensor_pose, measurements) if self._start is None else self._start
             self._start = None
             self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         elif knock is not None and isinstance(self._contact, FixedLag):
@@ -189,6 +199,10 @@ class Estimator:
     def covariance_of_motion(self, length: float) -> Array:
         """Return the covariance (3, 3) of an unknown motion of the object of this size [m]."""
         return self._diagnosis.covariance_of_motion(length)
+
+    def stay(self, frames: int) -> None:
+        """Let the object rest for so many frames of which nothing else was believed."""
+        self._settled.append(np.tile(self.known.pose, (frames, 1)))
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something else may have moved by so much meanwhile [m]."""

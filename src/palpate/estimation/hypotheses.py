@@ -7,7 +7,8 @@ happened is kept, where
   steps, and the object slid over the sensor by another length in each hypothesis, on a contact that holds as well as
   thought or is more slippery;
 - a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
-  `starts`.
+  `starts`;
+- a contact that was brief began where nothing should be: it may have been none.
 
 A hypothesis is judged by what its steps cost (`Window.costs`), pushing left out in steps in which any of them lets go
 of it, and by how odd the friction is that it needs. Errors of neighbouring steps are much the same error, so that costs
@@ -16,7 +17,7 @@ count in small part only, and no step decides by itself.
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,7 @@ _SAME, _APART = np.array([2e-3, 2e-3, 0.02]), np.array([0.01, 0.01, 0.09])  # [m
 _GRACE, _POOR = 25, 1e-3  # frames after which a hypothesis goes whose weight is so small against the best one's
 _YOUNG, _MOST_YOUNG = 12, 16  # frames of a contact in which there may be so many
 _LOST = 2.0  # [m] standard deviation from which a graph holds on to nothing: its solution has run away
+_BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
 _TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
 
 
@@ -107,6 +109,7 @@ class Hypotheses:
         self._most = most if smoother in ("fixed-lag", "batch") else 1
         self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
         self._steps = 0  # of this contact
+        self._untouched: list[_Hypothesis] = []  # what there was before it, where nothing was displaced yet
         if self._most > 1 and model.tips == 1:
             places(model)  # found now, not when a contact begins
         self._usual = settings.priors.mean, settings.priors.deviation
@@ -176,6 +179,10 @@ class Hypotheses:
         far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
         return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 
+    def gap(self, sensor_pose: Array) -> tuple[float, float]:
+        """Return how far from the object a sensor is that stands here; see Estimator."""
+        return self._best.estimator.gap(sensor_pose)
+
     def path(self) -> Array:
         """Return all object poses so far (N, 3), as the best hypothesis has them."""
         return self._best.estimator.path()
@@ -191,6 +198,9 @@ class Hypotheses:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
         if not self.in_contact:
             self._steps = 0
+            self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
+            if self._best.estimator.is_displaced or self._most == 1:
+                self._untouched = []
             if self._most > 1 and self._model.tips == 1:
                 self._all = self._begun(sensor_pose, measurements)
         self._all = self._touched(sensor_pose, measurements, time)
@@ -204,7 +214,7 @@ class Hypotheses:
         self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, error: EstimationError
     ) -> None:
         """Go on with a new graph from the best last pose; see Estimator."""
-        best = self._best.estimator
+        best, self._untouched = self._best.estimator, []
         self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
         best.begin_anew(sensor_pose, measurements, time, error)
 
@@ -214,10 +224,29 @@ class Hypotheses:
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
+        may_be_none = self._best.estimator.is_displaced and self._steps <= _BRIEF
         for one, score in zip(self._all, self._scores(), strict=True):
             one.earned = score + self._oddness(one)  # of friction, which goes on to the next contact
             one.estimator.end_contact(max(moved, _SPREAD if one.open else 0.0))
             one.broken, one.open = [], 0
+        if may_be_none and self._untouched:
+            self._doubt_contact()
+
+    def _doubt_contact(self) -> None:
+        """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
+        after, before = (_log_sum([one.earned for one in some]) for some in (self._all, self._untouched))
+        for one in self._untouched:
+            one.estimator.stay(self._steps)
+            one.earned += after - before
+        self._all = [*self._untouched, *self._all][: self._most]
+        self._untouched = []
+        self._share_out(np.array([one.earned for one in self._all]))
+
+    def _share_out(self, scores: Array) -> None:
+        """Give each hypothesis its weight by the log of how likely it is."""
+        likely = np.exp(scores - scores.max())
+        for one, weight in zip(self._all, likely / likely.sum(), strict=True):
+            one.weight = float(weight)
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[_Hypothesis]:
         """All hypotheses that can be solved with one more frame; the last error where none can."""
@@ -272,7 +301,7 @@ class Hypotheses:
         """The hypotheses that a contact begins with: another place in each where the object is known roughly only."""
         begun: list[_Hypothesis] = []
         for one in self._all:
-            prior = one.estimator.expected(sensor_pose)
+            prior = one.estimator.expected(sensor_pose, measurements)
             places = starts(prior, self._model, sensor_pose, measurements) if is_rough(prior) else []
             if not places:
                 begun.append(one)
@@ -325,6 +354,11 @@ class Hypotheses:
 
     def _from_best(self, one: _Hypothesis) -> Array:
         return se2.log(se2.between(self._best.estimator.known.pose, one.estimator.known.pose))
+
+
+def _log_sum(logs: Sequence[float]) -> float:
+    """Log of the sum of what these are logs of."""
+    return float(np.logaddexp.reduce(logs))
 
 
 def _is_lost(one: _Hypothesis) -> bool:

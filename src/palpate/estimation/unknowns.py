@@ -70,7 +70,7 @@ DEPTH = Unknown(
     1,
     "m",
     "How deep the object lies in the gel, and what else outline, gel and mounting are apart by all the time.",
-    prior=(3e-4, 7e-4),
+    prior=(3e-4, 4e-4),
 )
 FRICTION_RATIO = Unknown(
     "friction_ratio",

@@ -1,16 +1,19 @@
 """The untouched gel: what an image is compared with."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
+from palpate.touch.light import cell_width, cells_of
 
 Image = NDArray[np.uint8]
 Levels = NDArray[np.float32]
 
+_ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
+_COMMON = 10  # images that what all cells have in common of noise counts for, since that of one is known from few
 _SWAPPED = 4.0  # times better that blue for red must fit: untouched values differ by noise, swapped ones by tens
 
 
@@ -22,21 +25,50 @@ class Background:
     """(height, width, 3) RGB [grey levels]."""
     deviation: Levels
     """Standard deviation over time, (height, width, 3) [grey levels]."""
+    noise: Levels = field(default_factory=lambda: np.empty((0, 0, 3), np.float32))
+    """The same of the cells, (rows, columns, 3) [grey levels]; see `touch.light`. By default as if pixels had noise of
+    their own; some cameras have stripes, which cells share."""
+
+    def __post_init__(self) -> None:
+        if not self.noise.size:
+            part = min(_ALIKE / cell_width(*self.deviation.shape[:2]), 1.0)
+            object.__setattr__(self, "noise", cells_of(self.deviation) * np.float32(part))
 
 
 def background_of(images: Iterable[Image]) -> Background:
     """Return the statistics of two or more untouched images (height, width, 3), read one after the other."""
-    total, squares, count = np.zeros(()), np.zeros(()), 0
+    pixels, cells = _Statistics(), _Statistics()
     for image in images:
-        levels = image.astype(np.float64)
-        total = total + levels
-        squares = squares + levels**2
-        count += 1
-    if count < 2:
-        raise SettingError(f"a background needs 2 or more untouched images, found {count}")
-    mean = total / count
-    variance = np.maximum(squares - count * mean**2, 0.0) / (count - 1)
-    return Background(mean.astype(np.float32), np.sqrt(variance).astype(np.float32))
+        levels = image.astype(np.float32)
+        pixels.add(levels)
+        cells.add(cells_of(levels))
+    if pixels.count < 2:
+        raise SettingError(f"a background needs 2 or more untouched images, found {pixels.count}")
+    own = cells.count - 1
+    noise = (own * cells.variance + _COMMON * cells.variance.mean()) / (own + _COMMON)
+    mean, deviation, noise = pixels.mean, np.sqrt(pixels.variance), np.sqrt(noise)
+    return Background(mean.astype(np.float32), deviation.astype(np.float32), noise.astype(np.float32))
+
+
+class _Statistics:
+    """Mean and variance of arrays that come one after the other."""
+
+    def __init__(self) -> None:
+        self._total, self._squares, self.count = np.zeros(()), np.zeros(()), 0
+
+    def add(self, values: Levels) -> None:
+        exact = values.astype(np.float64)
+        self._total = self._total + exact
+        self._squares = self._squares + exact**2
+        self.count += 1
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        return self._total / self.count
+
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        return np.maximum(self._squares - self.count * self.mean**2, 0.0) / (self.count - 1)
 
 
 def check_image(image: Image, height: int, width: int) -> None:

@@ -1,6 +1,6 @@
 """What is known of one sensor unit, and its file (`.npz`), which `palpate calibrate` writes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from palpate.archives import read_arrays
 from palpate.errors import FileError
 from palpate.files import INTEGERS, NUMBERS, checked_array, existing_file, whole_file
+from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Levels
 from palpate.touch.view import AS_IT_IS, CameraView
 
-VERSION = 2  # the first had mean and deviation only
+VERSION = 2  # the first had mean and deviation only; noise came later, and older versions of palpate pass it over
 _FIELDS = ("mean", "deviation")
 
 
@@ -31,6 +32,10 @@ class DirectionCorrection:
     def true(self, told: float) -> float:
         """Return the angle [rad] that is meant by a told one."""
         return (told - self.offset) / self.scale
+
+    def told(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is told of true angles (N,) [rad]."""
+        return self.offset + self.scale * true
 
 
 AS_TOLD = DirectionCorrection()
@@ -56,6 +61,13 @@ def view_of(calibration: Calibration | None) -> CameraView:
     return calibration.view if calibration else AS_IT_IS
 
 
+def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
+    """Return the sensor with images as they lie once they were turned as the calibration says."""
+    if view_of(calibration).quarter_turns % 2 == 0:
+        return sensor
+    return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
+
+
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
     """Write the `.npz`, whole or not at all; an existing one is replaced only if `overwrite`."""
     view, direction = calibration.view, calibration.direction
@@ -66,6 +78,7 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             version=VERSION,
             mean=calibration.background.mean,
             deviation=calibration.background.deviation,
+            noise=calibration.background.noise,
             view=[view.quarter_turns, view.mirrored, *view.channels],
             direction=[direction.offset, direction.scale, sigma],
         )
@@ -84,17 +97,20 @@ def load_calibration(path: Path | str) -> Calibration:
         mean, deviation = (_levels(name, arrays[name]) for name in _FIELDS)
         if mean.shape != deviation.shape:
             raise FileError(f"deviation: found shape {deviation.shape}, expected {mean.shape} as of mean")
+        background = Background(mean, deviation)
+        if "noise" in arrays:
+            background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
         view = _view(arrays["view"]) if version > 1 else AS_IT_IS
         direction = _direction(arrays["direction"]) if version > 1 else AS_TOLD
     except KeyError as error:
         raise FileError(f"{path}: is a calibration that lacks {error}") from error
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
-    return Calibration(Background(mean, deviation), view, direction, path)
+    return Calibration(background, view, direction, path)
 
 
-def _levels(name: str, value: NDArray[Any]) -> Levels:
-    levels = checked_array(name, value, NUMBERS, ("N", "N", 3))
+def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...] = ("N", "N", 3)) -> Levels:
+    levels = checked_array(name, value, NUMBERS, shape)
     if levels.dtype != np.float32:
         raise FileError(f"{name}: found values of type {levels.dtype}, expected float32")
     if not levels.size or not ((levels >= 0.0) & (levels <= 255.0)).all():

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.touch.area import area_means
+from palpate.touch.light import light_of, lit
 
 Difference = NDArray[np.float32]
 
@@ -12,6 +13,7 @@ ROWS, COLUMNS = 32, 128
 yaw lies across the columns, down to the shading beside a corner's line of a millimetre: so the columns are finer.
 """
 
+_COARSE = 32  # columns that are enough to tell the light by
 _LEVELS = 32.0  # grey levels that make 1, about as much as a firm contact adds
 
 
@@ -24,3 +26,10 @@ def reduced(image: NDArray[np.uint8] | Difference) -> NDArray[np.float32]:
 def difference(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
     """Return how an image (height, width, 3) differs from the reduced mean of the background: (ROWS, COLUMNS, 3)."""
     return (reduced(image) - reduced_mean) / np.float32(_LEVELS)
+
+
+def difference_in_light(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
+    """Return the same as `difference`, with the untouched gel in the light of the image, which may have changed."""
+    seen = reduced(image)
+    cells, untouched = (area_means(each, ROWS, _COARSE) for each in (seen, reduced_mean))
+    return (seen - lit(reduced_mean, light_of(cells, untouched))) / np.float32(_LEVELS)

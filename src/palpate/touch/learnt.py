@@ -12,7 +12,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, ContactPlace, Measurement, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
-from palpate.touch.difference import Difference, difference, reduced
+from palpate.touch.difference import Difference, difference_in_light, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.relative import BACK, Touch, compared_frames
 
@@ -93,7 +93,10 @@ class PairTouch:
 
 
 class View:
-    """Frames as the networks see them: their difference from the untouched gel, as it was when the contact began."""
+    """Frames as the networks see them: their difference from the untouched gel, as it was when the contact began.
+
+    The light may change meanwhile.
+    """
 
     def __init__(self, background: Callable[[], Background]) -> None:
         """Take what tells the background at the moment."""
@@ -106,7 +109,7 @@ class View:
             raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         if self._mean is None:
             self._mean = reduced(self._background().mean)
-        return difference(frame.image, self._mean)
+        return difference_in_light(frame.image, self._mean)
 
     def forget(self) -> None:
         """End the contact: the next one is compared with the background as it is then."""

@@ -4,7 +4,7 @@ They are small and darker than the gel around them in any light, so a grey closi
 than its kernel, finds them and says what they hide.
 """
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ _BORDER = 3  # pixels across, by which a dot's border reaches farther than it is
 _FEWEST, _SMALLEST = 20, 3  # dots that are a grid of markers and not dust, and pixels across one
 
 
-def has_markers(image: NDArray[np.uint8] | NDArray[np.float32]) -> bool:
+def has_markers(image: AnyImage) -> bool:
     """Return whether an image (height, width, 3) of an untouched gel shows markers."""
     import cv2
 
@@ -33,10 +33,11 @@ def without_markers(image: AnyImage) -> AnyImage:
 
     dark, filled = _dark(image)
     hidden = cv2.dilate(dark, np.ones((_BORDER, _BORDER), np.uint8))
-    return cv2.copyTo(filled, hidden, image.copy())
+    unmarked: Any = cv2.copyTo(filled, hidden, image.copy())
+    return unmarked
 
 
-def _dark(image: AnyImage) -> tuple[NDArray[np.uint8], AnyImage]:
+def _dark(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
     """Where an image is darker than around, (height, width), 1 there; and the image without that."""
     import cv2
 

@@ -9,11 +9,11 @@ from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
-from palpate.touch.detector import DARK
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
+from palpate.touch.steady import is_dark
 
 Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
@@ -56,7 +56,7 @@ def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None 
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         found = f"{sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px"
         return "none", f"{found}, and the touch model reads {made_for.image_height} x {made_for.image_width} px"
-    if model is None and image.mean() > DARK and (image == image[..., :1]).all():
+    if model is None and not is_dark(image) and (image == image[..., :1]).all():
         return "none", "images are grey, and the touch model reads colours"
     return "learnt", f"images fit the touch model of the {made_for.sensor}"
 

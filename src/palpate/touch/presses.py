@@ -61,8 +61,11 @@ class PressFit:
     """Root of the mean square of what is told about the line [rad]."""
 
 
-def read_presses(path: Path) -> Presses:
-    """Read a CSV with columns file and angle_deg and the images it names, relative to its folder; FileError if not."""
+def read_presses(path: Path, grey: bool = False) -> Presses:
+    """Read a CSV with columns file and angle_deg and the images it names, relative to its folder; FileError if not.
+
+    Grey images are taken only if `grey`.
+    """
     columns, *lines = read_csv(path) or [[]]
     rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
     if not rows or not {"file", "angle_deg"} <= set(columns):
@@ -78,11 +81,11 @@ def read_presses(path: Path) -> Presses:
             found = row.get("angle_deg")
             raise FileError(f"{path}: row {number}: angle_deg is {found!r}; expected -90 to 90 degrees")
     names = tuple(row["file"] for row in rows)
-    return Presses(tuple(read_image(path.parent / name) for name in names), np.radians(angles), names)
+    return Presses(tuple(read_image(path.parent / name, grey) for name in names), np.radians(angles), names)
 
 
-def read_image(path: Path) -> Image:
-    """Return an image file as (height, width, 3) RGB; FileError where it is none or a grey one."""
+def read_image(path: Path, grey: bool = False) -> Image:
+    """Return an image file as (height, width, 3) RGB; FileError where it is none, or a grey one unless `grey`."""
     import cv2
 
     try:
@@ -92,6 +95,8 @@ def read_image(path: Path) -> Image:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None or image.dtype != np.uint8:
         raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
+    if image.ndim != 3 and grey:
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     if image.ndim != 3:
         raise FileError(f"{path}: is a grey image; touch images are in colours")
     return np.ascontiguousarray(image[..., 2::-1], np.uint8)

@@ -14,13 +14,16 @@ from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import shape_to_dict
+from palpate.recording.derived import gaps
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
-from palpate.recording.sensor import SensorProfile, sensor_to_dict
+from palpate.recording.sensor import sensor_to_dict
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
+from palpate.touch.calibration import Calibration, turned_as
+from palpate.touch.lift import Lift, lift_of
 from palpate.touch.model import TouchModel, shipped_model
+from palpate.touch.steady import first_frames
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.details import Answers
@@ -34,6 +37,9 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Watch = Callable[[Frame, Estimate, Background | None], None]
 """What looks on while tracking: it takes each frame, its estimate and the untouched gel as known then."""
+
+_REACH, _SURE = 5e-3, 3.0
+"""[m] between sensor and object beyond which nothing is touched, and besides so many sigmas of the first pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +91,9 @@ def track(
     """Track the object of a recording; `progress` is called after each frame with the number done, and `watch`.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, and `first_pose_sigma` (3,) how well that is known; by
-    default they are those of `first_pose_of`. `model` and `calibration` are the Tracker's.
+    default they are those of `first_pose_of`. `model` and `calibration` are the Tracker's. Without a calibration, the
+    untouched gel of a recording that begins in contact is taken from its first moment without; the summary's
+    `untouched_from_s` says when.
     A frame that cannot be used is left out: the estimate before stands for it, with status "faulty".
     `state` is a file in which what is known is saved now and again; where it exists, tracking goes on from it and ends
     as if it had not been interrupted. `dump` is a file that is written where a step fails; see `failed_step`.
@@ -96,7 +104,10 @@ def track(
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     _check(recording, settings)
-    sensor = _turned(recording.sensor, calibration)
+    lift = None if calibration else _lift(recording, first, sigma, settings)
+    if lift:
+        calibration = Calibration(lift.background)
+    sensor = turned_as(recording.sensor, calibration)
     made_of = {
         "recording": (recording.source, recording.time, recording.sensor_pose),
         "object": shape_to_dict(recording.shape),
@@ -152,6 +163,8 @@ def track(
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
         knocked=knocked_frames(recording),
     )
+    if lift:
+        summary["untouched_from_s"] = lift.time
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     return Run(
@@ -193,11 +206,22 @@ def _with_left_out(smoothed: Trajectory, taken: NDArray[np.bool_], time: Array) 
     return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])
 
 
-def _turned(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
-    """The sensor with its images as they lie once they were turned as the calibration says."""
-    if calibration is None or calibration.view.quarter_turns % 2 == 0:
-        return sensor
-    return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
+def _lift(recording: Recording, first_pose: Array, first_pose_sigma: Array, settings: TrackerSettings) -> Lift | None:
+    """The first moment without contact, where the sensor may touch the object in the first images and does so."""
+    if recording.image is None or not settings.tactile.startswith(("auto", "learnt")):
+        return None
+    count = min(first_frames(recording.sensor.rate), len(recording))
+    gap = gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape, recording.sensor)
+    if gap.min() > _REACH + _SURE * np.hypot(*first_pose_sigma[:2]):
+        return None
+    lift = lift_of(recording)
+    if lift:
+        logger.warning(
+            "%s: begins in contact; how the gel looks untouched is taken from %.2f s on",
+            recording.file or "the recording",
+            lift.time,
+        )
+    return lift
 
 
 def _check(recording: Recording, settings: TrackerSettings) -> None:

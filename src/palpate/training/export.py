@@ -13,7 +13,7 @@ from palpate.errors import EstimationError
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import ARRAYS, PLACE, session
 from palpate.training.learn import Keypoints, Touch
-from palpate.training.networks import DESCRIPTOR
+from palpate.training.networks import DESCRIPTOR, DirectionNetwork
 
 _CLOSE = 1e-4  # by which outputs in ONNX Runtime may differ
 _PAIRS = 3
@@ -30,6 +30,11 @@ def exported(keypoints: Keypoints, touch: Touch) -> dict[str, bytes]:
         "pair": _onnx(touch.pair, {"earlier": earlier, "later": later}, ["turned"], any_number=True),
         "keypoint": _onnx(keypoints.encoder, {"difference": image}, ["keypoint", "kinds"]),
     }
+
+
+def exported_direction(network: DirectionNetwork) -> dict[str, bytes]:
+    """Return the network of a model of directions alone, likewise."""
+    return {"touch": _onnx(network, {"difference": torch.randn(1, 3, ROWS, COLUMNS)}, ["direction"])}
 
 
 def restore(network: nn.Module, file: bytes) -> None:

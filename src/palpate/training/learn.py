@@ -11,7 +11,15 @@ from torch import Tensor, nn
 from palpate.recording.sensor import SensorProfile
 from palpate.training.fit import FitSettings, fit
 from palpate.training.losses import gaussian_nll, offset_nll
-from palpate.training.networks import Decoder, KeypointEncoder, PairNetwork, TouchNetwork, blobs, imprint
+from palpate.training.networks import (
+    Decoder,
+    DirectionNetwork,
+    KeypointEncoder,
+    PairNetwork,
+    TouchNetwork,
+    blobs,
+    imprint,
+)
 from palpate.training.pairs import Seen, draw_groups, varied_batch
 from palpate.training.samples import Samples
 
@@ -20,6 +28,7 @@ Progress = Callable[[int, str], None]
 
 TOUCH, KEYPOINT = FitSettings(steps=3000), FitSettings(steps=1000)
 _GROUPS, _FRAMES, _IMAGES = 24, 8, 128  # in a batch; the cost of a frame is its encoding, so each is in seven pairs
+_PRESSES = 48  # in a batch, where there are only some hundred
 _HELD_OUT = 4  # batches that the held-out recordings are judged by, always the same
 _FOCUS = 1e-3  # weight of an activation that is spread out
 
@@ -99,6 +108,29 @@ def learn_touch(
         }
 
     _fit("touch", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
+
+
+def learn_direction(
+    network: DirectionNetwork,
+    train: Samples,
+    held_out: Samples,
+    sensor: SensorProfile,
+    seed: int,
+    folder: Path,
+    settings: FitSettings,
+    progress: Progress | None = None,
+) -> None:
+    """Train direction alone, on presses that have nothing to do with one another."""
+
+    def draw(samples: Samples, rng: np.random.Generator) -> Indices:
+        return rng.integers(len(samples), size=(_PRESSES, 1))
+
+    def losses(samples: Samples, chosen: Indices, seen: Seen) -> dict[str, Tensor]:
+        direction = network(seen.difference)
+        angle = seen.direction(samples.direction[chosen]).ravel()
+        return {"direction": gaussian_nll(direction[:, 0] - angle, direction[:, 1])}
+
+    _fit("direction", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
 
 
 def _fit(

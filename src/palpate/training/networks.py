@@ -136,6 +136,18 @@ class TouchNetwork(nn.Module):
         return told if self.place is None else (*told, gaussian(self.place(said)))
 
 
+class DirectionNetwork(nn.Module):
+    """Images to the direction alone: what can be learnt where nothing else is known of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.image = TouchNetwork()
+
+    def forward(self, difference: Tensor) -> Tensor:
+        """Return mean [rad] and log variance (B, 2)."""
+        return self.image(difference)[0]
+
+
 DESCRIPTOR = 16
 """Numbers that describe an image to the pair network."""
 

@@ -1,7 +1,8 @@
 """What is learned from: the touched frames of recordings, with what their ground truth says they should tell."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.parallel import spread
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import background_of
+from palpate.touch.background import Background, Image, background_of
+from palpate.touch.calibration import Calibration, turned_as, view_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.ellipse import ellipse_features
-from palpate.touch.markers import has_markers, without_markers
+from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.model import KINDS
 
 Array = NDArray[np.float64]
@@ -64,15 +66,21 @@ class Samples:
 
 
 def read_samples(
-    files: Sequence[Path], workers: int = 1, progress: Callable[[int], None] | None = None
+    files: Sequence[Path],
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+    calibration: Calibration | None = None,
 ) -> tuple[Samples, SensorProfile, dict[Path, str]]:
     """Return the samples of recordings, their sensor, and of those that have none to give the reason.
+
+    `calibration` is of the unit that they are all of.
 
     Raises FileError where none is left, or where the sensors of two differ.
     """
     parts: dict[int, tuple[Samples, SensorProfile]] = {}
     failed: dict[Path, str] = {}
-    for done, (index, part) in enumerate(spread(_read, list(enumerate(files)), workers)):
+    read = partial(_read, calibration=calibration)
+    for done, (index, part) in enumerate(spread(read, list(enumerate(files)), workers)):
         if isinstance(part, str):
             failed[files[index]] = part
         else:
@@ -90,50 +98,80 @@ def read_samples(
     return _joined([parts[index][0] for index in sorted(parts)]), sensor, failed
 
 
-def samples_of(recording: Recording, number: int = 0) -> Samples:
-    """Return the samples of one recording; raises FileError where it lacks what is needed."""
+def samples_of(recording: Recording, number: int = 0, calibration: Calibration | None = None) -> Samples:
+    """Return the samples of one recording; raises FileError where it lacks what is needed.
+
+    With the calibration of its unit, images are seen as it says they lie, directions are what its correction makes the
+    true ones of, and a recording without untouched frames is compared with its untouched gel.
+    """
     name = recording.file or "the recording"
     if recording.image is None or recording.object_pose is None or recording.contact is None:
         lacks = [field for field in ("image", "object_pose", "contact") if getattr(recording, field) is None]
         raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
-    untouched = np.flatnonzero(~recording.contact)
-    if len(untouched) < 2:
-        raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
-    chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
-    at_rest = [_image(recording, int(index)) for index in chosen]
-    read = without_markers if has_markers(at_rest[0]) else lambda image: image
-    background = background_of([read(image) for image in at_rest])
+    view = view_of(calibration)
+
+    def image(index: int) -> Image:
+        found = recording[index].image
+        assert found is not None
+        return view.of(found)
+
+    background, is_marked = _at_rest(recording, image, calibration)
     mean = reduced(background.mean)
     g = se2.between(recording.object_pose, recording.sensor_pose)
     episode, frame = _contacts(recording.contact & np.isfinite(g).all(axis=1))
-    images = [read(_image(recording, int(index))) for index in frame]
+    images = [_without(is_marked, image(index)) for index in frame.tolist()]
     direction, place, kind = _geometry(recording, g[frame])
     return Samples(
-        np.array([difference(image, mean) for image in images], dtype=np.float16).reshape(-1, *mean.shape),
+        np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
         episode,
         frame,
         g[frame, 2],
-        direction,
+        calibration.direction.told(direction) if calibration else direction,
         place,
         kind,
-        np.array([ellipse_features(image, background) for image in images]).reshape(-1, 6),
+        np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
     )
 
 
-def _read(numbered: tuple[int, Path]) -> tuple[int, tuple[Samples, SensorProfile] | str]:
+def _at_rest(
+    recording: Recording, image: Callable[[int], Image], calibration: Calibration | None
+) -> tuple[Background, bool]:
+    """The untouched gel without markers, and whether it has some.
+
+    It is that of a recording, whose images are had by number, or of the unit where that shows none.
+    """
+    name = recording.file or "the recording"
+    known, sensor = calibration and calibration.background, turned_as(recording.sensor, calibration)
+    size = sensor.image_height, sensor.image_width
+    if known and known.mean.shape[:2] != size:
+        raise FileError(f"{name}: has images of {size}, the calibration {known.mean.shape[:2]}; rows and columns")
+    assert recording.contact is not None
+    untouched = np.flatnonzero(~recording.contact)
+    if len(untouched) < 2 and known:
+        is_marked = has_markers(known.mean)
+        return replace(known, mean=_without(is_marked, known.mean)), is_marked
+    if len(untouched) < 2:
+        raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
+    chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
+    images = [image(index) for index in chosen.tolist()]
+    is_marked = has_markers(images[0])
+    return background_of([_without(is_marked, each) for each in images]), is_marked
+
+
+def _without(is_marked: bool, image: AnyImage) -> AnyImage:
+    return without_markers(image) if is_marked else image
+
+
+def _read(
+    numbered: tuple[int, Path], calibration: Calibration | None
+) -> tuple[int, tuple[Samples, SensorProfile] | str]:
     number, file = numbered
     try:
         recording = load_recording(file)
-        return number, (samples_of(recording, number), recording.sensor)
+        return number, (samples_of(recording, number, calibration), turned_as(recording.sensor, calibration))
     except FileError as error:
         return number, str(error)
-
-
-def _image(recording: Recording, index: int) -> NDArray[np.uint8]:
-    image = recording[index].image
-    assert image is not None
-    return image
 
 
 def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
@@ -150,8 +188,8 @@ def _geometry(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
     """Angle of the contact on the tip (N,), its place along y (N,) and its kind (N,), from the outline."""
     touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0, :, 0]
     touched = touch["point"] - touch["gap"] * touch["normal"]
-    kinds = _kinds(recording.shape, np.stack([touched.real, touched.imag], axis=1))
-    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), touch["material"].imag, kinds
+    kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
+    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds
 
 
 def _kinds(shape: Shape, touched: Array) -> Indices:

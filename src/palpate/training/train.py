@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import whole_file
 from palpate.locks import held_folder
 from palpate.recording.sensor import SensorProfile
+from palpate.touch.calibration import Calibration
 from palpate.touch.model import ModelSettings, TouchModel, write_model
 from palpate.training import figures
 from palpate.training.export import exported, restore
@@ -63,17 +65,19 @@ def train(
     start: Path | None = None,
     test: Sequence[Path] = (),
     resume: bool = False,
+    calibration: Calibration | None = None,
 ) -> dict[str, Any]:
     """Train a touch model on recordings, write its folder and return what it is worth; see `results.judge`.
 
     Besides the model, `out` gets the folder `training`: logs, checkpoints, `results.json` and figures. The results are
     of the recordings `test`, or, where there are none, of a share of `files` that is left out. With `start`, a model
     folder, its touch network is trained on, and how far that is to be believed is measured anew; its key points stay.
-    With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars of a title and a
-    total. Raises FileError on files and folders, SettingError where there is too little to learn from.
+    With `calibration`, of the unit that all recordings are of, images are seen as it says, and the model goes with it:
+    tracking takes both. With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars
+    of a title and a total. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
     with held_folder(out, "the folder of a model"):
-        return _train(files, out, _free(out, resume), settings, bar, start, test)
+        return _train(files, out, free_folder(out, resume), settings, bar, start, test, calibration)
 
 
 def _train(
@@ -84,11 +88,13 @@ def _train(
     bar: Bar,
     start: Path | None,
     test: Sequence[Path],
+    calibration: Calibration | None,
 ) -> dict[str, Any]:
     base = None if start is None else TouchModel(start)
     with bar("reading recordings", len(files) + len(test)) as progress:
-        samples, sensor, failed = read_samples(files, settings.workers, progress)
-        tested = read_samples(test, settings.workers, lambda done: progress(len(files) + done)) if test else None
+        read = partial(read_samples, workers=settings.workers, calibration=calibration)
+        samples, sensor, failed = read(files, progress=progress)
+        tested = read(test, progress=lambda done: progress(len(files) + done)) if test else None
     if tested is not None:
         _check_sensor("recordings to judge by", tested[1].name, (tested[1].image_height, tested[1].image_width), sensor)
         failed |= tested[2]
@@ -144,7 +150,12 @@ def _train(
         image_width=sensor.image_width,
         spread=spread,
         linear=base.settings.linear if base else tuple((float(column), float(row)) for column, row in models.linear),
-        training={**asdict(settings), "frames": len(learned), "from": str(start or "")},
+        training={
+            **asdict(settings),
+            "frames": len(learned),
+            "from": str(start or ""),
+            "calibration": str(calibration.file or "") if calibration else "",
+        },
     )
     with whole_file(work / "results.json", overwrite=True) as part:
         part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
@@ -180,8 +191,8 @@ def _check_sensor(what: str, name: str, size: tuple[int, int], sensor: SensorPro
         )
 
 
-def _free(out: Path, resume: bool) -> Path:
-    """The folder for the work in a model's folder; FileError unless a model may be made there."""
+def free_folder(out: Path, resume: bool) -> Path:
+    """Return the folder for the work in a model's folder; FileError unless a model may be made there."""
     work = out / WORK
     if (out / "model.json").exists():
         raise FileError(f"{out}: holds a model already; take another folder")

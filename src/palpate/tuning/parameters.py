@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import Any, get_args
+from typing import Any
 
 from palpate.errors import SettingError
 from palpate.estimation.setting import Tunable
 from palpate.estimation.settings import NoiseSettings
-from palpate.touch.modes import TELL_DIRECTION, TELL_TURN, Tactile
+from palpate.touch.modes import TELL_DIRECTION, TELL_TURN
 from palpate.tracker_settings import TrackerSettings
 
 PRESSURE = "pressure"
@@ -40,7 +40,8 @@ def tunable() -> dict[str, Tunable]:
 
 
 def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evaluations: int = 1) -> tuple[str, ...]:
-    """Return what is tuned, by default what is usual in the tactile mode; a kernel that is off stays off.
+    """Return what is tuned, by default what is usual in the tactile mode, where auto is
+    learnt and oracle; a kernel that is off stays off.
 
     Raises SettingError on a parameter that is not known or off, and on fewer than 1 evaluations.
     """
@@ -49,12 +50,11 @@ def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evalu
     for name in names:
         if name != PRESSURE:
             value_of(settings, name)
+    modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
     return tuple(dict.fromkeys(names)) or tuple(
         name
         for name, tune in tunable().items()
-        if tune.usual
-        and settings.tactile in _ONLY_IN.get(name, get_args(Tactile))
-        and _setting(settings, name) is not None
+        if tune.usual and modes & set(_ONLY_IN.get(name, modes)) and _setting(settings, name) is not None
     )
 
 

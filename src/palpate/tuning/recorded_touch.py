@@ -18,10 +18,11 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
+from palpate.study.files import group_of
 from palpate.touch.background import Background
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel, shipped_model
-from palpate.touch.modes import Tactile, make_touch
+from palpate.touch.modes import Tactile, TactileChoice, make_touch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import first_pose_of
@@ -42,16 +43,23 @@ class RecordedTouch:
     """world_T_object (N, 3) [m, m, rad]; NaN where it is not known or jumps away and back."""
     measurements: tuple[Said, ...] | None
     """What each frame says, nothing out of contact; None for a mode that needs no images."""
+    tactile: Tactile | None = None
+    """What touch says of it; None is what the settings say that it is tracked with."""
+    kind: str = ""
+    """Which kind of recording it is, all of which count the same in tuning."""
 
 
-def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | None = None) -> RecordedTouch:
+def record_touch(recording: Recording, tactile: TactileChoice, model: TouchModel | None = None) -> RecordedTouch:
     """Record what all frames say, by default with the model that comes with palpate.
 
-    Raises SettingError where ground truth, or what tells contact or the mode needs, is missing, or where nothing is
-    touched while truth is known; EstimationError and FileError on images that cannot be used.
+    With `auto` that is learnt where there are images, and else the oracle's. Raises SettingError where ground truth, or
+    what tells contact or the mode needs, is missing, or where nothing is touched while truth is known; EstimationError
+    and FileError on images that cannot be used.
     """
     name = recording.file or "the recording"
     known = trusted_truth(recording)
+    if tactile == "auto":
+        tactile = "oracle" if recording.image is None else "learnt"
     learnt = tactile.startswith("learnt")
     if recording.object_pose is None or not known.any():
         raise SettingError(f"{name}: has no ground truth, which noise is learned from")
@@ -70,19 +78,20 @@ def record_touch(recording: Recording, tactile: Tactile, model: TouchModel | Non
     if not (contact & known).any():
         raise SettingError(f"{name}: is never in contact where ground truth is known, so there is nothing to score")
     truth = np.where(known[:, None], recording.object_pose, np.nan)
-    return RecordedTouch(replace(recording, image=None, contact=contact), truth, measurements)
+    return RecordedTouch(replace(recording, image=None, contact=contact), truth, measurements, tactile)
 
 
 def record_touch_of_files(
     files: Mapping[str, Path],
-    tactile: Tactile,
+    tactile: TactileChoice,
     model: TouchModel | None = None,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[dict[str, RecordedTouch], dict[str, str]]:
     """Record the touch of recordings by their names, and say of those that cannot be used why, both in the order given.
 
-    `progress` is called with the number done. Raises FileError where none can be used.
+    Their kinds are those of `study.files.group_of`: the folders that they lie in. `progress` is called with the number
+    done. Raises FileError where none can be used.
     """
     found: dict[str, RecordedTouch] = {}
     left_out: dict[str, str] = {}
@@ -101,11 +110,11 @@ def record_touch_of_files(
 
 
 def _record_touch_of_file(
-    item: tuple[str, Path], tactile: Tactile, model: TouchModel | None
+    item: tuple[str, Path], tactile: TactileChoice, model: TouchModel | None
 ) -> tuple[str, RecordedTouch | str]:
     name, path = item
     try:
-        return name, record_touch(load_recording(path), tactile, model)
+        return name, replace(record_touch(load_recording(path), tactile, model), kind=group_of(name))
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
 
@@ -119,6 +128,7 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     recording = recorded.recording
     first, sigma = first_pose_of(recording, settings.noise)
     touch = None if recorded.measurements is None else _Remembered(recording.time, recorded.measurements)
+    settings = settings if recorded.tactile is None else replace(settings, tactile=recorded.tactile)
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
     estimates = [tracker.update(frame) for frame in recording]
     return Trajectory(
@@ -166,8 +176,9 @@ def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | 
     touching = False
     for frame in recording:
         assert frame.image is not None
-        frame = replace(frame, image=detector.read(frame.image))
-        was, touching = touching, detector.update(frame.image)
+        image = detector.read(frame.image)
+        frame = replace(frame, image=image)
+        was, touching = touching, detector.update(image)
         if was and not touching:
             touch.end_contact()
         yield touching, tuple(touch.measure(frame)) if touching and model is not None else ()

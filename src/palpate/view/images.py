@@ -10,7 +10,7 @@ from palpate.recording.recording import Recording
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, view_of
 from palpate.touch.detector import detector_for
-from palpate.touch.difference import difference, reduced
+from palpate.touch.difference import difference_in_light, reduced
 
 Image = NDArray[np.uint8]
 
@@ -32,7 +32,7 @@ def seen(image: Image, background: Background) -> Image:
     """Return what the model sees of an image (height, width, 3), in as many pixels: grey is as the gel is untouched."""
     import cv2
 
-    levels = _GREY + _CONTRAST * difference(image, reduced(background.mean))
+    levels = _GREY + _CONTRAST * difference_in_light(image, reduced(background.mean))
     levels = np.clip(levels, 0.0, 255.0).astype(np.uint8)
     return np.asarray(cv2.resize(levels, image.shape[1::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
 

@@ -1,0 +1,113 @@
+"""How bright the light in an image is, relative to that of the untouched gel.
+
+It is told by cells, the means over areas of an image, 30 across: they have less noise than pixels, so that a touch of
+0.1 mm shows, and the gel spreads every touch over more than a cell of 0.6 mm.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.compiled import Records, compiled
+from palpate.touch.area import area_means
+
+Levels = NDArray[np.float32]
+Light = NDArray[np.float64]
+"""(channels, 3): how bright the light is in the middle of an image, 1 as untouched, and by how much brighter at its
+right and its lower border."""
+
+_CELLS = 30  # over the shorter side
+_SAMPLES = 3  # across a cell, where thin lines are left out
+_NEIGHBOURS = 5  # samples across, the middle one of which is taken: a line of half a cell is less than half of them
+_FLAT = 2.0  # [grey levels] of a cell off the light's plane, above which it hardly tells of the light
+_FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the light's plane, and the change of light that is none
+_DIMMEST, _BRIGHTEST = 0.3, 3.0  # times the untouched gel's light
+
+
+def cell_width(height: int, width: int) -> float:
+    """Return how many pixels the cells of an image are across."""
+    return max(min(height, width) / _CELLS, 1.0)
+
+
+def cells_of(image: NDArray[np.uint8] | Levels) -> Levels:
+    """Return the means over the cells of an image (height, width, 3): (rows, columns, 3)."""
+    height, width = image.shape[:2]
+    pixels = cell_width(height, width)
+    return area_means(image, round(height / pixels), round(width / pixels))
+
+
+def wide_cells_of(image: NDArray[np.uint8]) -> Levels:
+    """Return the cells of an image (height, width, 3) without what is thinner than half a cell, as a scratch is.
+
+    The gel spreads every touch over more. Images of few pixels stay as they are.
+    """
+    import cv2
+
+    height, width = image.shape[:2]
+    thinned = cell_width(height, width) / _SAMPLES
+    if thinned < 1.0:
+        return cells_of(image)
+    size = round(width / thinned), round(height / thinned)
+    samples = cv2.medianBlur(cv2.resize(image, size, interpolation=cv2.INTER_AREA), _NEIGHBOURS)
+    return area_means(np.asarray(samples, np.uint8), *(round(count / _SAMPLES) for count in size[::-1]))
+
+
+def light_of(cells: Levels, untouched: Levels) -> Light:
+    """Return the light in an image's cells (rows, columns, 3), relative to that in the untouched gel's.
+
+    It is a plane over the image for each channel, fitted robustly: a touch of less than half of the pad does not sway
+    it.
+    """
+    return _planes(cells, untouched)
+
+
+def lit(untouched: Levels, light: Light) -> Levels:
+    """Return the untouched gel's levels (height, width, 3), of any size, in another light."""
+    height, width = untouched.shape[:2]
+    right, down = ((np.arange(count) * 2.0 + 1.0) / count - 1.0 for count in (width, height))
+    plane = light[:, 0] + right[:, None] * light[:, 1] + down[:, None, None] * light[:, 2]
+    return untouched * np.clip(plane, _DIMMEST, _BRIGHTEST).astype(np.float32)
+
+
+def share_unlike(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
+    """Return the share of values that are off the untouched gel's, in the image's light, by more than a tolerance."""
+    return float((np.abs(cells - lit(untouched, light_of(cells, untouched))) > tolerance).mean())
+
+
+@compiled
+def _planes(cells: Records, untouched: Records) -> Records:
+    """See light_of. By reweighted least squares: what is off the plane by more than _FLAT counts for little."""
+    rows, columns, channels = cells.shape
+    planes = np.zeros((channels, 3))
+    ratio = np.empty(rows * columns)
+    for channel in range(channels):
+        for row in range(rows):
+            for column in range(columns):
+                level = max(untouched[row, column, channel], 1.0)
+                ratio[row * columns + column] = cells[row, column, channel] / level
+        middle, right, down = np.median(ratio), 0.0, 0.0
+        for _ in range(_FITS):
+            square, pull = np.eye(3), np.zeros(3)  # with ones, so that a black channel has a fit
+            for row in range(rows):
+                y = 2.0 * (row + 0.5) / rows - 1.0
+                for column in range(columns):
+                    x = 2.0 * (column + 0.5) / columns - 1.0
+                    level = np.float64(untouched[row, column, channel])
+                    off = cells[row, column, channel] - (middle + right * x + down * y) * level
+                    part = level / (1.0 + (off / _FLAT) ** 2)
+                    weight, part = part * level, part * off
+                    square[0, 0] += weight
+                    square[0, 1] += weight * x
+                    square[0, 2] += weight * y
+                    square[1, 1] += weight * x * x
+                    square[1, 2] += weight * x * y
+                    square[2, 2] += weight * y * y
+                    pull[0] += part
+                    pull[1] += part * x
+                    pull[2] += part * y
+            square[1, 0], square[2, 0], square[2, 1] = square[0, 1], square[0, 2], square[1, 2]
+            step = np.linalg.solve(square, pull)
+            middle, right, down = middle + step[0], right + step[1], down + step[2]
+            if np.abs(step).max() < _SETTLED:
+                break
+        planes[channel] = middle, right, down
+    return planes

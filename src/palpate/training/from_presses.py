@@ -1,0 +1,99 @@
+"""A touch model of directions alone, from presses at known angles: for a round-tipped sensor without recordings."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.locks import held_folder
+from palpate.recording.sensor import SensorProfile
+from palpate.touch.difference import difference, reduced
+from palpate.touch.model import KINDS, ModelSettings, Spread, write_model
+from palpate.touch.presses import SPREAD, Presses
+from palpate.training.export import exported_direction
+from palpate.training.fit import FitSettings
+from palpate.training.learn import learn_direction
+from palpate.training.networks import DirectionNetwork
+from palpate.training.pairs import batch
+from palpate.training.samples import Samples
+from palpate.training.scores import coverage, spread_of
+from palpate.training.train import Bar, free_folder
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+FEWEST = 50
+"""Presses from which directions can be learnt."""
+STEPS = 300
+"""Of the descent, if nothing else is said."""
+_HELD_OUT = 0.15  # share of presses that the model is judged by
+_TOGETHER = 19.0  # frames in a row that err together: as with the DIGIT's model, for presses do not tell
+
+
+def train_on_presses(
+    presses: Presses,
+    untouched: Sequence[Image],
+    sensor: str,
+    out: Path,
+    bar: Bar,
+    seed: int = 0,
+    steps: int | None = None,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Train a model on presses, write its folder and return how far it is off on presses that were left out.
+
+    untouched are images of the gel at rest, as large as the presses', and sensor is the name of the profile that the
+    model is for. Raises FileError on too few presses, on ones too close together and on images of different sizes.
+    """
+    count = len(presses.images)
+    if count < FEWEST:
+        raise FileError(f"found {count} presses; at least {FEWEST} are needed to learn from")
+    if (apart := float(np.ptp(presses.angle))) < SPREAD:
+        found = f"found presses within {np.degrees(apart):.1f} degrees"
+        raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
+    size = presses.images[0].shape
+    for name, image in (*zip(presses.names, presses.images, strict=True), *(("untouched", one) for one in untouched)):
+        if image.shape != size:
+            raise FileError(f"{name}: image is {image.shape[:2]}, {presses.names[0]} {size[:2]}; all must be alike")
+    with held_folder(out, "the folder of a model"):
+        work = free_folder(out, resume)
+        work.mkdir(exist_ok=True)
+        profile = SensorProfile(sensor, radius=0.0, image_height=size[0], image_width=size[1])
+        samples = samples_of_presses(presses, untouched)
+        held = np.zeros(count, bool)
+        held[np.random.default_rng(seed).permutation(count)[: round(_HELD_OUT * count)]] = True
+        torch.manual_seed(seed)
+        network, settings = DirectionNetwork(), FitSettings(steps=steps or STEPS, check=25)
+        learned, judged = samples.of(~held), samples.of(held)
+        with bar("direction", settings.steps) as progress:
+            learn_direction(network, learned, judged, profile, seed, work, settings, progress)
+        with torch.no_grad():
+            told = network(batch(judged, np.arange(len(judged)))).numpy().astype(np.float64)
+        error, variance = told[:, 0] - judged.direction, np.exp(told[:, 1])
+        scale = spread_of(error, variance, judged.episode).scale
+        nothing = tuple((0.0, 0.0) for _ in KINDS)
+        training = {"seed": seed, "steps": settings.steps, "presses": count}
+        told_of = {"direction": Spread(scale, _TOGETHER)}
+        model = ModelSettings(sensor, size[0], size[1], told_of, nothing, training)
+        write_model(out, model, exported_direction(network))
+    return {
+        "presses": count,
+        "held_out": int(held.sum()),
+        "rms_deg": float(np.degrees(np.sqrt(np.mean(error**2)))),
+        "median_deg": float(np.degrees(np.median(np.abs(error)))),
+        "coverage": {f"{share:g}": found for share, found in coverage(error, variance * scale).items()},
+    }
+
+
+def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:
+    """Return what networks see of presses, each a contact of its own, of which nothing is known but its direction."""
+    mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
+    seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
+    count = len(seen)
+    each, nothing = np.arange(count), np.zeros(count)
+    kind = np.zeros(count, int)
+    return Samples(seen, each, each, kind, nothing, presses.angle, nothing, kind, np.zeros((count, 6)))

@@ -1,0 +1,49 @@
+"""Brief touches where nothing should be: they may be none, and the object may have been moved."""
+
+import numpy as np
+import pytest
+from push_samples import frames, in_two_contacts
+from tracker_samples import nees, poses, settings, statuses, track
+
+from palpate.geometry import se2
+
+STEPS, AWAY = 30, 10  # frames of a contact but its first, and between the two
+BEGIN = STEPS + 4
+
+
+def touched(contact: np.ndarray, false: int) -> np.ndarray:
+    """Flags that tell so many frames of contact too many, in the middle of the rest."""
+    flags = contact.copy()
+    flags[BEGIN : BEGIN + false] = True
+    return flags
+
+
+@pytest.mark.parametrize("false", [1, 4])
+def test_what_was_known_before_a_false_touch_goes_on_beside_it(false):
+    o, e, contact = in_two_contacts("disc", STEPS)
+    how = settings("oracle", "fixed-lag")
+    expected = poses(track("disc", frames(o, e, contact), o[0], how)[1])
+    tracker, found = track("disc", frames(o, e, touched(contact, false)), o[0], how)
+    after, again = BEGIN + false, STEPS + AWAY + 1
+    assert set(statuses(found)[BEGIN:after]) <= {"displaced", "uncertain", "ambiguous"}
+    # The best answer is that there was none; the other is told, and the region spans both.
+    assert set(statuses(found)[after:again]) == {"ambiguous"}
+    np.testing.assert_array_equal(poses(found)[:BEGIN], expected[:BEGIN])
+    np.testing.assert_array_equal(poses(found)[after:again], expected[after:again])
+    assert 0.5 <= found[after].answers[0].weight < 0.8  # half, and that of answers there is no room for
+    # The next contact finds the object where it was.
+    assert np.abs(poses(found)[-1] - expected[-1])[:2].max() < 2e-3
+    assert len(tracker.smoothed()) == len(o)
+
+
+def test_a_brief_touch_of_an_object_that_was_moved_is_not_forgotten():
+    o, e, contact = in_two_contacts("disc", STEPS)
+    moved = np.array([0.02, 0.0, 0.0])
+    rest = np.arange(len(o)) > STEPS
+    o[rest], e[rest] = se2.compose(moved, o[rest]), se2.compose(moved, e[rest])
+    again = STEPS + AWAY + 1
+    contact[again + 3 : again + 6] = False  # three frames of touch, three of none, and touch again
+    estimates = track("disc", frames(o, e, contact), o[0], settings("oracle", "fixed-lag"))[1]
+    assert statuses(estimates)[again + 3 : again + 6] == ["ambiguous"] * 3
+    assert (nees(estimates, o)[again + 3 :] < 7.8).all()
+    assert np.hypot(*(poses(estimates)[-1] - o[-1])[:2]) < 0.01

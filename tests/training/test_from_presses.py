@@ -1,0 +1,84 @@
+"""A model of directions alone, from presses on a wall."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from palpate.cli.main import main
+from palpate.errors import FileError, SettingError
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import ContactDirection
+from palpate.simulation.pins import PIN_DOME, draw_dome, press
+from palpate.touch.background import Background
+from palpate.touch.difference import difference, reduced
+from palpate.touch.model import TouchModel
+from palpate.touch.modes import chosen, make_touch
+from palpate.touch.presses import Presses
+from palpate.training.from_presses import samples_of_presses, train_on_presses
+
+RNG = np.random.default_rng(0)
+DOME = draw_dome(0)
+STILL = press(DOME, None, RNG)
+ANGLES = RNG.uniform(-0.7, 0.7, 60)
+IMAGES = tuple(press(DOME, angle, RNG) for angle in ANGLES)
+GIVEN = Presses(IMAGES, ANGLES, tuple(f"{i}.png" for i in range(60)))
+SIGMAS = (1.0, 1.0, 1.0)
+
+
+def test_the_way_from_a_table_of_grey_images_to_measurements(tmp_path, capsys):
+    for name, image in zip(GIVEN.names, GIVEN.images, strict=True):
+        cv2.imwrite(str(tmp_path / name), image[..., 0])
+    cv2.imwrite(str(tmp_path / "still.png"), STILL[..., 0])
+    table = tmp_path / "presses.csv"
+    rows = [f"{name},{np.degrees(angle)}" for name, angle in zip(GIVEN.names, ANGLES, strict=True)]
+    table.write_text("\n".join(["file,angle_deg", *rows]))
+    out = tmp_path / "model"
+    given = [str(table), "--untouched", str(tmp_path / "still.png"), "--out", str(out), "--steps", "2"]
+    assert main(["train", *given]) == 2
+    assert "presses take --untouched and --sensor" in capsys.readouterr().err
+    assert main(["train", *given, "--sensor", "pin dome"]) == 0
+    assert "of 9 presses that were left out, directions are off by" in capsys.readouterr().out
+    model = TouchModel(out)
+    assert model.settings.sensor == "pin dome" and not model.tells_turns
+    assert sorted(path.name for path in out.glob("*.onnx")) == ["touch.onnx"]
+    look = model.look(difference(IMAGES[0], reduced(STILL)))
+    assert look.turn is look.descriptor is look.place is None
+    gel = Background(STILL.astype(np.float32), np.ones(STILL.shape, np.float32))
+    frame = Frame(0.0, np.zeros(3), IMAGES[0])
+    for tactile in ("learnt", "learnt-direction"):
+        (said,) = make_touch(tactile, PIN_DOME, SIGMAS, SIGMAS, model, lambda: gel).measure(frame)
+        assert isinstance(said, ContactDirection)
+    with pytest.raises(SettingError, match="learnt from presses, which tell directions alone"):
+        make_touch("learnt-turn", PIN_DOME, SIGMAS, SIGMAS, model, lambda: gel)
+    assert chosen(STILL, PIN_DOME, model)[0] == "learnt"  # though it is grey
+
+
+def test_samples_are_of_presses_that_have_nothing_in_common():
+    samples = samples_of_presses(GIVEN, [STILL])
+    assert len(np.unique(samples.episode)) == 60
+    np.testing.assert_array_equal(samples.direction, ANGLES)
+    np.testing.assert_allclose(samples.difference[3], difference(IMAGES[3], reduced(STILL)), atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"images": IMAGES[:10], "angle": ANGLES[:10]}, "found 10 presses; at least 50"),
+        ({"angle": 0.01 * ANGLES}, r"found presses within 0\.8 degrees"),
+        ({"images": (*IMAGES[:-1], IMAGES[0][:100])}, r"59\.png: image is \(100, 320\), 0\.png \(240, 320\)"),
+    ],
+)
+def test_presses_that_cannot_be_learnt_from(tmp_path, changed, message):
+    with pytest.raises(FileError, match=message):
+        train_on_presses(dataclasses.replace(GIVEN, **changed), [STILL], "dome", tmp_path / "model", lambda *_: None)  # type: ignore[arg-type,return-value]
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_press_moves_the_pins_near_it():
+    for angle in (-0.5, 0.0, 0.5):
+        moved = np.abs(press(DOME, angle, RNG).astype(float) - STILL).mean(axis=(0, 2))
+        columns = np.arange(320)
+        middle = (columns * (moved - moved.min())).sum() / (moved - moved.min()).sum()
+        assert abs(middle - (159.5 + 100.0 * np.sin(angle))) < 40.0
