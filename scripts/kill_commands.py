@@ -39,8 +39,8 @@ from palpate.estimation.warm_up import warm_up
 from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.simulation.scene import load_mujoco
 from palpate.study import report  # noqa: F401
-from palpate.training import features, heads, learn, results, train
 from palpate.tracking import steps
+from palpate.training import features, heads, learn, results, train
 from palpate.training.fit import FitSettings
 from palpate.tuning import tuning  # noqa: F401
 
