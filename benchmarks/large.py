@@ -2,10 +2,10 @@
 
     python benchmarks/large.py --gigabytes 5 --folder /tmp
 
-A simulated push is played forwards and backwards until the file is large enough, its images as PNG that are not
-compressed. It is tracked by a process of its own, whose memory is looked at several times a second together with that
-of all processes that it starts. What is printed as JSON is the most that there was: `rss_mb`, in which pages that
-processes share count for each of them, and `pss_mb`, in which they count once. The file is removed.
+A simulated push is so long that its images, as PNG that are not compressed, make such a file; 5 GB are nine minutes. It
+is tracked by a process of its own, whose memory is looked at several times a second together with that of all processes
+that it starts. What is printed as JSON is the most that there was: `rss_mb`, in which pages that processes share count
+for each of them, and `pss_mb`, in which they count once. The file is removed.
 """
 
 import json
@@ -18,48 +18,45 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import numpy as np
 import psutil
 import tyro
-from numpy.typing import NDArray
 
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.objects import SHAPES
 from palpate.recording.recording import Recording
+from palpate.recording.sensor import DIGIT
+from palpate.recording.stored_images import StoredImages
 from palpate.simulation.recordings import simulate_recording
 
+BYTES = 300_000
+"""Of an image."""
 LOOK = 0.2
 """[s] between looks at the memory."""
 MB = 1e6
 
 
+class Enlarged(StoredImages):
+    """Images as PNG that are not compressed, with zeros after their end up to BYTES; each is made when it is read."""
+
+    def __init__(self, push: Recording) -> None:
+        self._push = push
+
+    def __len__(self) -> int:
+        return len(self._push)
+
+    def read(self, index: int) -> bytes:
+        """The bytes of one image."""
+        image = self._push[index].image
+        assert image is not None
+        done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 0])
+        assert done
+        return data.tobytes().ljust(BYTES, b"\0")
+
+
 def long_recording(size: float) -> Recording:
-    """A recording whose images have so many bytes."""
-    push = simulate_recording(SHAPES["rectangle"], "rectangle-edges", 1, 10.0)
-    images = [_uncompressed(frame.image) for frame in push if frame.image is not None]
-    there_and_back = [*range(len(push)), *reversed(range(len(push)))]
-    rounds = int(np.ceil(size / (2 * sum(map(len, images)))))
-    order = np.array(there_and_back * rounds)
-    truth = push.object_pose
-    assert truth is not None
-    return replace(
-        push,
-        time=np.arange(len(order)) / push.sensor.rate,
-        sensor_pose=push.sensor_pose[order],
-        object_pose=truth[order],
-        contact=None,
-        episode=None,
-        image=tuple(images[index] for index in order.tolist()),  # each is there but once
-        codec="png",
-        extra={},
-    )
-
-
-def _uncompressed(image: NDArray[np.uint8]) -> bytes:
-    """The image (height, width, 3) RGB as a large PNG."""
-    done, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 0])
-    assert done
-    return data.tobytes()
+    """A push whose images have so many bytes together."""
+    push = simulate_recording(SHAPES["rectangle"], "rectangle-edges", 1, size / BYTES / DIGIT.rate)
+    return replace(push, image=Enlarged(push), codec="png", contact=None, episode=None, extra={})
 
 
 def most_memory(words: Sequence[str]) -> dict[str, float]:

@@ -18,6 +18,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -39,8 +40,8 @@ from palpate.estimation.warm_up import warm_up
 from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.simulation.scene import load_mujoco
 from palpate.study import report  # noqa: F401
-from palpate.training import features, heads, learn, results, train
 from palpate.tracking import steps
+from palpate.training import features, heads, learn, results, train
 from palpate.training.fit import FitSettings
 from palpate.tuning import tuning  # noqa: F401
 
@@ -116,6 +117,8 @@ def begin(words: str, folder: Path) -> int:
         os.dup2(said, 1)
         os.dup2(said, 2)
         code = main.main(words.split())
+    except Exception:
+        traceback.print_exc()
     finally:
         sys.stderr.flush()
         os._exit(code)

@@ -103,6 +103,14 @@ def whole_folder(folder: Path, keep: str = "") -> Iterator[Path]:
             remove_empty([part, *made])
 
 
+def remove_left_of(folder: Path) -> None:
+    """Remove what a killed process left beside a folder that is whole; FileError where another process writes it."""
+    part = part_of(folder)
+    if part.exists():
+        with held(part, folder, folder=True):
+            shutil.rmtree(part, ignore_errors=True)
+
+
 def _clear(folder: Path, keep: str) -> None:
     """Remove all that is in a folder but the file named `keep`."""
     for left in folder.iterdir():

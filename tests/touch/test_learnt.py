@@ -40,6 +40,7 @@ class StandIn:
         linear=((0.5, 0.0), (2.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
     )
     linear = TouchModel.linear
+    tells_turns = True
 
     @staticmethod
     def level(difference: Any) -> float:

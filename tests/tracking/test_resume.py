@@ -106,9 +106,12 @@ def test_the_command_goes_on_and_keeps_what_is_whole(recording, tmp_path, monkey
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
     assert not (tmp_path / ".out.part").exists()
     before = (tmp_path / "out" / "summary.json").stat().st_mtime_ns
+    (tmp_path / ".out.part").mkdir()
+    (tmp_path / ".out.part" / "state.npz").write_bytes(b"of a process that was killed at its last move")
     capsys.readouterr()
     assert main([*words, "out", "--resume", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 45
+    assert not (tmp_path / ".out.part").exists()
     assert (tmp_path / "out" / "summary.json").stat().st_mtime_ns == before
     assert main([*words, "out", "--resume", "--smoother", "batch"]) == 2
     assert "holds a run with another smoother" in capsys.readouterr().err

@@ -26,6 +26,7 @@ END = 0.005
 _SIGNIFICANT = 4.0  # standard deviations, as in the paper
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
 _OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.45 at most
+_THIN = 0.5  # share of that which is left without thin lines where a scratch is seen and no touch
 _SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
 _FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an image that shows nothing
 _SPARSE = 8  # pixels, of which one is looked at for that
@@ -157,7 +158,8 @@ class ContactDetector:
             return share
         if self._wide_cells is None:  # most frames do without
             self._wide_cells = wide_cells_of(np.rint(background.mean).astype(np.uint8))
-        return share_unlike(wide_cells_of(image), self._wide_cells, self._tolerance)
+        wide = share_unlike(wide_cells_of(image), self._wide_cells, self._tolerance)
+        return wide if wide < _THIN * share else share
 
 
 def _is_flat(image: Image | Levels) -> bool:

@@ -6,7 +6,7 @@ between sensor and object as learnt up to each frame, with its standard deviatio
 """
 
 import csv
-import io
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +27,12 @@ _FRICTION = ("time", "friction", "deviation")
 
 def write_answers(time: Array, answers: Answers, path: Path) -> None:
     """Write the answers at times (N,) [s], none where there is one only."""
-    rows = [
+    rows = (
         (when, one.weight, *one.pose, *one.covariance[UPPER])
         for when, several in zip(time, answers, strict=True)
         for one in several
-    ]
-    _write(path, _ANSWERS, np.array(rows).reshape(-1, len(_ANSWERS)))
+    )
+    _write(path, _ANSWERS, rows)
 
 
 def read_answers(path: Path, time: Array) -> Answers:
@@ -60,13 +60,12 @@ def read_friction(path: Path, time: Array) -> Array:
     return rows[:, 1:]
 
 
-def _write(path: Path, columns: tuple[str, ...], rows: Array) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([repr(float(value)) for value in row] for row in rows)
-    with whole_file(path) as part:
-        part.write_text(text.getvalue(), encoding="utf-8")
+def _write(path: Path, columns: tuple[str, ...], rows: Iterable[Iterable[float]]) -> None:
+    """Write rows as they come: there may be many more answers than frames."""
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([repr(float(value)) for value in row] for row in rows)
 
 
 def _read(path: Path, columns: tuple[str, ...]) -> Array:

@@ -53,7 +53,7 @@ class Run:
     model: TouchModel | None
     """What felt, where touch was learnt."""
     calibration: Calibration | None
-    """What the untouched sensor looks like, where it was given and not taken from the first frames."""
+    """What the untouched sensor looks like, where it was given or found after a recording began in contact."""
     first_pose: Array
     """world_T_object that tracking began with, (3,) [m, m, rad]."""
     first_pose_sigma: Array

@@ -10,7 +10,7 @@ from typing import Any
 import palpate
 from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
-from palpate.files import read_json, whole_folder
+from palpate.files import read_json, remove_left_of, whole_folder
 from palpate.formats import estimates_csv, palpate_h5, tum
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
 from palpate.recording.plane import Plane
@@ -61,7 +61,7 @@ def state_file(part: Path) -> Path:
 
 
 def summary_of_whole(folder: Path, file: Path, settings: TrackerSettings) -> dict[str, Any]:
-    """Return the summary of a run that is there already.
+    """Return the summary of a run that is there already, and remove what a killed process left beside it.
 
     Raises FileError unless it is of this recording and these settings.
     """
@@ -71,6 +71,7 @@ def summary_of_whole(folder: Path, file: Path, settings: TrackerSettings) -> dic
             raise FileError(
                 f"{folder}: holds a run with another {name}; --force replaces it, --out names another folder"
             )
+    remove_left_of(folder)
     return read_json(folder / "summary.json")
 
 
@@ -115,7 +116,7 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "palpate": palpate.__version__,
         "source": run.recording.source,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
-        "calibration": None if run.calibration is None else str(run.calibration.file),
+        "calibration": str(run.calibration.file) if run.calibration and run.calibration.file else None,
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
