@@ -311,8 +311,9 @@ def expected() -> str:
     """Return README's table of what to expect."""
     rendered, oracle = _real(sequences("rendered"), "recording"), _real(oracle_runs(), "file")
     rows = {
-        "simulated pushes that nothing disturbs": sequences("plain"),
-        "the same, and somebody shoves the object": sequences("knocked"),
+        "simulated pushes, with the errors of a real set-up": sequences("systematic"),
+        "without them": sequences("plain"),
+        "without them, somebody shoves the object": sequences("knocked"),
         "real motion (MIT, CMU), touch images rendered": [row for runs in rendered.values() for row in runs],
         "real pushes by a round tip (MIT), yaw from ground truth": oracle["MIT, not knocked"],
         "the same, knocked by hand": oracle["MIT, knocked by hand"],
