@@ -96,7 +96,8 @@ def test_a_session_without_poses_says_so():
 def test_what_is_refused_is_counted_and_said_once():
     counts, said = run(sources([0.1, 0.2], [0.0, np.nan, np.nan, np.nan, 0.15, 0.1]), FakeTracker())
     assert (counts.poses, counts.refused) == (2, 4)
-    assert len(said) == 1 and "refused, 1 so far: nonsense" in said[0]
+    (refused,) = [text for text in said if "refused" in text]  # a busy machine may also tell of stalls
+    assert "refused, 1 so far: nonsense" in refused
 
 
 def test_a_frame_that_the_tracker_refuses_is_left_out():
