@@ -313,7 +313,7 @@ def expected() -> str:
     rows = {
         "simulated pushes, with the errors of a real set-up": sequences("systematic"),
         "without them": sequences("plain"),
-        "without them, somebody shoves the object": sequences("knocked"),
+        "without them, shoved by somebody": sequences("knocked"),
         "real motion (MIT, CMU), touch images rendered": [row for runs in rendered.values() for row in runs],
         "real pushes by a round tip (MIT), yaw from ground truth": oracle["MIT, not knocked"],
         "the same, knocked by hand": oracle["MIT, knocked by hand"],
