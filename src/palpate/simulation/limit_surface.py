@@ -117,7 +117,7 @@ def draw_residuals(
 def _gap(model: ContactModel, g: Array) -> tuple[Array, Array]:
     """Gap (...) [m] between the first tip and the outline at poses g (..., 3), and the outline's normal (..., 2)."""
     touch = model.touching(np.ascontiguousarray(g).reshape(1, -1, 3))[0, :, 0]
-    normal = np.stack([touch["normal"].real, touch["normal"].imag], axis=-1)
+    normal = np.stack([np.real(touch["normal"]), np.imag(touch["normal"])], axis=-1)
     return touch["gap"].reshape(g.shape[:-1]), normal.reshape(*g.shape[:-1], 2)
 
 
