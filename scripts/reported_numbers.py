@@ -163,6 +163,14 @@ def coverage_facts() -> set[str]:
     return {"95", *(f"{100.0 * share:.0f}" for share in (*shares, mean(oracle, "in_95_contact_share")))}
 
 
+def systematic_facts() -> set[str]:
+    """Return the coverage of pushes of which what is told is wrong all the time, seen outlines and unseen ones."""
+    rows = sequences("systematic")
+    unseen = [row for row in rows if row["group"] not in SEEN]
+    keys = ("in_95_contact_share", "in_95_final")
+    return {"95", *(f"{100.0 * mean(some, key):.0f}" for some in (rows, unseen) for key in keys)}
+
+
 def limits() -> set[str]:
     """Return from where an estimate is wrong, and a sequence lost."""
     return {"95", *(f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG))}
@@ -408,6 +416,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "knocked-facts": knocked_facts,
     "knocked-silent": knocked_silent,
     "coverage-facts": coverage_facts,
+    "systematic-facts": systematic_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "mini-facts": mini_facts,
