@@ -16,6 +16,7 @@ from palpate.touch.steady import UNLIKE, first_frames, is_dark
 _MOMENTS = 60  # half seconds that are looked at at most, evenly spread over the recording
 _LOOKS = 4  # frames of each
 _PLAINER = 0.15  # in how far it has to be plainer than those it is unlike; chance makes less
+_THAN_FIRST = 0.45  # and plainer than the first half second, for a touch that lasts comes back as well
 _SEEN = 2  # times that the untouched gel is seen at least
 _APART = np.float32(4.0)  # [grey levels] between cells that differ
 _SOFT = 10.0  # [grey levels] added before logarithms are taken, for dark cells are noise
@@ -47,9 +48,11 @@ def lift_of(recording: Recording) -> Lift | None:
     looks = [_looks(recording, start, length) for start in starts.tolist()]
     moments = np.array(looks).mean(axis=1)
     unlike = np.array([[_is_unlike(one, other) for one in moments] for other in moments])
-    plainer = np.sum(_plainer(moments) * unlike, axis=1) / np.maximum(np.sum(unlike, axis=1), 1)
+    than_each = _plainer(moments)
+    plainer = np.sum(than_each * unlike, axis=1) / np.maximum(np.sum(unlike, axis=1), 1)
     seen = np.sum(~unlike, axis=1)
     may_be = (plainer > _PLAINER) & (seen >= _SEEN) & [_is_steady(each) for each in looks]
+    may_be &= than_each[:, 0] > _THAN_FIRST
     if not may_be.any():
         return None
     untouched = int(np.argmax(may_be * plainer * seen))
