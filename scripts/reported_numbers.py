@@ -171,6 +171,14 @@ def systematic_facts() -> set[str]:
     return {"95", *(f"{100.0 * mean(some, key):.0f}" for some in (rows, unseen) for key in keys)}
 
 
+def live_facts() -> set[str]:
+    """Return what is said of long live sessions: rate, latency and growth of each."""
+    runs = loaded("docs/study/live.json")
+    latencies = {f"{run['latency_ms'][key]:.0f}" for run in runs.values() for key in ("p50", "p99")}
+    growths = {f"{run['rss_growth_mb']:.0f}" for run in runs.values()}
+    return {*runs, "99", *latencies, *growths}
+
+
 def limits() -> set[str]:
     """Return from where an estimate is wrong, and a sequence lost."""
     return {"95", *(f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG))}
@@ -417,6 +425,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "knocked-silent": knocked_silent,
     "coverage-facts": coverage_facts,
     "systematic-facts": systematic_facts,
+    "live-facts": live_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "mini-facts": mini_facts,
