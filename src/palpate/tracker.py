@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 _ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
 _FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
 _UNFELT = "in contact before it was known how the gel looks untouched: touch tells nothing until the sensor lets go"
-_NEAR, _IN = 3.0, -1.0  # [standard deviations] of the gap to the object below which a sensor may touch it, and does
+_NEAR = 3.0  # [standard deviations] of the gap to the object below which a sensor may touch it
+_IN = 5e-3  # [m] in the object, from which it does: mounting and outline may be off by some millimetres
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
@@ -272,7 +273,7 @@ class Tracker:
             self._was_near |= gap < _NEAR * deviation
         elif felt or not self._was_near:
             self._doubtful = False
-        return self._doubtful and gap < _IN * deviation
+        return self._doubtful and gap < -max(deviation, _IN)
 
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame."""
