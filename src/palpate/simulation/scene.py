@@ -135,7 +135,7 @@ def build_model(
     _add_pusher(mujoco, spec, sensor, row)
     _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), len(row))
     model = spec.compile()
-    set_gel_stiffness(model, settings.gel_stiffness)
+    set_gel(model, settings.gel_friction, settings.gel_stiffness)
     return model, mujoco.MjData(model)
 
 
@@ -253,15 +253,10 @@ def _area(corners: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)).__abs__())
 
 
-def gel_pairs(model: Any) -> list[int]:
-    """Return which pairs of geoms are of gel and object."""
-    return [i for i in range(model.npair) if model.pair(i).name.startswith("part")]
+def set_gel(model: Any, friction: float, stiffness: float) -> None:
+    """Set the contact of gel and object: Coulomb friction and stiffness [N/m].
 
-
-def set_gel_stiffness(model: Any, stiffness: float) -> None:
-    """Set the contact of gel and object so that its normal force at rest is `stiffness` times the indentation.
-
-    Of a flat pad that is so on a patch of it; see _FLAT_STIFFER.
+    The normal force at rest is `stiffness` times the indentation, of a flat pad on a patch of it; see _FLAT_STIFFER.
 
     MuJoCo gives contacts a stiffness k per unit of inertia; at rest f (1 - d) / d A = k d r with the impedance d and
     the inverse inertia A, see "Computation: constraint model" in its documentation. k = 1 / (d t)^2 for critical
@@ -272,6 +267,7 @@ def set_gel_stiffness(model: Any, stiffness: float) -> None:
     of_each = _FLAT_STIFFER / spheres if spheres > 1 else 1.0
     k = of_each * stiffness * (1.0 - _PLIANT) / _PLIANT**2 * inverse_inertia
     time_constant = 1.0 / (_PLIANT * np.sqrt(k))
-    pairs = gel_pairs(model)
+    pairs = [i for i in range(model.npair) if model.pair(i).name.startswith("part")]
+    model.pair_friction[pairs, :2] = friction
     model.pair_solref[pairs] = (time_constant, 1.0)
     model.pair_solimp[pairs] = (_PLIANT, _PLIANT, 0.001, 0.5, 2.0)

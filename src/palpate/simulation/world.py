@@ -9,7 +9,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
-from palpate.simulation.scene import WorldSettings, build_model, gel_pairs, load_mujoco, set_gel_stiffness
+from palpate.simulation.scene import WorldSettings, build_model, load_mujoco, set_gel
 from palpate.simulation.shove import Finger, Shove
 
 Array = NDArray[np.float64]
@@ -64,7 +64,6 @@ class World:
         self._steps = int(np.ceil(1.0 / sensor.rate / settings.time_step - 1e-9))
         self._model.opt.timestep = 1.0 / sensor.rate / self._steps
         self._gel = [i for i in range(self._model.ngeom) if self._model.geom(i).name.startswith("gel")]
-        self._gel_pairs = gel_pairs(self._model)
         self._settings, self._age = settings, 0
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
@@ -127,8 +126,7 @@ class World:
         self._age += 1
         if any(settings.gel_drift):
             friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
-            self._model.pair_friction[self._gel_pairs, :2] = settings.gel_friction * friction
-            set_gel_stiffness(self._model, settings.gel_stiffness * stiffness)
+            set_gel(self._model, settings.gel_friction * friction, settings.gel_stiffness * stiffness)
 
     def _between_frames(self, poses: Array) -> tuple[Array, Array]:
         """Return position and velocity of the pusher's joints at every time step (M, 3)."""
