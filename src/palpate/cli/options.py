@@ -78,7 +78,7 @@ FirstPoseOption = Annotated[
     tyro.conf.arg(
         metavar="X Y THETA",
         help="Object pose at the start [m, m, rad].",
-        help_behavior_hint="(default: from ground truth)",
+        help_behavior_hint="(default: as the recording states it, else from ground truth)",
     ),
 ]
 FirstPoseSigmaOption = Annotated[
