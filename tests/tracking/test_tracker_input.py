@@ -115,7 +115,7 @@ def test_the_settings_that_ship():
         "balance": {"still": 2e-7, "share": 0.013, "kernel": 2.0},
         "friction_cone": {"still": 2e-5, "share": 0.13, "width": 0.03, "kernel": 2.0},
         "priors": {
-            "direction_bias": (0.0, 0.01),
+            "direction_bias": (0.0, 0.02),
             "depth": (3e-4, 4e-4),
             "friction_ratio": (0.2, 0.66),
             "friction_center": (0.0, 0.06),

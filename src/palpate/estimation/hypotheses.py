@@ -109,6 +109,7 @@ class Hypotheses:
         self._most = most if smoother in ("fixed-lag", "batch") else 1
         self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
         self._steps = 0  # of this contact
+        self._heeds_from = 0  # step of this contact from which an alarm is of something new
         self._untouched: list[_Hypothesis] = []  # what there was before it, where nothing was displaced yet
         if self._most > 1 and model.tips == 1:
             places(model)  # found now, not when a contact begins
@@ -197,7 +198,7 @@ class Hypotheses:
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
         if not self.in_contact:
-            self._steps = 0
+            self._steps = self._heeds_from = 0
             self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
             if self._best.estimator.is_displaced or self._most == 1:
                 self._untouched = []
@@ -206,7 +207,8 @@ class Hypotheses:
         self._all = self._touched(sensor_pose, measurements, time)
         self._steps += 1
         if self._most > 1:
-            if not any(one.open for one in self._all) and self._is_alarming():
+            if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self._is_alarming():
+                self._heeds_from = self._steps + _BACK + _AHEAD
                 self._all = [*self._all, *self._knocked()]
             self._weigh()
 
@@ -216,6 +218,7 @@ class Hypotheses:
         """Go on with a new graph from the best last pose; see Estimator."""
         best, self._untouched = self._best.estimator, []
         self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
+        self._heeds_from = 0
         best.begin_anew(sensor_pose, measurements, time, error)
 
     def covariance_of_motion(self, length: float) -> Array:
