@@ -72,6 +72,7 @@ PUBLISHED = NoiseSettings(
     friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),
     priors=Priors(
         direction_bias=(0.0, 1e-9),
+        direction_scale=(0.0, 1e-9),
         depth=(0.0, 1e-9),
         friction_ratio=(0.0, 1e-9),
         friction_center=(0.0, 1e-9),
