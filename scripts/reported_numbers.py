@@ -239,6 +239,30 @@ def direction_scale_facts() -> set[str]:
     return {str(found["units"]), *told, *(f"{100.0 * one['scale_deviation']:.0f}" for one in pressed)}
 
 
+def paper_system() -> str:
+    """Return the table of the paper's own system beside palpate's."""
+    rows = [
+        [
+            name,
+            str(row["sequences"]),
+            f"{row['final_mm']['median']:.1f} mm, {row['final_deg']['median']:.1f}° "
+            f"({row['final_mm']['worst']:.0f}, {row['final_deg']['worst']:.0f})",
+            f"{percent(row['in_95_contact'])}, {percent(row['in_95_final'])}",
+            str(row["lost"]),
+            str(row["indeterminate_frames"]),
+        ]
+        for name, row in loaded("docs/study/paper_system.json").items()
+    ]
+    head = ("system", "sequences", "final error", "in 95 %: contact, end", "lost", "frames that iSAM2 refused")
+    return table(head, rows)
+
+
+def wear_facts() -> set[str]:
+    """Return how much of an untouched gel changes, worn or not."""
+    shares = loaded("docs/study/wear.json")["shares"]
+    return {f"{100.0 * share:.0f}" for one in shares.values() for share in one.values()} | {"7", "14"}
+
+
 def slip_facts() -> set[str]:
     """Return what images tell of sliding."""
     scores = [value for value in loaded("docs/study/slip.json").values() if isinstance(value, dict)]
@@ -424,6 +448,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "plain": plain,
     "knocked": knocked,
     "ways": ways,
+    "paper-system": paper_system,
     "mini": mini,
     "readers": readers,
     "balls": balls,
@@ -447,6 +472,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,
     "slip-facts": slip_facts,
+    "wear-facts": wear_facts,
     "real-facts": real_facts,
     "rendered-facts": rendered_facts,
     "step-facts": step_facts,

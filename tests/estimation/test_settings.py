@@ -244,6 +244,7 @@ def test_the_published_settings():
     assert (priors.mean[:-1] == 0.0).all()
     assert (priors.deviation[:-1] <= 1e-9).all()
     assert PUBLISHED.relative_pose.oracle == PUBLISHED.relative_pose.constant == (1.0, 1.0, 1e-5)
+    assert PUBLISHED.relative_pose.linear == 1e-5
     assert PUBLISHED.contact.deviation == 1e-2
     assert PUBLISHED.sensor_pose.deviation == PUBLISHED.first_pose.deviation == (1e-5,) * 3
     assert PUBLISHED.sensor_pose.calibration == (0.0,) * 3  # the paper's covariance is the graph's alone

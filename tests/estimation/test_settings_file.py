@@ -99,7 +99,7 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
         "direction": {"share": 1.9, "kernel": 2.9},
         "place": {"share": 2.0, "kernel": 3.0},  # which version 1 had not
         "turn": {"share": 80.0, "kernel": 2.9},
-        "relative_pose": {"oracle": (1.0, 1.1, 0.07), "constant": (1.2, 1.3, 4.0)},
+        "relative_pose": {"oracle": (1.0, 1.1, 0.07), "constant": (1.2, 1.3, 4.0), "linear": None},
         "sticking": {
             "still": 3e-5,
             "share": 0.07,

@@ -118,6 +118,14 @@ def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
     assert BACK[0] > 1
 
 
+def test_a_linear_turn_is_believed_as_the_settings_say():
+    model: Any = StandIn()
+    pairs = make_touch("learnt-linear", DIGIT, SIGMAS, SIGMAS, model, lambda: BACKGROUND, linear=1e-5)
+    pairs.measure(frame(0))
+    (found,) = pairs.measure(frame(1))
+    assert found.covariance[0, 2, 2] == pytest.approx(1e-10)
+
+
 def test_a_contact_keeps_the_background_it_began_with():
     known = BACKGROUND.mean.copy()
     images = touch("learnt-direction", lambda: Background(known, BACKGROUND.deviation))

@@ -103,7 +103,7 @@ def test_the_settings_that_ship():
         "direction": {"share": 2.0, "kernel": 3.0},
         "place": {"share": 2.0, "kernel": 3.0},
         "turn": {"share": 88.0, "kernel": 3.0},
-        "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0)},
+        "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0), "linear": None},
         "sticking": {
             "still": 2e-5,
             "share": 0.06,
