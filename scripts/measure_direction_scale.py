@@ -50,7 +50,8 @@ def main() -> None:
             pressed = list(presses(name, unit, rng))
             said = [model.look(difference_in_light(image, mean)).direction for _, image in pressed]
             true = np.array([angle for angle, _ in pressed])
-            told.setdefault(name, []).append(line(true, *np.array(said).T, scale))
+            angle, variance = np.array(said).T
+            told.setdefault(name, []).append(line(true, angle, variance * scale))
     found = {name: spread_of(np.array(lines)) for name, lines in told.items()}
     OUT.write_text(json.dumps({"units": UNITS, "angles": len(ANGLES), **found}, indent=2) + "\n", encoding="utf-8")
 
@@ -78,11 +79,11 @@ def touching_at(shape: Shape, radius: float, angle: float) -> Array:
     return np.array([left - radius + radius * math.cos(angle), -radius * math.sin(angle), -angle])
 
 
-def line(true: Array, told: Array, variance: Array, scale: float) -> tuple[float, float, float, float]:
+def line(true: Array, told: Array, variance: Array) -> tuple[float, float, float, float]:
     """Return offset, scale, scatter about the line and the standard deviation stated in the median."""
     slope, offset = np.polyfit(true, told, 1)
     off = told - offset - slope * true
-    return offset, slope, float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.median(variance * scale)))
+    return offset, slope, float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.median(variance)))
 
 
 def spread_of(lines: Array) -> dict[str, float]:

@@ -50,7 +50,7 @@ def changed(file: Path, levels: float) -> float:
 
 def _mean(frames: Sequence[Frame], chosen: np.ndarray) -> Levels:
     images = [frames[index].image for index in chosen.tolist()]
-    return np.mean([cells_of(image) for image in images if image is not None], axis=0, dtype=np.float32)
+    return np.asarray(np.mean([cells_of(image) for image in images if image is not None], axis=0), np.float32)
 
 
 if __name__ == "__main__":

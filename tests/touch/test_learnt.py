@@ -8,7 +8,7 @@ import pytest
 
 from palpate.errors import EstimationError, SettingError
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Turn
+from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
 from palpate.touch.background import Background
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
@@ -123,6 +123,7 @@ def test_a_linear_turn_is_believed_as_the_settings_say():
     pairs = make_touch("learnt-linear", DIGIT, SIGMAS, SIGMAS, model, lambda: BACKGROUND, linear=1e-5)
     pairs.measure(frame(0))
     (found,) = pairs.measure(frame(1))
+    assert isinstance(found, RelativePoses)
     assert found.covariance[0, 2, 2] == pytest.approx(1e-10)
 
 
