@@ -11,7 +11,15 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel, contact_model
 from palpate.estimation.factors.direction import Direction, DirectionSettings
 from palpate.estimation.starts import is_rough, starts
-from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS, FRICTION_RATIO, GRIP, IN_OBJECT, OBJECT_SIZE
+from palpate.estimation.unknowns import (
+    DEPTH,
+    DIRECTION_BIAS,
+    DIRECTION_SCALE,
+    FRICTION_RATIO,
+    GRIP,
+    IN_OBJECT,
+    OBJECT_SIZE,
+)
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES as SIMULATED
 from palpate.recording.measurements import ContactDirection, Measurement, Turn
@@ -29,9 +37,12 @@ def model_of(name: str, tips: Any = OFF_CENTRE) -> ContactModel:
     return contact_model(OUTLINES[name], sensor(tips=tips))
 
 
-def known(deviation: Any, pose: Any = (0.0, 0.0, 0.0), depth: float = 0.0, bias: float = 0.0) -> Prior:
+def known(
+    deviation: Any, pose: Any = (0.0, 0.0, 0.0), depth: float = 0.0, bias: float = 0.0, scale: float = 0.0
+) -> Prior:
     values = np.zeros(OBJECT_SIZE)
     values[IN_OBJECT[DEPTH]], values[IN_OBJECT[DIRECTION_BIAS]] = depth, bias
+    values[IN_OBJECT[DIRECTION_SCALE]] = scale
     values[IN_OBJECT[FRICTION_RATIO]], values[IN_OBJECT[GRIP]] = 0.3, 0.5
     variances = np.square([*np.broadcast_to(deviation, 3), *[0.1] * OBJECT_SIZE])
     return Prior(np.array(pose, np.float64), values, np.diag(variances))
@@ -111,17 +122,17 @@ def test_round_a_corner_places_are_closer():
 
 
 @pytest.mark.parametrize("name", OUTLINES)
-@pytest.mark.parametrize(("angle", "bias"), [(0.0, 0.0), (0.7, 0.02), (-1.1, -0.3)])
-def test_a_direction_tells_yaw(name, angle, bias):
-    model, prior = model_of(name), known(FAR, bias=bias)
+@pytest.mark.parametrize(("angle", "bias", "scale"), [(0.0, 0.0, 0.1), (0.7, 0.02, 0.0), (-1.1, -0.3, 0.1)])
+def test_a_direction_tells_yaw(name, angle, bias, scale):
+    model, prior = model_of(name), known(FAR, bias=bias, scale=scale)
     found = starts(prior, model, POSE, felt(angle))
     g = seen(found, POSE)
-    # The tip is touched where touch says, but for the bias: seen in the sensor frame, against the outward normal.
+    # The tip is touched where touch says, but for bias and scale: seen in the sensor frame, against the outward normal.
     normal = touched(g, model)["normal"]
-    off = np.angle(-normal * np.exp(-1j * (g[:, 2] + angle - bias)))
+    off = np.angle(-normal * np.exp(-1j * (g[:, 2] + (1.0 - scale) * angle - bias)))
     np.testing.assert_allclose(off, 0.0, atol=2e-3)
     # And that is what the graph makes of it.
-    at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias})
+    at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
     rows = rows_of(Direction(DirectionSettings(), model), at, felt(angle))
     np.testing.assert_allclose(rows.residual[:, 0, 0], off, atol=1e-9)
     # What touch says of something else does not matter.

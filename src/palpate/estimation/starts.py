@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS
+from palpate.estimation.factors.direction import true_angle
+from palpate.estimation.unknowns import DEPTH
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement
 
@@ -47,10 +48,7 @@ def starts(
     # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
     information = np.linalg.pinv(prior.pose_covariance, hermitian=True)
     for at, outward in zip(center, normal, strict=True):
-        if said:
-            yaws = [np.angle(-outward) - said[0].angle + float(prior[DIRECTION_BIAS][0])]
-        else:
-            yaws = _likely_yaws(prior, sensor_pose)
+        yaws = [np.angle(-outward) - true_angle(said[0], prior)] if said else _likely_yaws(prior, sensor_pose)
         for yaw in yaws:
             place = at - np.exp(1j * yaw) * tip
             g = np.array([place.real, place.imag, se2.wrap(yaw)])

@@ -67,6 +67,14 @@ DIRECTION_BIAS = Unknown(
     "What all contact directions of one sensor and object are too large by.",
     prior=(0.0, 2e-2),
 )
+DIRECTION_SCALE = Unknown(
+    "direction_scale",
+    "object",
+    1,
+    "1",
+    "What share of themselves all contact directions of one sensor and object are too large by.",
+    prior=(0.0, 0.04),
+)
 DEPTH = Unknown(
     "depth",
     "object",
@@ -108,6 +116,7 @@ UNKNOWNS = (
     SENSOR,
     TURN_OFFSET,
     DIRECTION_BIAS,
+    DIRECTION_SCALE,
     DEPTH,
     FRICTION_RATIO,
     FRICTION_CENTER,
@@ -160,6 +169,8 @@ class Priors(Settings):
 
     direction_bias: Normal = _prior(DIRECTION_BIAS, Tunable(1e-4, 0.1, usual=False, components=(1,)))
     """See DIRECTION_BIAS [rad]."""
+    direction_scale: Normal = _prior(DIRECTION_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))
+    """See DIRECTION_SCALE."""
     depth: Normal = _prior(DEPTH, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
     """See DEPTH [m]."""
     friction_ratio: Normal = _prior(FRICTION_RATIO, Tunable(0.01, 2.0, components=(1,)))
