@@ -416,11 +416,6 @@ def _failed(row: Row) -> int:
     return sum(count for key, count in row.items() if key.startswith("FAILED"))
 
 
-def live_kills() -> set[str]:
-    """Return how many live sessions were killed, how many messages they had recorded and how often one was lost."""
-    return {f"{count}" for count in loaded("docs/study/kills_live.json").values()}
-
-
 def fuzz() -> str:
     """Return the table of readers on changed files."""
     rows = loaded("docs/study/fuzz.json")
@@ -436,32 +431,6 @@ def fuzz() -> str:
             for name, row in rows.items()
         ],
     )
-
-
-def matrix() -> str:
-    """Return the table of versions that the tests were run with."""
-    told = ("numpy", "scipy", "numba", "gtsam", "h5py", "onnxruntime")
-    rows = [
-        [
-            name.replace("-direct", ""),
-            ", ".join(f"{each} {cell['versions'][each]}" for each in told) if "versions" in cell else "",
-            str(cell.get("tests", 0)),
-            cell["outcome"],
-        ]
-        for name, cell in loaded("docs/study/matrix.json").items()
-    ]
-    return table(("Python, versions", "among them", "tests", "outcome"), rows)
-
-
-def long_runs() -> str:
-    """Return the table of a hundred thousand frames through one tracker."""
-    rows = []
-    for name, run in loaded("docs/study/long.json").items():
-        ends = [f"{run['p50_ms'][k]:.1f} ms, {run['rss_mb'][k]:.0f} MB" for k in (0, -1)]
-        inside = [percent(share) for share in (run["inside_95"][0], fmean(run["inside_95"]), run["inside_95"][-1])]
-        rows.append([name, f"{run['frames']:,}".replace(",", " "), str(run["contacts"]), *ends, ", ".join(inside)])
-    columns = ("first tenth: step, memory", "last tenth: step, memory", "in 95 %: first tenth, all, last tenth")
-    return table(("", "frames", "contacts", *columns), rows)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -481,8 +450,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "faults": faults,
     "kills": kills,
     "fuzz": fuzz,
-    "matrix": matrix,
-    "long-runs": long_runs,
 }
 """Blocks that are written by this file."""
 FACTS: dict[str, Callable[[], set[str]]] = {
@@ -492,7 +459,6 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "coverage-facts": coverage_facts,
     "systematic-facts": systematic_facts,
     "live-facts": live_facts,
-    "live-kills": live_kills,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "mini-facts": mini_facts,
