@@ -66,11 +66,7 @@ def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) ->
         steps = min(contact, count - sum(map(len, flags))) - 1
         gap = gaps(steps + 1, rng) - values[IN_OBJECT[DEPTH]]
         quarter, along, turned = rng.integers(4), rng.uniform(-0.03, 0.03), rng.uniform(-0.2, 0.2)
-        far, r, side = (
-            0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2],
-            DIGIT.radius,
-            np.array([0.0, 0.0, quarter * np.pi / 2]),
-        )
+        side, far, r = [0.0, 0.0, quarter * np.pi / 2], 0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2], DIGIT.radius
         first = se2.compose(side, [-far - gap[0] + r * (np.cos(turned) - 1.0), along + r * np.sin(turned), turned])
         slid = rng.normal(0.0, np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed), steps)
         c = MODEL.friction_radius

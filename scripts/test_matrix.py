@@ -54,19 +54,9 @@ def try_out(python: str, resolution: str, tests: tuple[str, ...], folder: Path, 
     # Old libraries warn of new ones that they bring; that is no fault of ours.
     warnings = ("-o", "filterwarnings=default") if resolution == "lowest-direct" else ()
     counted = folder / "tests.xml"
+    pytest = bin / "python", "-m", "pytest", "-n", "2", "-p", "no:cacheprovider", f"--junitxml={counted}"
     try:
-        run(
-            bin / "python",
-            "-m",
-            "pytest",
-            "-n",
-            "2",
-            "-p",
-            "no:cacheprovider",
-            f"--junitxml={counted}",
-            *warnings,
-            *tests,
-        )
+        run(*pytest, *warnings, *tests)
     finally:
         if counted.exists():
             suite = ElementTree.parse(counted).find("testsuite")
