@@ -80,7 +80,7 @@ def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) ->
         objects += [np.tile(o[0], (rest, 1)), o[:, 0], np.tile(o[-1], (rest, 1))]
         sensors += [np.tile(lifted[0], (rest, 1)), e[:, 0], np.tile(lifted[-1], (rest, 1))]
         flags.append(np.repeat([False, True, False], [rest, len(o), rest]))
-    return Pushed(*(np.concatenate(each)[:count] for each in (objects[1:], sensors, flags)))
+    return Pushed(np.concatenate(objects[1:])[:count], np.concatenate(sensors)[:count], np.concatenate(flags)[:count])
 
 
 def gaps(count: int, rng: np.random.Generator) -> Array:
@@ -129,7 +129,7 @@ def tracked(truth: Pushed, values: Array, rng: np.random.Generator) -> dict[str,
     inside = inside_95(nees(pose, covariance, truth.objects))
     errors = 1e3 * translation_errors(pose, truth.objects)
 
-    def by_tenth(what: Any, each: Array) -> list[float]:
+    def by_tenth(what: Any, each: Array | NDArray[np.bool_]) -> list[float]:
         return [round(float(what(part)), 3) for part in np.array_split(each, PARTS)]
 
     return {
