@@ -441,6 +441,37 @@ def _whole(number: str) -> str:
     return "-" if number == "nan" else f"{float(number):.0f}"
 
 
+def kills() -> str:
+    """Return the table of commands that were killed at random times."""
+    columns = ("killed", "went on to the same end", "neighbours told")
+    rows = loaded("docs/study/kills.json")
+    return table(
+        ("command", *columns, "failed"),
+        [[f"`{name}`", *(str(row.get(key, 0)) for key in columns), str(_failed(row))] for name, row in rows.items()],
+    )
+
+
+def _failed(row: Row) -> int:
+    return sum(count for key, count in row.items() if key.startswith("FAILED"))
+
+
+def fuzz() -> str:
+    """Return the table of readers on changed files."""
+    rows = loaded("docs/study/fuzz.json")
+    return table(
+        ("reader", "files", "read", "refused", "faults", "most memory", "slowest file"),
+        [
+            [
+                f"`{name}`",
+                *(f"{row[key]:,}".replace(",", " ") for key in ("files", "read", "refused", "faults")),
+                f"{row['memory_mb']} MB",
+                f"{row['slowest_s']:.2f} s",
+            ]
+            for name, row in rows.items()
+        ],
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
@@ -457,6 +488,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "expected": expected,
     "step-times": step_times,
     "faults": faults,
+    "kills": kills,
+    "fuzz": fuzz,
 }
 """Blocks that are written by this file."""
 FACTS: dict[str, Callable[[], set[str]]] = {
