@@ -74,21 +74,20 @@ def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
             estimator.rest(frame.sensor_pose, (), frame.time)
         known.append(estimator.known)
     prior, first, resting, last = (known[k] for k in (0, 81, 91, -1))
-    # What is known rests with the object, the pose aside.
+    # What is known rests with the object, and is a little less certain.
     np.testing.assert_array_equal(resting.values, first.values)
-    np.testing.assert_array_equal(resting.covariance, first.covariance)
+    np.testing.assert_array_equal(resting.covariance, first.at_next_contact(HOLDING.priors).covariance)
     what = slice(IN_OBJECT[FRICTION_RATIO].start, IN_OBJECT[FRICTION_CENTER].stop)  # not the grip, which needs slides
     error = [np.abs(each.values[what] - true) for each in (prior, first, last)]
-    deviation = [np.sqrt(np.diag(each.covariance)[3:])[what] for each in (prior, first, last)]
+    deviation = [np.sqrt(np.diag(each.covariance)[3:])[what] for each in (prior, first, resting, last)]
     # c^2 and the centre come closer than they were held to be, the centre by far, and are as well known as said.
     assert (error[-1] < error[0]).all()
     assert (error[-1][1:] < 0.6 * error[0][1:]).all()
-    assert (deviation[2] < deviation[1]).all()
     assert (deviation[1] < deviation[0]).all()
-    assert (deviation[2][1:] < 0.5 * deviation[0][1:]).all()
-    assert (error[2] < 3.0 * deviation[2]).all()
-    # One contact tells a single number of the centre's two and c, the second one, which begins with that, another.
-    assert (deviation[2][1:] < 0.5 * deviation[1][1:]).all()
+    assert (error[-1] < 3.0 * deviation[-1]).all()
+    # What each contact tells of the centre is more than what it may have changed by before.
+    assert (deviation[-1][1:] < 0.8 * deviation[2][1:]).all()
+    assert (deviation[-1][1:] < deviation[1][1:]).all()
     off = se2.log(se2.between(last.pose, o[-1]))
     assert off @ np.linalg.solve(last.pose_covariance, off) < 11.3  # 99 %
 

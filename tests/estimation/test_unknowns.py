@@ -141,3 +141,17 @@ def test_a_prior_made_less_certain():
     np.testing.assert_array_equal(loosened.pose_covariance, np.eye(3) + more)
     np.testing.assert_array_equal(loosened.covariance[3:], np.eye(3 + OBJECT_SIZE)[3:])
     np.testing.assert_array_equal(prior.covariance, np.eye(3 + OBJECT_SIZE))
+
+
+def test_friction_is_less_certain_at_the_next_contact():
+    covariance = np.full((3 + OBJECT_SIZE, 3 + OBJECT_SIZE), 1e-4) + np.eye(3 + OBJECT_SIZE)
+    known = Prior(np.ones(3), np.arange(float(OBJECT_SIZE)), covariance)
+    usual = Priors(friction_ratio=(0.5, 2.0), friction_center=(0.0, 0.5), grip=(0.3, 0.25))
+    later = known.at_next_contact(usual)
+    np.testing.assert_array_equal(later.pose, known.pose)
+    np.testing.assert_array_equal(later.values, known.values)
+    # (0.44 x 2)^2, (0.44 x 0.5)^2 twice and (0.44 x 0.25)^2 on the diagonal of friction, and nothing else
+    more = np.zeros(3 + OBJECT_SIZE)
+    more[[3 + IN_OBJECT[FRICTION_RATIO].start, 3 + IN_OBJECT[GRIP].start]] = 0.7744, 0.0121
+    more[3 + IN_OBJECT[FRICTION_CENTER].start : 3 + IN_OBJECT[FRICTION_CENTER].stop] = 0.0484
+    np.testing.assert_allclose(later.covariance - covariance, np.diag(more), atol=1e-12)

@@ -39,14 +39,11 @@ class Prior:
         return replace(self, covariance=joint)
 
     def at_next_contact(self, usual: Priors) -> "Prior":
-        """Return the same with what belongs to the object as much less certain as `Unknown.lasts` says.
-
-        Its values stay, for where it is usual is worth less than where it was, and it gets no less certain than it
-        usually is.
-        """
-        lasts = np.concatenate([np.full(one.dimension, one.lasts) for one in OF_OBJECT])
-        kept, deviation = np.append(np.ones(3), lasts), np.append(np.zeros(3), usual.deviation)
-        return replace(self, covariance=self.covariance + np.diag((1 - kept**2) * deviation**2))
+        """Return the same with what belongs to the object less certain, by as much as `Unknown.changes` says."""
+        changes = np.concatenate([np.full(one.dimension, one.changes) for one in OF_OBJECT])
+        joint = self.covariance.copy()
+        joint[3:, 3:] += np.diag(np.square(changes * usual.deviation))
+        return replace(self, covariance=joint)
 
 
 @dataclass(frozen=True, eq=False)

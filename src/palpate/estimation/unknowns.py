@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Normal = tuple[float, float]
 """Mean and standard deviation."""
 
-_FRICTION_LASTS = 0.9  # it is not the same at every place and time, and one contact can teach it wrongly
+_FRICTION_CHANGES = 0.44  # it is not the same at every place and time, and one contact can teach it wrongly
 LAG = FARTHEST_BACK + 1
 """Steps that a sliding window holds: the last one, and all that touch compares it with."""
 
@@ -42,8 +42,8 @@ class Unknown:
     """Of each number, before anything is measured; None where a measurement is what brings it into being."""
     is_pose: bool = False
     """Whether it is a planar pose, which moves by right perturbations, and not a vector, which moves by sums."""
-    lasts: float = 1.0
-    """How well it is known at the next contact: its covariance counts the square of this, that of its prior the rest."""
+    changes: float = 0.0
+    """By how much it may change from one contact to the next, as a share of its prior's standard deviation."""
 
 
 SENSOR_IN_OBJECT = Unknown(
@@ -90,7 +90,7 @@ FRICTION_RATIO = Unknown(
     "1",
     "Logarithm of the ratio of c^2 to that of the chosen pressure; from uniform to rim pressure it grows by 0.8.",
     prior=(0.2, 0.66),
-    lasts=_FRICTION_LASTS,
+    changes=_FRICTION_CHANGES,
 )
 FRICTION_CENTER = Unknown(
     "friction_center",
@@ -99,7 +99,7 @@ FRICTION_CENTER = Unknown(
     "c",
     "Where the centre of friction is from the centroid, along x and y of the object, as a share of c.",
     prior=(0.0, 0.06),
-    lasts=_FRICTION_LASTS,
+    changes=_FRICTION_CHANGES,
 )
 GRIP = Unknown(
     "grip",
@@ -108,7 +108,7 @@ GRIP = Unknown(
     "1",
     "Coulomb friction between sensor and object: the tangent of the friction cone's half angle.",
     prior=(0.4, 0.1),
-    lasts=_FRICTION_LASTS,
+    changes=_FRICTION_CHANGES,
 )
 
 UNKNOWNS = (
