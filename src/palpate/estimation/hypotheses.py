@@ -31,7 +31,7 @@ from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import BeginContact, SmootherName
-from palpate.estimation.starts import is_rough, places, starts
+from palpate.estimation.starts import is_rough, log_likely, places, starts
 from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
 from palpate.geometry import se2
@@ -48,6 +48,7 @@ _BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may 
 _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
 _SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
 _UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
+_MOVED = 4.0  # the same of an object that is not where it was left
 _COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
 _MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
 _PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
@@ -192,7 +193,17 @@ class Hypotheses:
 
         Raises EstimationError, with nothing changed, where what is measured leaves no solution.
         """
-        self._all = self._solved(lambda one: one.estimator.rest(sensor_pose, measurements, time), time)
+
+        def rest(one: _Hypothesis) -> None:
+            was_displaced = one.estimator.is_displaced
+            one.estimator.rest(sensor_pose, measurements, time)
+            if one.estimator.is_displaced and not was_displaced:
+                one.earned -= _MOVED
+
+        self._all = self._solved(rest, time)
+        if len(self._all) > 1:
+            self._all.sort(key=lambda one: -one.earned)
+            self._share_out(np.array([one.earned for one in self._all]))
 
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
@@ -302,11 +313,14 @@ class Hypotheses:
         begun: list[_Hypothesis] = []
         for one in self._all:
             prior = one.estimator.expected(sensor_pose, measurements)
+            unmoved = one.estimator.unmoved
+            seen = one.earned + log_likely(unmoved, self._model, sensor_pose, measurements)
             places = starts(prior, self._model, sensor_pose, measurements) if is_rough(prior) else []
             if not places:
+                one.earned = seen
                 begun.append(one)
                 continue
-            begun.append(_Hypothesis(one.estimator.started(one.estimator.unmoved), one.earned, slippery=one.slippery))
+            begun.append(_Hypothesis(one.estimator.started(unmoved), seen, slippery=one.slippery))
             for place, likely in places:
                 started, earned = one.estimator.started(place), one.earned + likely - _UNLIKELY
                 begun.append(_Hypothesis(started, earned, [(0, 1)], _AHEAD, one.slippery))

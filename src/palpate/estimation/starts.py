@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
@@ -21,9 +21,11 @@ Array = NDArray[np.float64]
 
 _SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal from place to place of the tip's centre
 _ALONG, _ACROSS, _YAW = 0.01, 0.003, np.radians(9.0)  # [m], [m], [rad] how far the object is from where it is thought
+_PLACE = np.square([_ALONG, _ACROSS, _YAW])
 _STEP, _LONGEST = 0.003, 5.0  # [m] at a time on the way round, and in all
 _LIKELY = 4.0  # standard deviations of the prior within which a place is thought of
 _ROUGH = np.array([0.006, 0.006, 0.15])  # [m, m, rad] from which a prior is rough
+_IMPOSSIBLE = 12.0  # log of how unlikely anything is at most
 _YAWS = 12  # directions all around, where nothing is known of yaw
 
 
@@ -46,6 +48,7 @@ def starts(
     found: list[tuple[Prior, float]] = []
     # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
     information = np.linalg.pinv(prior.pose_covariance, hermitian=True)
+    wide = _log_share(prior.pose_covariance, _PLACE)
     for at, outward in zip(center, normal, strict=True):
         if said:
             yaws = [np.angle(-outward) - said[0].angle + float(prior[DIRECTION_BIAS][0])]
@@ -58,8 +61,34 @@ def starts(
             off = se2.log(se2.between(prior.pose, pose))
             far = float(off @ information @ off)
             if far < _LIKELY**2:
-                found.append((_at(prior, pose, outward), -0.5 * far))
+                found.append((_at(prior, pose, outward), -0.5 * far + wide))
     return sorted(found, key=lambda one: -one[1])
+
+
+def log_likely(prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]) -> float:
+    """Return the log of how likely the object is touched from here, and where touch says, as `starts` has it."""
+    g = se2.between(prior.pose, sensor_pose)
+    touch = model.touching(g[None, None])[0, 0, 0]
+    by_g = [np.asarray(touch["gap_by_g"])]
+    off, known = [float(touch["gap"]) + float(prior[DEPTH][0])], [_ACROSS**2]
+    said = [one for one in measurements if isinstance(one, ContactDirection)]
+    if said:
+        normal = complex(touch["normal"])
+        turned = (np.conj(normal) * touch["normal_by_g"]).imag / abs(normal) ** 2
+        by_g.append(turned - [0.0, 0.0, 1.0])
+        bias = float(prior[DIRECTION_BIAS][0])
+        off.append(float(np.angle(-normal * np.exp(1j * (bias - said[0].angle - g[2])))))
+        known.append(_YAW**2)
+    by_object = -np.array(by_g) @ se2.adjoint(se2.inverse(g))
+    covariance = by_object @ prior.pose_covariance @ by_object.T + np.diag(known)
+    far = off @ np.linalg.solve(covariance, off)
+    return max(-0.5 * float(far) + _log_share(covariance, known), -_IMPOSSIBLE)
+
+
+def _log_share(covariance: Array, of: ArrayLike) -> float:
+    """Log of the share that what is as exact as variances is of what is known by a covariance, one at most."""
+    variance, among = np.linalg.eigvalsh(covariance), np.sort(of)
+    return 0.5 * float(np.minimum(np.log(among / np.maximum(variance, 1e-30)), 0.0).sum())
 
 
 def _likely_yaws(prior: Prior, sensor_pose: Array) -> list[float]:
@@ -78,8 +107,8 @@ def _at(prior: Prior, pose: Array, outward: complex) -> Prior:
     turn = np.array([[along.real, across.real], [along.imag, across.imag]])
     joint = prior.covariance.copy()
     joint[:3, :], joint[:, :3] = 0.0, 0.0
-    joint[:2, :2] = turn @ np.diag([_ALONG**2, _ACROSS**2]) @ turn.T
-    joint[2, 2] = _YAW**2
+    joint[:3, :3] = np.diag(_PLACE)
+    joint[:2, :2] = turn @ joint[:2, :2] @ turn.T
     return replace(prior, pose=pose, covariance=joint)
 
 
