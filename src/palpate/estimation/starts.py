@@ -58,7 +58,8 @@ def starts(
             place = at - np.exp(1j * yaw) * tip
             g = np.array([place.real, place.imag, se2.wrap(yaw)])
             pose = se2.compose(sensor_pose, se2.inverse(g))
-            off = se2.log(se2.between(prior.pose, pose))
+            off = se2.between(prior.pose, pose)
+            off[2] = se2.wrap(off[2])
             far = float(off @ information @ off)
             if far < _LIKELY**2:
                 found.append((_at(prior, pose, outward), -0.5 * far + wide))
