@@ -31,7 +31,7 @@ from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import BeginContact, SmootherName
-from palpate.estimation.starts import is_rough, log_likely, places, starts
+from palpate.estimation.starts import is_rough, places, starts
 from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
 from palpate.geometry import se2
@@ -49,6 +49,7 @@ _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which th
 _SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
 _UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
 _MOVED = 4.0  # the same of an object that is not where it was left
+_IMPOSSIBLE = 12.0  # log of how unlikely anything is at most
 _COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
 _MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
 _PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
@@ -84,6 +85,7 @@ class _Hypothesis:
     """Frames in which that goes on."""
     slippery: bool = False
     """Whether the contact is taken to be more slippery than was thought."""
+    start: Array | None = None
     age: int = 0
     """Frames of contact since it was added."""
     weight: float = 1.0
@@ -310,21 +312,38 @@ class Hypotheses:
 
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[_Hypothesis]:
         """The hypotheses that a contact begins with: another place in each where the object is known roughly only."""
-        begun: list[_Hypothesis] = []
+        begun: list[tuple[float, _Hypothesis, Prior | None, bool]] = []
         for one in self._all:
-            prior = one.estimator.expected(sensor_pose, measurements)
-            unmoved = one.estimator.unmoved
-            seen = one.earned + log_likely(unmoved, self._model, sensor_pose, measurements)
-            places = starts(prior, self._model, sensor_pose, measurements) if is_rough(prior) else []
-            if not places:
-                one.earned = seen
-                begun.append(one)
+            prior, unmoved = one.estimator.expected(sensor_pose, measurements), one.estimator.unmoved
+            at_places = starts(prior, self._model, sensor_pose, measurements)
+            if one.estimator.is_displaced:
+                as_left = starts(unmoved, self._model, sensor_pose, measurements)
+            else:
+                as_left = at_places
+            seen = one.earned + max(_log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
+            if not is_rough(prior):
+                begun.append((seen, one, None, False))
                 continue
-            begun.append(_Hypothesis(one.estimator.started(unmoved), seen, slippery=one.slippery))
-            for place, likely in places:
-                started, earned = one.estimator.started(place), one.earned + likely - _UNLIKELY
-                begun.append(_Hypothesis(started, earned, [(0, 1)], _AHEAD, one.slippery))
-        return sorted(begun, key=lambda one: -one.earned)[:_MOST_YOUNG]
+            if one.estimator.is_displaced or not at_places:
+                begun.append((seen, one, unmoved, False))
+            for place, likely in at_places:
+                begun.append((one.earned + likely - _UNLIKELY, one, place, True))
+        begun.sort(key=lambda one: -one[0])
+        kept: list[_Hypothesis] = []
+        for earned, one, prior, anew in begun:
+            if len(kept) == _MOST_YOUNG:
+                break
+            same = next((other for other in kept if prior is not None and other.start is not None and _are_near(prior.pose, other.start)), None)
+            if same is not None:
+                same.earned = float(np.logaddexp(same.earned, earned))
+                continue
+            if prior is None:
+                one.earned, one.start = earned, None
+                kept.append(one)
+            else:
+                broken = [(0, 1)] if anew else []
+                kept.append(_Hypothesis(one.estimator.started(prior), earned, broken, _AHEAD if anew else 0, one.slippery, start=prior.pose))
+        return kept
 
     def _scores(self) -> Array:
         """Log of how likely each hypothesis is, but for a constant."""
@@ -372,7 +391,7 @@ class Hypotheses:
 
 def _log_sum(logs: Sequence[float]) -> float:
     """Log of the sum of what these are logs of."""
-    return float(np.logaddexp.reduce(logs))
+    return float(np.logaddexp.reduce(logs)) if len(logs) else -np.inf
 
 
 def _is_lost(one: _Hypothesis) -> bool:
@@ -384,5 +403,9 @@ def _are_same(one: _Hypothesis, other: _Hypothesis) -> bool:
     """Whether two hypotheses have come to the same pose."""
     if one.open or other.open or one.age < _NEW:
         return False
-    apart = se2.log(se2.between(one.estimator.known.pose, other.estimator.known.pose))
-    return bool((np.abs(apart) < _SAME).all())
+    return _are_near(one.estimator.known.pose, other.estimator.known.pose)
+
+
+def _are_near(pose: Array, other: Array) -> bool:
+    """Whether two poses are much the same."""
+    return bool((np.abs(se2.log(se2.between(pose, other))) < _SAME).all())

@@ -21,11 +21,10 @@ Array = NDArray[np.float64]
 
 _SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal from place to place of the tip's centre
 _ALONG, _ACROSS, _YAW = 0.01, 0.003, np.radians(9.0)  # [m], [m], [rad] how far the object is from where it is thought
-_PLACE = np.square([_ALONG, _ACROSS, _YAW])
+_PLACE = np.diag(np.square([_ACROSS, _ALONG, _YAW]))  # along the outline's normal, and along it
 _STEP, _LONGEST = 0.003, 5.0  # [m] at a time on the way round, and in all
 _LIKELY = 4.0  # standard deviations of the prior within which a place is thought of
 _ROUGH = np.array([0.006, 0.006, 0.15])  # [m, m, rad] from which a prior is rough
-_IMPOSSIBLE = 12.0  # log of how unlikely anything is at most
 _YAWS = 12  # directions all around, where nothing is known of yaw
 
 
@@ -40,56 +39,41 @@ def starts(
     """Return what may be known when a contact begins, likely ones first, and the log of how likely each is.
 
     sensor_pose (3,) is the measured world_T_sensor. Yaw follows from where touch says that the tip is touched; where
-    it does not say, it is as known, or one of several.
+    it does not say, it is as known, or one of several. A place is as likely as the prior says that the object is within
+    _PLACE of it, and both together are what is known there: normal distributions of x, y and yaw in the world.
     """
     center, normal = places(model)
     tip, center = model.centers[0], center - prior[DEPTH][0] * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
-    found: list[tuple[Prior, float]] = []
-    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
-    information = np.linalg.pinv(prior.pose_covariance, hermitian=True)
-    wide = _log_share(prior.pose_covariance, _PLACE)
-    for at, outward in zip(center, normal, strict=True):
-        if said:
-            yaws = [np.angle(-outward) - said[0].angle + float(prior[DIRECTION_BIAS][0])]
-        else:
-            yaws = _likely_yaws(prior, sensor_pose)
-        for yaw in yaws:
-            place = at - np.exp(1j * yaw) * tip
-            g = np.array([place.real, place.imag, se2.wrap(yaw)])
-            pose = se2.compose(sensor_pose, se2.inverse(g))
-            off = se2.between(prior.pose, pose)
-            off[2] = se2.wrap(off[2])
-            far = float(off @ information @ off)
-            if far < _LIKELY**2:
-                found.append((_at(prior, pose, outward), -0.5 * far + wide))
-    return sorted(found, key=lambda one: -one[1])
-
-
-def log_likely(prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]) -> float:
-    """Return the log of how likely the object is touched from here, and where touch says, as `starts` has it."""
-    g = se2.between(prior.pose, sensor_pose)
-    touch = model.touching(g[None, None])[0, 0, 0]
-    by_g = [np.asarray(touch["gap_by_g"])]
-    off, known = [float(touch["gap"]) + float(prior[DEPTH][0])], [_ACROSS**2]
-    said = [one for one in measurements if isinstance(one, ContactDirection)]
     if said:
-        normal = complex(touch["normal"])
-        turned = (np.conj(normal) * touch["normal_by_g"]).imag / abs(normal) ** 2
-        by_g.append(turned - [0.0, 0.0, 1.0])
-        bias = float(prior[DIRECTION_BIAS][0])
-        off.append(float(np.angle(-normal * np.exp(1j * (bias - said[0].angle - g[2])))))
-        known.append(_YAW**2)
-    by_object = -np.array(by_g) @ se2.adjoint(se2.inverse(g))
-    covariance = by_object @ prior.pose_covariance @ by_object.T + np.diag(known)
-    far = off @ np.linalg.solve(covariance, off)
-    return max(-0.5 * float(far) + _log_share(covariance, known), -_IMPOSSIBLE)
+        yaw = (np.angle(-normal) - said[0].angle + prior[DIRECTION_BIAS][0])[:, None]
+    else:
+        yaw = np.array(_likely_yaws(prior, sensor_pose))[None]
+    place = center[:, None] - np.exp(1j * yaw) * tip
+    seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
+    pose = se2.compose(sensor_pose, se2.inverse(seen))
+    around = _turned(_PLACE, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
+    known = _turned(prior.pose_covariance, prior.pose[2])
+    off = prior.pose - pose
+    off[:, 2] = se2.wrap(off[:, 2])
+    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
+    gain = around @ np.linalg.pinv(around + known, hermitian=True)
+    by_gain = (gain @ off[..., None])[..., 0]
+    far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
+    likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
+    left = around - gain @ around
+    order = [index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2]
+    return [
+        (_at(prior, pose[index] + by_gain[index], left[index]), float(likely[index]))
+        for index in order
+    ]
 
 
-def _log_share(covariance: Array, of: ArrayLike) -> float:
-    """Log of the share that what is as exact as variances is of what is known by a covariance, one at most."""
-    variance, among = np.linalg.eigvalsh(covariance), np.sort(of)
-    return 0.5 * float(np.minimum(np.log(among / np.maximum(variance, 1e-30)), 0.0).sum())
+def _turned(covariance: Array, angle: ArrayLike) -> Array:
+    """Covariances (..., 3, 3) of x, y and yaw, seen from axes that are turned back by angles [rad]."""
+    turn = np.zeros((*np.shape(angle), 3, 3))
+    turn[..., :2, :2], turn[..., 2, 2] = se2.rotation(angle), 1.0
+    return turn @ covariance @ np.swapaxes(turn, -1, -2)
 
 
 def _likely_yaws(prior: Prior, sensor_pose: Array) -> list[float]:
@@ -102,14 +86,12 @@ def _likely_yaws(prior: Prior, sensor_pose: Array) -> list[float]:
     return [yaw + reach * step / count for step in range(-count, count + (reach < np.pi))]
 
 
-def _at(prior: Prior, pose: Array, outward: complex) -> Prior:
-    """The prior of a place: near it and apart from that as it was; covariance in the tangent space at the pose."""
-    along, across = 1j * outward, outward
-    turn = np.array([[along.real, across.real], [along.imag, across.imag]])
+def _at(prior: Prior, pose: Array, covariance: Array) -> Prior:
+    """The prior with another pose, of which this (3, 3) is known along the world's axes; apart from that as it was."""
     joint = prior.covariance.copy()
     joint[:3, :], joint[:, :3] = 0.0, 0.0
-    joint[:3, :3] = np.diag(_PLACE)
-    joint[:2, :2] = turn @ joint[:2, :2] @ turn.T
+    joint[:3, :3] = _turned(0.5 * (covariance + covariance.T), -pose[2])
+    pose[2] = se2.wrap(pose[2])
     return replace(prior, pose=pose, covariance=joint)
 
 
