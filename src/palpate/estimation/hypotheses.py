@@ -48,7 +48,6 @@ _BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may 
 _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
 _SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
 _UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
-_MOVED = 4.0  # the same of an object that is not where it was left
 _IMPOSSIBLE = 12.0  # log of how unlikely anything is at most
 _COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
 _MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
@@ -195,17 +194,7 @@ class Hypotheses:
 
         Raises EstimationError, with nothing changed, where what is measured leaves no solution.
         """
-
-        def rest(one: _Hypothesis) -> None:
-            was_displaced = one.estimator.is_displaced
-            one.estimator.rest(sensor_pose, measurements, time)
-            if one.estimator.is_displaced and not was_displaced:
-                one.earned -= _MOVED
-
-        self._all = self._solved(rest, time)
-        if len(self._all) > 1:
-            self._all.sort(key=lambda one: -one.earned)
-            self._share_out(np.array([one.earned for one in self._all]))
+        self._all = self._solved(lambda one: one.estimator.rest(sensor_pose, measurements, time), time)
 
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
