@@ -26,7 +26,7 @@ from palpate.by_value import ByValue
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.diagnosis import REASONS, Status
+from palpate.estimation.diagnosis import REASONS, UNCERTAIN, Status
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
@@ -48,7 +48,7 @@ _BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may 
 _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
 _SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
 _UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
-_IMPOSSIBLE = 12.0  # log of how unlikely anything is at most
+_IMPOSSIBLE = 12.0  # the same, at most, of a touch where the object is not
 _COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
 _MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
 _PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
@@ -84,10 +84,27 @@ class _Hypothesis:
     """Frames in which that goes on."""
     slippery: bool = False
     """Whether the contact is taken to be more slippery than was thought."""
-    start: Array | None = None
     age: int = 0
     """Frames of contact since it was added."""
     weight: float = 1.0
+
+
+@dataclass(eq=False)
+class _Beginning:
+    """How a hypothesis may begin a contact."""
+
+    earned: float
+    """Log of how likely that is."""
+    of: _Hypothesis
+    prior: Prior
+    """What is known then."""
+    is_place: bool = False
+    """Whether it is one of several places, so that pushing tells nothing for some steps."""
+
+    def hypothesis(self) -> _Hypothesis:
+        """A hypothesis of its own."""
+        broken, still_open = ([(0, 1)], _AHEAD) if self.is_place else ([], 0)
+        return _Hypothesis(self.of.estimator.started(self.prior), self.earned, broken, still_open, self.of.slippery)
 
 
 class Hypotheses:
@@ -258,7 +275,7 @@ class Hypotheses:
             if one.open and self._steps:
                 knock = Knock(0.0, _SPREAD / np.sqrt(_BACK))
                 one.open -= 1
-                one.broken[-1] = (one.broken[-1][0], self._steps + 1)
+                one.broken = [*one.broken, (self._steps, self._steps + 1)]
             one.estimator.touch(sensor_pose, measurements, time, knock)
             one.age += 1
 
@@ -300,39 +317,36 @@ class Hypotheses:
         return found
 
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[_Hypothesis]:
-        """The hypotheses that a contact begins with: another place in each where the object is known roughly only."""
-        begun: list[tuple[float, _Hypothesis, Prior | None, bool]] = []
-        for one in self._all:
-            prior, unmoved = one.estimator.expected(sensor_pose, measurements), one.estimator.unmoved
+        """The hypotheses that a contact begins with: another place in each where the object is known roughly only.
+
+        Each is as likely as it was, times how likely the object is touched as it is. Nothing else tells apart poses
+        that touch cannot before the sensor comes from another side.
+        """
+        priors = [one.estimator.expected(sensor_pose, measurements) for one in self._all]
+        if len(priors) == 1 and not is_rough(priors[0]):
+            return self._all
+        begun: list[_Beginning] = []
+        for one, prior in zip(self._all, priors, strict=True):
+            unmoved = one.estimator.unmoved
             at_places = starts(prior, self._model, sensor_pose, measurements)
+            as_left = at_places
             if one.estimator.is_displaced:
                 as_left = starts(unmoved, self._model, sensor_pose, measurements)
-            else:
-                as_left = at_places
-            seen = one.earned + max(_log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
+            earned = one.earned + max(_log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
             if not is_rough(prior):
-                begun.append((seen, one, None, False))
+                begun.append(_Beginning(earned, one, prior))
                 continue
-            if one.estimator.is_displaced or not at_places:
-                begun.append((seen, one, unmoved, False))
-            for place, likely in at_places:
-                begun.append((one.earned + likely - _UNLIKELY, one, place, True))
-        begun.sort(key=lambda one: -one[0])
-        kept: list[_Hypothesis] = []
-        for earned, one, prior, anew in begun:
-            if len(kept) == _MOST_YOUNG:
-                break
-            same = next((other for other in kept if prior is not None and other.start is not None and _are_near(prior.pose, other.start)), None)
+            if one.estimator.is_displaced or not at_places or not _is_guess(prior):
+                begun.append(_Beginning(earned, one, unmoved))
+            begun += [_Beginning(one.earned + likely - _UNLIKELY, one, at, True) for at, likely in at_places]
+        kept: list[_Beginning] = []
+        for beginning in sorted(begun, key=lambda one: -one.earned):
+            same = next((one for one in kept if _are_near(one.prior.pose, beginning.prior.pose)), None)
             if same is not None:
-                same.earned = float(np.logaddexp(same.earned, earned))
-                continue
-            if prior is None:
-                one.earned, one.start = earned, None
-                kept.append(one)
-            else:
-                broken = [(0, 1)] if anew else []
-                kept.append(_Hypothesis(one.estimator.started(prior), earned, broken, _AHEAD if anew else 0, one.slippery, start=prior.pose))
-        return kept
+                same.earned = _log_sum([same.earned, beginning.earned])
+            elif len(kept) < _MOST_YOUNG:
+                kept.append(beginning)
+        return [one.hypothesis() for one in kept]
 
     def _scores(self) -> Array:
         """Log of how likely each hypothesis is, but for a constant."""
@@ -380,7 +394,12 @@ class Hypotheses:
 
 def _log_sum(logs: Sequence[float]) -> float:
     """Log of the sum of what these are logs of."""
-    return float(np.logaddexp.reduce(logs)) if len(logs) else -np.inf
+    return float(np.logaddexp.reduce(logs))
+
+
+def _is_guess(prior: Prior) -> bool:
+    """Whether a pose is known so roughly that its covariance is a guess itself, and one graph does not find it."""
+    return bool((np.diagonal(prior.pose_covariance) > UNCERTAIN**2).any())
 
 
 def _is_lost(one: _Hypothesis) -> bool:

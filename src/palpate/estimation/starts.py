@@ -63,10 +63,7 @@ def starts(
     likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
     left = around - gain @ around
     order = [index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2]
-    return [
-        (_at(prior, pose[index] + by_gain[index], left[index]), float(likely[index]))
-        for index in order
-    ]
+    return [(_at(prior, pose[index] + by_gain[index], left[index]), float(likely[index])) for index in order]
 
 
 def _turned(covariance: Array, angle: ArrayLike) -> Array:
