@@ -215,3 +215,11 @@ def test_a_gel_drifts_as_it_is_used():
     )
     assert friction[1] / friction[0] == pytest.approx(1.0 + 0.2 * seconds, rel=0.02)
     assert stiffness[1] / stiffness[0] == pytest.approx(1.0 - 0.1 * seconds, rel=0.03)
+
+
+def test_a_gel_that_is_warm_drifts_no_more(monkeypatch):
+    monkeypatch.setattr("palpate.simulation.world.WARMS_FOR", 0.4)
+    settings = WorldSettings(feet=ring(0.07), gel_friction=0.25, gel_drift=(0.5, 0.5))
+    _, motion = pushed(RECTANGLE, settings, pushing=50, velocity=(0.01, -0.02))
+    friction = motion.tangential_force[30:] / motion.normal_force[30:]
+    assert friction == pytest.approx(np.full(len(friction), 0.25 * 1.2), rel=0.02)

@@ -10,7 +10,7 @@ from recording_samples import pushed
 
 from palpate.cli.main import main
 from palpate.errors import EstimationError, FileError
-from palpate.estimation.hypotheses import Hypotheses
+from palpate.estimation.hypotheses import Answer, Hypotheses
 from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
@@ -166,3 +166,18 @@ def test_a_failure_that_cannot_be_written_says_why(monkeypatch, tmp_path):
     reason = r"frame at 0\.000 s: lost; what reproduces it cannot be written: .*such\.npz: the folder"
     with pytest.raises(EstimationError, match=reason):
         track(pushed(3), ORACLE, dump=tmp_path / "no" / "such.npz")
+
+
+def test_answers_of_many_frames_are_saved_as_few_arrays(recording, tmp_path):
+    first = recording[0]
+    members = []
+    for frames in (2, 60):
+        taken = steps.Steps(Tracker(recording.shape, recording.sensor, recording.object_pose[0], ORACLE))
+        estimate = taken.tracker.update(first)
+        several = [(Answer(np.full(3, frame), np.eye(3) * frame, 0.5),) * 2 for frame in range(frames)]
+        taken.estimates = [dataclasses.replace(estimate, answers=answers) for answers in several]
+        taken.save(tmp_path / "state.npz", {})
+        assert [one.answers for one in steps.load_steps(tmp_path / "state.npz", {}).estimates] == several
+        with np.load(tmp_path / "state.npz") as state:
+            members.append(len(state.files))
+    assert members[1] <= members[0]

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 HEIGHT = 0.02
 """Height of every object [m]; the gel touches it half way up."""
+WARMS_FOR = 15.0
+"""Time in which friction and stiffness of a gel drift [s], after which they stay."""
 _FEET = 20
 _FOOT = 0.002  # [m] radius of a foot
 _GEL_MASS = 0.02  # [kg] on the vertical slide: light against the object
@@ -45,7 +47,7 @@ class WorldSettings:
     gel_stiffness: float = 4000.0
     """Normal force per indentation of the gel [N/m], of a patch as a round tip has it."""
     gel_drift: tuple[float, float] = (0.0, 0.0)
-    """Shares of friction and stiffness of the gel by which they grow [1/s]."""
+    """Shares of friction and stiffness of the gel by which they grow [1/s], for WARMS_FOR."""
     time_step: float = 0.002
     """Longest time step of the simulation [s]; a frame is divided evenly."""
 

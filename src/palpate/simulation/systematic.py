@@ -7,7 +7,8 @@ What is drawn, and why:
 - Outline: what is stated is 1 to 2 % larger or smaller than the object, as outlines from a drawing or a scan are.
 - Time: every second recording has its images a frame late, as cameras without a trigger have them.
 - First pose: 2 to 5 mm and 1 to 3 degrees off, as an object placed by hand on marks is, and its sigma says so.
-- Gel: over 15 s its friction and stiffness drift by up to 20 % each, up or down, as it warms and gathers dust.
+- Gel: over the first 15 s its friction and stiffness drift by up to 20 % each, up or down, as it warms and gathers
+  dust, and stay so.
 """
 
 from dataclasses import dataclass, replace
@@ -18,13 +19,14 @@ from numpy.typing import NDArray
 from palpate.geometry import se2
 from palpate.geometry.shapes import scaled
 from palpate.recording.recording import Recording
+from palpate.simulation.scene import WARMS_FOR
 
 Array = NDArray[np.float64]
 
 _MOUNTING = (1e-3, np.radians(1.0))  # [m], [rad]
 _OUTLINE = (0.01, 0.02)
 _FIRST = ((2e-3, 5e-3), (np.radians(1.0), np.radians(3.0)))  # [m], [rad]
-_DRIFT = 0.2 / 15.0  # [1/s]
+_DRIFT = 0.2 / WARMS_FOR  # [1/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class SystematicErrors:
     first_pose_sigma: Array
     """Standard deviations (3,) [m, m, rad] of what first poses are off."""
     gel_drift: tuple[float, float]
-    """Shares by which the gel's friction and stiffness grow [1/s]."""
+    """Shares by which the gel's friction and stiffness grow [1/s], for WARMS_FOR."""
 
 
 def draw_errors(rng: np.random.Generator) -> SystematicErrors:

@@ -9,7 +9,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.recording.sensor import SensorProfile
-from palpate.simulation.scene import WorldSettings, build_model, load_mujoco, set_gel
+from palpate.simulation.scene import WARMS_FOR, WorldSettings, build_model, load_mujoco, set_gel
 from palpate.simulation.shove import Finger, Shove
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class World:
         """Let the gel become what it is at the next frame."""
         settings, seconds = self._settings, self._age / self._rate
         self._age += 1
-        if any(settings.gel_drift):
+        if any(settings.gel_drift) and seconds <= WARMS_FOR:
             friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
             set_gel(self._model, settings.gel_friction * friction, settings.gel_stiffness * stiffness)
 

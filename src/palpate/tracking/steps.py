@@ -5,13 +5,18 @@ What is saved is a tracker (`Tracker.save`) and, beside it, what a run keeps of 
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.by_value import same
 from palpate.errors import FileError, FrameError, SettingError
 from palpate.estimate import Estimate
+from palpate.estimation.hypotheses import Answer
 from palpate.recording.frame import Frame
 from palpate.tracker import Tracker
 from palpate.tracker_state import load_tracker_and, save_tracker
@@ -58,7 +63,7 @@ class Steps:
     def save(self, path: Path, made_of: dict[str, Any]) -> None:
         """Write it all, and what it was `made_of`. Raises SettingError where the tracker cannot be saved."""
         rows = [
-            (one.time, one.pose, one.covariance, one.contact, one.status, one.answers[1:] and one.answers, one.friction)
+            (one.time, one.pose, one.covariance, one.contact, one.status, _packed(one.answers), one.friction)
             for one in self.estimates
         ]
         save_tracker(self.tracker, path, (made_of, rows, self.taken, self.step_ms, self.wall_s))
@@ -69,7 +74,7 @@ def load_steps(path: Path, made_of: dict[str, Any]) -> Steps:
     tracker, beside = load_tracker_and(path)
     try:
         before, rows, taken, step_ms, wall_s = beside
-        estimates = [Estimate(*row[:5], answers=row[5], friction=row[6]) for row in rows]
+        estimates = [Estimate(*row[:5], answers=_unpacked(row[5]), friction=row[6]) for row in rows]
         steps = Steps(tracker, estimates, taken, step_ms, wall_s)
         other = [name for name, value in made_of.items() if not same(before[name], value)]
     except (TypeError, ValueError, KeyError, IndexError) as error:
@@ -77,6 +82,16 @@ def load_steps(path: Path, made_of: dict[str, Any]) -> Steps:
     if other:
         raise FileError(f"{path}: what was interrupted had another {other[0]}; say the same again, or begin anew")
     return steps
+
+
+def _packed(answers: Sequence[Answer]) -> NDArray[np.float64]:
+    """Several answers as rows (N, 13) of pose, covariance and weight; no rows where there is one, the estimate."""
+    several = answers if len(answers) > 1 else ()
+    return np.array([(*one.pose, *one.covariance.flat, one.weight) for one in several]).reshape(-1, 13)
+
+
+def _unpacked(rows: NDArray[np.float64]) -> tuple[Answer, ...]:
+    return tuple(Answer(row[:3], row[3:12].reshape(3, 3), float(row[12])) for row in rows)
 
 
 class Saving:
