@@ -7,7 +7,7 @@ happened is kept, where
   steps, and the object slid over the sensor by another length in each hypothesis, on a contact that holds as well as
   thought or is more slippery;
 - a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
-  `starts`;
+  `starts`, which also says how likely each hypothesis takes it to be touched there;
 - a contact that was brief began where nothing should be: it may have been none.
 
 A hypothesis is judged by what its steps cost (`Window.costs`), pushing left out in steps in which any of them lets go
