@@ -34,13 +34,14 @@ bench: $(READY_DEV)
 
 # Fifty kills of every command, at random times, and twenty of live sessions.
 kills: $(READY_DEV)
-	$(BIN)/python scripts/kill_commands.py
-	$(BIN)/python scripts/kill_live.py
+	$(BIN)/python scripts/kill_commands.py --into docs/study/kills.json
+	$(BIN)/python scripts/kill_live.py --into docs/study/kills_live.json
 
-# Everything anew in empty environments; outside CI's time.
+# TESTS anew in empty environments; outside CI's time.
+TESTS ?= tests
 test-matrix: $(READY_DEV)
 	$(BIN)/python -m pip install --quiet uv
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py --tests $(TESTS) --into docs/study/matrix.json
 
 # Nine recordings of nine sensor units that nothing was chosen on, each broken in every way, and nine with a second pusher;
 # about a quarter of an hour.
@@ -53,7 +54,7 @@ faults: $(READY_DEV)
 # Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.
 COUNT ?= 100000
 fuzz: $(READY_DEV)
-	cd tests && nice ../$(BIN)/python -m fuzzing --count $(COUNT) --found ../fuzz-found
+	cd tests && nice ../$(BIN)/python -m fuzzing --count $(COUNT) --found ../fuzz-found --into ../docs/study/fuzz.json
 
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html

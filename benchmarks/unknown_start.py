@@ -3,12 +3,15 @@
 Each recording with images and ground truth is tracked from a first pose within 60 mm of the true one, at any yaw, both
 drawn from its name. After its third contact, or its last, the error is that to the nearest pose at which the outline
 looks the same within 5 mm; it is found within 5 mm and 3 degrees, and honest where the truth is in the 95 % region or
-the status is `ambiguous`.
+the status is `ambiguous`. The reported one: `palpate simulate` of 40 pushes, 10 each of rectangle, ellipse, triangle
+and t, seed 12201.
 """
 
+import json
 import sys
 import zlib
 from pathlib import Path
+from statistics import fmean, median
 
 import numpy as np
 
@@ -66,20 +69,22 @@ def judged(file: Path) -> tuple[float, float, bool]:
     is_inside = inside_95(
         nees(np.tile(estimate.pose, (len(same), 1)), np.tile(estimate.covariance, (len(same), 1, 1)), same)
     )
-    return millimetres[nearest], degrees[nearest], bool(is_inside.any()) or estimate.status == "ambiguous"
+    return float(millimetres[nearest]), float(degrees[nearest]), bool(is_inside.any()) or estimate.status == "ambiguous"
 
 
 def main() -> None:
-    """Judge all recordings of a folder, a line each, and all of them."""
-    found, honest = [], []
+    """Judge all recordings of a folder, and print shares and a row for each as JSON."""
+    rows = []
     for file in sorted(Path(sys.argv[1]).glob("*.h5")):
         millimetres, degrees, is_honest = judged(file)
-        found.append(millimetres < FOUND_MM and degrees < FOUND_DEG)
-        honest.append(is_honest)
-        print(
-            f"{file.stem:40s} {millimetres:6.1f} mm {degrees:6.1f} deg  {'' if is_honest else 'wrong without a word'}"
-        )
-    print(f"{len(found)} recordings: {np.mean(found):.0%} found, {np.mean(honest):.0%} honest")
+        found = bool(millimetres < FOUND_MM and degrees < FOUND_DEG)
+        rows.append({"recording": file.stem, "mm": millimetres, "deg": degrees, "found": found, "honest": is_honest})
+    shares = {
+        "found_share": fmean(row["found"] for row in rows),
+        "honest_share": fmean(row["honest"] for row in rows),
+        "median_mm": median(row["mm"] for row in rows),
+    }
+    print(json.dumps({"recordings": len(rows), **shares, "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
 """Kills every command that works for long at random times, looks at what it leaves and lets it go on.
 
-    python scripts/kill_commands.py [simulate evaluate tune train track] [--kills 50] [--seed 0]
+    python scripts/kill_commands.py [simulate evaluate tune train track] [--kills 50] [--seed 0] [--into FILE.json]
 
-Each command runs on small recordings, in a process that is forked, so that imports do not take most of its time. After
+Each command runs on small recordings, in a process that is forked from one that has run it once, so that imports do not
+take most of its time. After
 SIGKILL every file that shows has to be whole. The next start has to end with what a run makes that was left alone, to
 the last bit but for times, and with no hidden file. At every fifth kill a neighbour begins the same while the command
-is at it, and has to be told.
+is at it, and has to be told. What was seen is printed, and kept in FILE.json.
 """
 
+import contextlib
 import dataclasses
 import io
 import json
@@ -20,14 +22,16 @@ import tempfile
 import time
 import traceback
 from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import onnxscript  # noqa: F401
+import onnx
 import torch
 import tyro
+from onnx import numpy_helper
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -39,11 +43,10 @@ from palpate.cli import main
 from palpate.estimation.warm_up import warm_up
 from palpate.formats.palpate_h5 import source_of, write_recording
 from palpate.simulation.scene import load_mujoco
-from palpate.study import report  # noqa: F401
 from palpate.tracking import steps
 from palpate.training import features, heads, learn, results, train
+from palpate.training.export import exported
 from palpate.training.fit import FitSettings
-from palpate.tuning import tuning  # noqa: F401
 
 NEIGHBOUR = 5
 """A neighbour comes with every so manieth kill."""
@@ -80,7 +83,7 @@ COMMANDS: dict[Name, Command] = {
 
 
 def prepare(folder: Path) -> None:
-    """Make recordings, shrink trainings, and load what commands need, once for all processes."""
+    """Make recordings, and shrink trainings."""
     load_mujoco()
     warm_up()
     (folder / "pushes").mkdir()
@@ -90,12 +93,13 @@ def prepare(folder: Path) -> None:
         write_recording(dataclasses.replace(given, sensor_pose=bent), folder / "pushes" / f"push-{index}.h5")
     (folder / "touches").mkdir()
     write_pushes(folder / "touches")
-    (folder / "touches" / "bare.h5").unlink()  # it has no images, and is there for a test
-    short = FitSettings(steps=8, check=2)
+    for more in ("bare", "push-2", "push-3"):  # they are there for a test
+        (folder / "touches" / f"{more}.h5").unlink()
+    short = FitSettings(steps=4, check=1)
     changes: dict[Any, dict[str, Any]] = {
         steps: {"_EVERY": 0.0},
-        train: {"TrainSettings": partial(train.TrainSettings, keypoint=short, touch=short)},
-        learn: {"_GROUPS": 4, "_IMAGES": 16, "_HELD_OUT": 1},
+        train: {"TrainSettings": partial(train.TrainSettings, keypoint=short, touch=short), "exported": export_of()},
+        learn: {"_GROUPS": 2, "_IMAGES": 16, "_HELD_OUT": 1},
         heads: {"_STEPS": 20},
         features: {"PAIRS": 4000},
         results: {"PAIRS": 4000},
@@ -103,6 +107,24 @@ def prepare(folder: Path) -> None:
     for module, values in changes.items():
         for name, value in values.items():
             setattr(module, name, value)
+
+
+def export_of() -> Callable[[learn.Keypoints, learn.Touch], dict[str, bytes]]:
+    """`exported`, which puts weights into networks that were traced once: tracing takes longer than all the rest."""
+    traced = exported(learn.Keypoints(), learn.Touch())
+
+    def with_weights(file: bytes, state: dict[str, torch.Tensor]) -> bytes:
+        model = onnx.load_from_string(file)
+        for each in model.graph.initializer:
+            if each.name in state:
+                each.CopyFrom(numpy_helper.from_array(state[each.name].numpy(), each.name))
+        return model.SerializeToString()
+
+    def export(keypoints: learn.Keypoints, touch: learn.Touch) -> dict[str, bytes]:
+        networks = {"touch": touch.image, "pair": touch.pair, "keypoint": keypoints.encoder}
+        return {name: with_weights(traced[name], network.state_dict()) for name, network in networks.items()}
+
+    return export
 
 
 def begin(words: str, folder: Path) -> int:
@@ -158,7 +180,7 @@ def content(name: str, path: Path) -> Any:
         source_of(path)
     elif path.suffix == ".npz":
         with np.load(path) as arrays:
-            data = {key: arrays[key].tobytes() for key in arrays if key not in ("step_ms", "summary")}
+            data = {key: arrays[key].tobytes() for key in arrays if key not in ("step_ms", "about")}
     elif path.suffix == ".pt":
         state = torch.load(path, weights_only=True)
         data = [state["step"], *(value.tolist() for value in state["best_state"].values())]
@@ -204,6 +226,9 @@ def torture(name: Name, folder: Path, kills: int, chance: random.Random) -> Coun
     """Kill a command so many times; returns what was seen."""
     command, seen = COMMANDS[name], Counter[str]()
     out = folder / command.out
+    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        assert main.main(command.words.split()) == 0  # loads what it needs, once for all processes
+    remove(out)
     start = time.perf_counter()
     assert end(begin(command.words, folder)) == 0, (folder / "said").read_text()
     seconds, wanted = time.perf_counter() - start, {key: content(key, path) for key, path in files_of(out).items()}
@@ -234,9 +259,10 @@ def kill_commands(
     /,
     kills: int = 50,
     seed: int = 0,
+    into: Path | None = None,
 ) -> int:
     """Kill commands and print what was seen; the exit code is 1 where anything failed."""
-    failed = False
+    failed, found = False, dict[str, dict[str, float]]()
     with tempfile.TemporaryDirectory() as folder:
         prepare(Path(folder))
         for name in names or tuple(COMMANDS):
@@ -244,8 +270,10 @@ def kill_commands(
             seen = torture(name, Path(folder), kills, random.Random(f"{seed} {name}"))
             remove(Path(folder) / COMMANDS[name].out)
             failed |= any(key.startswith("FAILED") for key in seen)
-            counts = ", ".join(f"{key} {count}" for key, count in seen.items())
-            print(f"{name}: {counts}; {time.perf_counter() - start:.0f} s", flush=True)
+            found[name] = {**seen, "seconds": round(time.perf_counter() - start)}
+            print(f"{name}: {', '.join(f'{key} {count}' for key, count in found[name].items())}", flush=True)
+            if into is not None:
+                into.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return int(failed)
 
 

@@ -1,13 +1,14 @@
 """Kills whole processes of `palpate live --replay --record` at random times, and looks at what they recorded.
 
-    python scripts/kill_live.py [--kills 20] [--seed 0]
+    python scripts/kill_live.py [--kills 20] [--seed 0] [--into FILE.json]
 
 Each session is forked, so that imports do not take most of its time, and tells by a pipe how many messages it has
 handed to the system. After SIGKILL the file has to open and hold all of these and at most what was being written then.
-As far as there are frames, it has to be a recording that can be tracked.
+As far as there are frames, it has to be a recording that can be tracked. The counts are kept in FILE.json.
 """
 
 import contextlib
+import json
 import os
 import random
 import signal
@@ -38,9 +39,10 @@ BEING_WRITTEN = 3
 """Messages of an estimate, the most that is written at once."""
 
 
-def kill_live(kills: int = 20, seed: int = 0) -> int:
+def kill_live(kills: int = 20, seed: int = 0, into: Path | None = None) -> int:
     """Kill sessions and print what was seen; the exit code is 1 where anything was lost."""
     chance, failed, messages = random.Random(seed), 0, 0
+    into = into and into.absolute()
     with tempfile.TemporaryDirectory() as made:
         os.chdir(made)
         push = simulate_recording(SHAPES["rectangle"], "rectangle-edges", 1, 10.0)
@@ -59,7 +61,10 @@ def kill_live(kills: int = 20, seed: int = 0) -> int:
                 said += f", {len(formats.load_recording(path))} frames"
             messages += found
             print(said, flush=True)
-    print(f"{kills} sessions killed, {failed} failed, {messages} messages")
+    found = {"killed": kills, "failed": failed, "messages": messages}
+    print(found)
+    if into is not None:
+        into.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return int(failed > 0)
 
 

@@ -230,6 +230,45 @@ def press_facts() -> set[str]:
     return {"68", "95", *shares, *counts, f"{found['rms_deg']:.1f}", f"{found['median_deg']:.1f}"}
 
 
+def direction_scale_facts() -> set[str]:
+    """Return what directions of one unit have in common."""
+    found = loaded("docs/study/direction_scale.json")
+    pressed = [value for value in found.values() if isinstance(value, dict)]
+    degrees = ("offset_mean_deg", "offset_deviation_deg", "about_line_deg", "stated_deg")
+    told = {f"{one[key]:.1f}" for one in pressed for key in degrees}
+    return {str(found["units"]), *told, *(f"{100.0 * one['scale_deviation']:.0f}" for one in pressed)}
+
+
+def paper_system() -> str:
+    """Return the table of the paper's own system beside palpate's."""
+    rows = [
+        [
+            name,
+            str(row["sequences"]),
+            f"{row['final_mm']['median']:.1f} mm, {row['final_deg']['median']:.1f}° "
+            f"({row['final_mm']['worst']:.0f}, {row['final_deg']['worst']:.0f})",
+            f"{percent(row['in_95_contact'])}, {percent(row['in_95_final'])}",
+            str(row["lost"]),
+            str(row["indeterminate_frames"]),
+        ]
+        for name, row in loaded("docs/study/paper_system.json").items()
+    ]
+    head = ("system", "sequences", "final error", "in 95 %: contact, end", "lost", "frames that iSAM2 refused")
+    return table(head, rows)
+
+
+def wear_facts() -> set[str]:
+    """Return how much of an untouched gel changes, worn or not."""
+    shares = loaded("docs/study/wear.json")["shares"]
+    return {f"{100.0 * share:.0f}" for one in shares.values() for share in one.values()} | {"7", "14"}
+
+
+def slip_facts() -> set[str]:
+    """Return what images tell of sliding."""
+    scores = [value for value in loaded("docs/study/slip.json").values() if isinstance(value, dict)]
+    return {f"{one['auc']:.2f}" for one in scores} | {f"{100.0 * one['slip_r2']:.0f}" for one in scores}
+
+
 def readers() -> str:
     """Return the table of what models read from pairs of images."""
     squares = loaded("docs/study/touch_model.json")["mean_square_of_sine"]
@@ -402,6 +441,37 @@ def _whole(number: str) -> str:
     return "-" if number == "nan" else f"{float(number):.0f}"
 
 
+def kills() -> str:
+    """Return the table of commands that were killed at random times."""
+    columns = ("killed", "went on to the same end", "neighbours told")
+    rows = loaded("docs/study/kills.json")
+    return table(
+        ("command", *columns, "failed"),
+        [[f"`{name}`", *(str(row.get(key, 0)) for key in columns), str(_failed(row))] for name, row in rows.items()],
+    )
+
+
+def _failed(row: Row) -> int:
+    return sum(count for key, count in row.items() if key.startswith("FAILED"))
+
+
+def fuzz() -> str:
+    """Return the table of readers on changed files."""
+    rows = loaded("docs/study/fuzz.json")
+    return table(
+        ("reader", "files", "read", "refused", "faults", "most memory", "slowest file"),
+        [
+            [
+                f"`{name}`",
+                *(f"{row[key]:,}".replace(",", " ") for key in ("files", "read", "refused", "faults")),
+                f"{row['memory_mb']} MB",
+                f"{row['slowest_s']:.2f} s",
+            ]
+            for name, row in rows.items()
+        ],
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
@@ -409,6 +479,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "plain": plain,
     "knocked": knocked,
     "ways": ways,
+    "paper-system": paper_system,
     "mini": mini,
     "readers": readers,
     "balls": balls,
@@ -417,6 +488,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "expected": expected,
     "step-times": step_times,
     "faults": faults,
+    "kills": kills,
+    "fuzz": fuzz,
 }
 """Blocks that are written by this file."""
 FACTS: dict[str, Callable[[], set[str]]] = {
@@ -430,6 +503,9 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "ball-facts": ball_facts,
     "mini-facts": mini_facts,
     "press-facts": press_facts,
+    "direction-scale-facts": direction_scale_facts,
+    "slip-facts": slip_facts,
+    "wear-facts": wear_facts,
     "real-facts": real_facts,
     "rendered-facts": rendered_facts,
     "step-facts": step_facts,

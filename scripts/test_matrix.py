@@ -1,17 +1,21 @@
 """Runs all tests with the lowest and the highest versions that pyproject.toml allows, on each Python there is.
 
-    python scripts/test_matrix.py [--python 3.11 3.12 3.13] [--tests tests/formats ...]
+    python scripts/test_matrix.py [--python 3.11 3.12 3.13] [--tests tests/formats ...] [--into FILE.json]
 
 Every combination gets an environment of its own, which goes when it is done; before the tests the wheel alone, without
-extras, tracks a recording. Needs uv, which knows how to resolve to lowest versions.
+extras, tracks a recording. Needs uv, which knows how to resolve to lowest versions. Packages that UV_EXCLUDE names are
+left out, and pyenv shows uv the Pythons that PYENV_VERSION names. What was found is kept in FILE.json, with versions.
 """
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import tyro
 
@@ -32,8 +36,8 @@ def run(*words: str | Path, **environment: str) -> None:
     subprocess.run([str(word) for word in words], cwd=ROOT, check=True, env=os.environ | environment)
 
 
-def try_out(python: str, resolution: str, tests: tuple[str, ...], folder: Path) -> None:
-    """Make an environment and run the tests in it; an error where they fail."""
+def try_out(python: str, resolution: str, tests: tuple[str, ...], folder: Path, found: dict[str, Any]) -> None:
+    """Make an environment, run the tests in it and note versions and counts; an error where they fail."""
     environment = folder / "environment"
     bin = environment / "bin"
     run("uv", "venv", "--quiet", "--python", python, "--no-python-downloads", environment)
@@ -44,29 +48,45 @@ def try_out(python: str, resolution: str, tests: tuple[str, ...], folder: Path) 
     run(bin / "python", "-c", ALONE, folder / "push.h5", PYTHONPATH=str(ROOT / "tests"))
     run(bin / "palpate", "track", folder / "push.h5", "--tactile", "oracle", "--out", folder / "run")
     run(*install, f"{wheel}[dev]")
+    listed = ("uv", "pip", "list", "--quiet", "--format", "json", "--python", str(bin / "python"))
+    said = subprocess.run(listed, capture_output=True, check=True).stdout
+    found["versions"] = {each["name"]: each["version"] for each in json.loads(said)}
     # Old libraries warn of new ones that they bring; that is no fault of ours.
     warnings = ("-o", "filterwarnings=default") if resolution == "lowest-direct" else ()
-    run(bin / "python", "-m", "pytest", "-n", "2", "-p", "no:cacheprovider", *warnings, *tests)
+    counted = folder / "tests.xml"
+    pytest = bin / "python", "-m", "pytest", "-n", "2", "-p", "no:cacheprovider", f"--junitxml={counted}"
+    try:
+        run(*pytest, *warnings, *tests)
+    finally:
+        if counted.exists():
+            suite = ElementTree.parse(counted).find("testsuite")
+            assert suite is not None
+            found |= {name: int(suite.attrib[name]) for name in ("tests", "failures", "errors", "skipped")}
 
 
-def test_matrix(python: tuple[str, ...] = PYTHONS, tests: tuple[str, ...] = ("tests",)) -> int:
+def test_matrix(
+    python: tuple[str, ...] = PYTHONS, tests: tuple[str, ...] = ("tests",), into: Path | None = None
+) -> int:
     """Try out every combination and print a line for each; the exit code is 1 where one failed."""
     if shutil.which("uv") is None:
         sys.exit("uv is not installed: pip install uv")
-    lines, failed = [], False
+    cells, failed = dict[str, dict[str, Any]](), False
     for version in python:
         find = ["uv", "python", "find", "--no-python-downloads", version]
-        if subprocess.run(find, capture_output=True, check=False).returncode:
-            lines.append(f"{version}: skipped, there is no such Python on this machine")
-            continue
+        there = subprocess.run(find, capture_output=True, check=False).returncode == 0
         for resolution in ("lowest-direct", "highest") if version == LOWEST else ("highest",):
-            with tempfile.TemporaryDirectory() as folder:
-                try:
-                    try_out(version, resolution, tests, Path(folder))
-                    lines.append(f"{version}, {resolution}: passed")
-                except subprocess.CalledProcessError as error:
-                    lines.append(f"{version}, {resolution}: FAILED at {' '.join(error.cmd[:4])} ...")
-                    failed = True
+            found = cells[f"{version}, {resolution}"] = dict[str, Any](outcome="skipped: uv finds no such Python")
+            if there:
+                with tempfile.TemporaryDirectory() as folder:
+                    try:
+                        try_out(version, resolution, tests, Path(folder), found)
+                        found["outcome"] = "passed"
+                    except subprocess.CalledProcessError as error:
+                        found["outcome"] = f"FAILED at {' '.join(error.cmd[:4])} ..."
+                        failed = True
+            if into is not None:
+                into.write_text(json.dumps(cells, indent=1) + "\n", encoding="utf-8")
+    lines = [f"{name}: {found['outcome']}" for name, found in cells.items()]
     print("\n".join(lines))
     return int(failed)
 

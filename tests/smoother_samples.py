@@ -19,6 +19,7 @@ from palpate.estimation.smoother import BeginContact, Smoother, make_smoother
 from palpate.estimation.unknowns import (
     DEPTH,
     DIRECTION_BIAS,
+    DIRECTION_SCALE,
     FRICTION_CENTER,
     FRICTION_RATIO,
     IN_OBJECT,
@@ -238,7 +239,8 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
         rows.append(np.einsum("nij,nj->ni", whiten, apart))
         _, normal, _ = outline_at(g[directed], model, 0)
         touched = np.arctan2(-normal[:, 1], -normal[:, 0]) - g[directed, 2]
-        rows.append(se2.wrap(touched + values[IN_OBJECT[DIRECTION_BIAS]] - direction) / direction_sigma)
+        bias, scale = values[IN_OBJECT[DIRECTION_BIAS]], values[IN_OBJECT[DIRECTION_SCALE]]
+        rows.append(se2.wrap(touched + bias - (1.0 - scale) * direction) / direction_sigma)
         rows.append(se2.wrap(g[turned, 2] - offset - turn) / turn_sigma)
         rows.append(np.array([offset / TURN_OFFSET.prior[1]]))  # pyright: ignore[reportOptionalSubscript]
         return np.concatenate([row.ravel() for row in rows])

@@ -56,4 +56,4 @@ def _header(file: IO[bytes]) -> str:
     start = file.read(8)
     if start[:6] != b"\x93NUMPY":
         raise ValueError("a part is no array")
-    return file.read(int.from_bytes(file.read(2 if start[6] == 1 else 4), "little")).decode("latin-1")
+    return file.read(int.from_bytes(file.read(2 if start[6:7] == b"\x01" else 4), "little")).decode("latin-1")

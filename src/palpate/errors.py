@@ -1,14 +1,14 @@
 """The errors palpate raises on bad input. Each message names what is wrong, what was found and what is allowed."""
 
-from palpate.printable import printable
+from palpate.printable import printable, shortened
 
 
 class PalpateError(Exception):
     """Base of all errors that are the input's fault; the command line prints them in one line."""
 
     def __str__(self) -> str:
-        """The message, in which what a file holds cannot reach a terminal as control characters."""
-        return printable(super().__str__())
+        """The message, in which what a file holds is not at length and no control characters."""
+        return shortened(printable(super().__str__()))
 
 
 class FileError(PalpateError):

@@ -7,10 +7,17 @@ import re
 # whose bytes are no text.
 _UNPRINTABLE = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
+_LONGEST = 1600  # characters of a message
+
 
 def printable(text: str) -> str:
     r"""The text with each character that is not to reach a terminal written as Python writes it, such as \x1b."""
     return _UNPRINTABLE.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def shortened(text: str) -> str:
+    """The text without its middle where it is too long for a message, as where it quotes a name of 150 kB."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 4 :]}"
 
 
 def one_line(error: Exception) -> str:

@@ -288,7 +288,7 @@ class Tracker:
     def _make_touch(self, tactile: Tactile) -> Touch:
         given = self._settings.noise.relative_pose
         known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
-        return make_touch(tactile, *known)
+        return make_touch(tactile, *known, given.linear)
 
 
 def _first_pose(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from palpate.estimation.smoother import make_smoother
 from palpate.estimation.unknowns import (
     DEPTH,
     DIRECTION_BIAS,
+    DIRECTION_SCALE,
     FRICTION_CENTER,
     FRICTION_RATIO,
     GRIP,
@@ -66,6 +67,7 @@ def draw(noise: NoiseSettings, count: int, seed: int, direction: float = FELT, t
     relative = [noisy(se2.between(g[t - compared_frames(t)], g[t]), pairs, rng) for t in range(STEPS + 1)]
     first, measured = noisy(o[0], noise.first_pose.deviation, rng), noisy(e, noise.sensor_pose.deviation, rng)
     directions = contact_directions(g, model) + values[:, IN_OBJECT[DIRECTION_BIAS]][:, 0]
+    directions /= 1.0 - values[:, IN_OBJECT[DIRECTION_SCALE]][:, 0]
     directions += rng.normal(0.0, direction * np.sqrt(noise.direction.share), g.shape[:-1])
     turns = g[..., 2] - rng.uniform(-np.pi, np.pi, count)
     turns += rng.normal(0.0, turn * np.sqrt(noise.turn.share), g.shape[:-1])

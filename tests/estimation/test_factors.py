@@ -27,6 +27,7 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.unknowns import (
     DEPTH,
     DIRECTION_BIAS,
+    DIRECTION_SCALE,
     FRICTION_CENTER,
     FRICTION_RATIO,
     GRIP,
@@ -203,8 +204,9 @@ def test_first_pose(where):
     root = np.eye(3 + OBJECT_SIZE) + 0.3 * rng.normal(size=(STATES, 3 + OBJECT_SIZE, 3 + OBJECT_SIZE))
     values = rng.normal(size=(STATES, OBJECT_SIZE))
     factor = FirstPose([Prior(*each) for each in zip(pose, values, root @ root.transpose(0, 2, 1), strict=True)])
-    bias, depth, ratio, *center, grip = rng.normal(size=(OBJECT_SIZE, STATES))
-    shared = {DIRECTION_BIAS: bias, DEPTH: depth, FRICTION_RATIO: ratio, FRICTION_CENTER: np.array(center), GRIP: grip}
+    bias, scale, depth, ratio, *center, grip = rng.normal(size=(OBJECT_SIZE, STATES))
+    shared = {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale, DEPTH: depth}
+    shared |= {FRICTION_RATIO: ratio, FRICTION_CENTER: np.array(center), GRIP: grip}
     at = values_at(DISC, g[:, None], e[:, None], shared)
     check(factor, at, terms_of(factor, at), tolerance=1e-6)  # an inverse root may be as large as 100
 
@@ -259,9 +261,10 @@ def test_direction(name, where, error):
         theta = angles(rng, where)
         g = near_corner(model, theta, rng) if name == "corner" else near_outline(name, model, theta, rng)
         bias = rng.uniform(-0.3, 0.3, STATES)
-        measured = se2.wrap(contact_directions(g, model) + bias - error)
+        scale = rng.uniform(-0.2, 0.2, STATES)
+        measured = se2.wrap(contact_directions(g, model) + bias - error) / (1.0 - scale)
         factor = Direction(DirectionSettings(), model)
-        at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias})
+        at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
         terms = terms_of(factor, at, [ContactDirection(float(angle), 1.0) for angle in measured])
         # The Hessian's slope jumps between cells, by most where the L's inner corner bends the field: the rows of
         # pushing have it times the radius.
@@ -328,7 +331,7 @@ def test_many_smoothers_at_once_are_each_as_alone():
     model = model_with("ellipse", RADIUS)
     g1, e1 = near_outline("ellipse", model, angles(rng, "anywhere"), rng), random_poses(rng)
     g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
-    shared = {TURN_OFFSET: rng.normal(size=STATES), DIRECTION_BIAS: rng.normal(size=STATES), **friction(rng)}
+    shared = {each: rng.normal(size=STATES) for each in (TURN_OFFSET, DIRECTION_BIAS, DIRECTION_SCALE)} | friction(rng)
     at = values_at(model, np.stack([g0, g1], axis=1), np.stack([e0, e1], axis=1), shared)
     pair = RelativePoses(np.array([1]), np.zeros((1, 3)), np.eye(3)[None])
     measurements = [

@@ -32,6 +32,7 @@ from palpate.estimation.factors.turn import Turn, TurnSettings
 from palpate.estimation.unknowns import (
     DEPTH,
     DIRECTION_BIAS,
+    DIRECTION_SCALE,
     FRICTION_CENTER,
     FRICTION_RATIO,
     GRIP,
@@ -68,10 +69,10 @@ def contact(g: Any, depth: float, model: ContactModel) -> tuple[Array, Array]:
     return rows.residual[0, 0], rows.jacobian[0, 0]
 
 
-def direction(g: Any, angle: float, bias: float, model: ContactModel) -> tuple[Array, Array]:
-    """Residual (1,) and Jacobian (1, 4) by g and the bias."""
-    factor = Direction(DirectionSettings(), model)
-    rows = rows_of(factor, values_at(model, [[g]], shared={DIRECTION_BIAS: bias}), [ContactDirection(angle, 1.0)])
+def direction(g: Any, angle: float, bias: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
+    """Residual (1,) and Jacobian (1, 5) by g, the bias and the scale."""
+    factor, shared = Direction(DirectionSettings(), model), {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale}
+    rows = rows_of(factor, values_at(model, [[g]], shared=shared), [ContactDirection(angle, 1.0)])
     return rows.residual[0, 0], rows.jacobian[0, 0]
 
 
@@ -131,12 +132,13 @@ def test_first_pose_by_hand():
     # As above, the pose is 0.1 m from where it is known to be; what belongs to the object is off by the difference, in
     # its order, each in standard deviations.
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
-    deviation = np.array([0.05, 1.0, 1.0, 0.1, 1e-3, 0.5, 0.2, 0.2, 0.1])
-    known = Prior(np.array([0.9, 0.0, 0.0]), np.array([0.1, 5e-4, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2))
-    shared = {DIRECTION_BIAS: 0.5, DEPTH: 2e-4, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
+    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 1e-3, 0.5, 0.2, 0.2, 0.1])
+    known = Prior(np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 5e-4, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2))
+    shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, DEPTH: 2e-4}
+    shared |= {FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
     factor = FirstPose([known])
     rows = rows_of(factor, values_at(ANY, [[g]], [[e]], shared))
-    np.testing.assert_allclose(rows.residual[0, 0], [2.0, 0, 0, 4.0, -0.3, -1.0, 1.0, -0.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(rows.residual[0, 0], [2.0, 0, 0, 4.0, -1.0, -0.3, -1.0, 1.0, -0.5, 0.0], atol=1e-12)
     jacobian = rows.jacobian[0, 0] * deviation[:, None]
     np.testing.assert_allclose(jacobian[3:], np.eye(OBJECT_SIZE, 6 + OBJECT_SIZE, 6), atol=1e-15)
     np.testing.assert_allclose(jacobian[:3, 6:], 0.0, atol=1e-15)
@@ -184,7 +186,7 @@ def test_direction_by_hand():
     # -0.1. Turned by +0.3 the sensor is touched at -0.3. Moving along or across the side changes nothing.
     residual, jacobian = direction(np.array([-0.1, 0.02, 0.0]), 0.0, 0.0, model)
     np.testing.assert_allclose(residual, [0.0], atol=1e-6)
-    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1]], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0]], atol=1e-6)
     assert direction(np.array([-0.1, 0.02, 0.0]), 0.1, 0.0, model)[0] == pytest.approx(-0.1, abs=1e-6)
     assert direction(np.array([-0.1, 0.02, 0.3]), 0.0, 0.0, model)[0] == pytest.approx(-0.3, abs=1e-6)
     # Turned by 3.1 it is touched at -3.1; 3.1 is measured, 6.2 more, which is 2 pi - 6.2 = 0.0831853 the other way.
@@ -195,7 +197,7 @@ def test_direction_by_hand():
     residual, jacobian = direction(np.array([-0.115 + RADIUS, 0.12, 0.0]), 0.0, 0.0, model)
     np.testing.assert_allclose(residual, [-0.927295218], atol=1e-4)
     # Turning by d about the apex carries the centre, 0.021 behind it, by -0.021 d in y: -0.021 * 0.6 / 0.025 - 1.
-    np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0]], rtol=1e-2)
+    np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0, 0.0]], rtol=1e-2)
 
 
 def test_a_bias_is_what_directions_are_too_large_by():
@@ -204,9 +206,16 @@ def test_a_bias_is_what_directions_are_too_large_by():
     model = square(RADIUS)
     residual, jacobian = direction(np.array([-0.1, 0.02, -0.1]), 0.3, 0.15, model)
     np.testing.assert_allclose(residual, [-0.05], atol=1e-6)
-    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1]], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0.3]], atol=1e-6)
     residual, _ = direction(np.array([-0.1, 0.02, 3.1]), 3.0, -0.1, model)
     np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
+
+
+def test_a_scale_is_the_share_that_directions_are_too_large_by():
+    # Touched at 0.1, measured 0.4 by a sensor of which a fifth is too much: 0.32, which is 0.22 too much.
+    residual, jacobian = direction(np.array([-0.1, 0.02, -0.1]), 0.4, 0.0, square(RADIUS), scale=0.2)
+    np.testing.assert_allclose(residual, [-0.22], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0.4]], atol=1e-6)
 
 
 def test_direction_on_a_disc_by_hand():

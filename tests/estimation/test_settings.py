@@ -207,13 +207,14 @@ def test_the_weights_of_direction_and_turn(kernel):
 def test_what_is_believed_of_an_object():
     priors = Priors(
         direction_bias=(0.01, 0.02),
+        direction_scale=(-0.05, 0.04),
         depth=(3e-4, 1e-4),
         friction_ratio=(0.2, 0.3),
         friction_center=(0.05, 0.1),
         grip=(0.5, 0.15),
     )
-    assert priors.mean.tolist() == [0.01, 3e-4, 0.2, 0.05, 0.05, 0.5]
-    assert priors.deviation.tolist() == [0.02, 1e-4, 0.3, 0.1, 0.1, 0.15]
+    assert priors.mean.tolist() == [0.01, -0.05, 3e-4, 0.2, 0.05, 0.05, 0.5]
+    assert priors.deviation.tolist() == [0.02, 0.04, 1e-4, 0.3, 0.1, 0.1, 0.15]
     assert priors.mean.shape == (OBJECT_SIZE,)
     assert priors.mean[IN_OBJECT[DIRECTION_BIAS]].tolist() == [0.01]
     assert priors.mean[IN_OBJECT[DEPTH]].tolist() == [3e-4]
@@ -243,6 +244,7 @@ def test_the_published_settings():
     assert (priors.mean[:-1] == 0.0).all()
     assert (priors.deviation[:-1] <= 1e-9).all()
     assert PUBLISHED.relative_pose.oracle == PUBLISHED.relative_pose.constant == (1.0, 1.0, 1e-5)
+    assert PUBLISHED.relative_pose.linear == 1e-5
     assert PUBLISHED.contact.deviation == 1e-2
     assert PUBLISHED.sensor_pose.deviation == PUBLISHED.first_pose.deviation == (1e-5,) * 3
     assert PUBLISHED.sensor_pose.calibration == (0.0,) * 3  # the paper's covariance is the graph's alone

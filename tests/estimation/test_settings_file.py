@@ -99,7 +99,7 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
         "direction": {"share": 1.9, "kernel": 2.9},
         "place": {"share": 2.0, "kernel": 3.0},  # which version 1 had not
         "turn": {"share": 80.0, "kernel": 2.9},
-        "relative_pose": {"oracle": (1.0, 1.1, 0.07), "constant": (1.2, 1.3, 4.0)},
+        "relative_pose": {"oracle": (1.0, 1.1, 0.07), "constant": (1.2, 1.3, 4.0), "linear": None},
         "sticking": {
             "still": 3e-5,
             "share": 0.07,
@@ -112,6 +112,7 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
         "friction_cone": {"still": 3e-5, "share": 0.14, "width": 0.02, "kernel": None},
         "priors": {
             "direction_bias": (0.0, 0.02),
+            "direction_scale": (0.0, 0.04),  # nor this
             "depth": (2e-4, 3e-4),
             "friction_ratio": (0.1, 0.6),
             "friction_center": (0.0, 0.07),

@@ -10,8 +10,16 @@ from push_samples import RADIUS, SHAPES, rows_of, sensor, values_at
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel, contact_model
 from palpate.estimation.factors.direction import Direction, DirectionSettings
-from palpate.estimation.starts import is_rough, starts
-from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS, FRICTION_RATIO, GRIP, IN_OBJECT, OBJECT_SIZE
+from palpate.estimation.starts import expected_starts, is_rough, starts
+from palpate.estimation.unknowns import (
+    DEPTH,
+    DIRECTION_BIAS,
+    DIRECTION_SCALE,
+    FRICTION_RATIO,
+    GRIP,
+    IN_OBJECT,
+    OBJECT_SIZE,
+)
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES as SIMULATED
 from palpate.recording.measurements import ContactDirection, Measurement, Turn
@@ -30,9 +38,12 @@ def model_of(name: str, tips: Any = OFF_CENTRE) -> ContactModel:
     return contact_model(OUTLINES[name], sensor(tips=tips))
 
 
-def known(deviation: Any, pose: Any = (0.0, 0.0, 0.0), depth: float = 0.0, bias: float = 0.0) -> Prior:
+def known(
+    deviation: Any, pose: Any = (0.0, 0.0, 0.0), depth: float = 0.0, bias: float = 0.0, scale: float = 0.0
+) -> Prior:
     values = np.zeros(OBJECT_SIZE)
     values[IN_OBJECT[DEPTH]], values[IN_OBJECT[DIRECTION_BIAS]] = depth, bias
+    values[IN_OBJECT[DIRECTION_SCALE]] = scale
     values[IN_OBJECT[FRICTION_RATIO]], values[IN_OBJECT[GRIP]] = 0.3, 0.5
     variances = np.square([*np.broadcast_to(deviation, 3), *[0.1] * OBJECT_SIZE])
     return Prior(np.array(pose, np.float64), values, np.diag(variances))
@@ -112,17 +123,17 @@ def test_round_a_corner_places_are_closer():
 
 
 @pytest.mark.parametrize("name", OUTLINES)
-@pytest.mark.parametrize(("angle", "bias"), [(0.0, 0.0), (0.7, 0.02), (-1.1, -0.3)])
-def test_a_direction_tells_yaw(name, angle, bias):
-    model, prior = model_of(name), known(FAR, bias=bias)
+@pytest.mark.parametrize(("angle", "bias", "scale"), [(0.0, 0.0, 0.1), (0.7, 0.02, 0.0), (-1.1, -0.3, 0.1)])
+def test_a_direction_tells_yaw(name, angle, bias, scale):
+    model, prior = model_of(name), known(FAR, bias=bias, scale=scale)
     found = starts(prior, model, POSE, felt(angle))
     g = seen(found, POSE)
-    # The tip is touched where touch says, but for the bias: seen in the sensor frame, against the outward normal.
+    # The tip is touched where touch says, but for bias and scale: seen in the sensor frame, against the outward normal.
     normal = touched(g, model)["normal"]
-    off = np.angle(-normal * np.exp(-1j * (g[:, 2] + angle - bias)))
+    off = np.angle(-normal * np.exp(-1j * (g[:, 2] + (1.0 - scale) * angle - bias)))
     np.testing.assert_allclose(off, 0.0, atol=2e-3)
     # And that is what the graph makes of it.
-    at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias})
+    at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
     rows = rows_of(Direction(DirectionSettings(), model), at, felt(angle))
     np.testing.assert_allclose(rows.residual[:, 0, 0], off, atol=1e-9)
     # What touch says of something else does not matter.
@@ -155,16 +166,54 @@ def test_without_a_direction_several_yaws_are_thought_of_where_it_is_not_known()
         assert len(found) == places * count
         np.testing.assert_allclose(touched(g, model)["gap"], 0.0, atol=1e-5)
         yaws = np.unique(np.round(g[:, 2], 9))
-        # What is known of yaw draws each to it.
-        drawn = (1.0 - NEAR[2] ** 2 / (NEAR[2] ** 2 + deviation**2)) * np.linspace(-reach, reach, count)
-        np.testing.assert_allclose(yaws, yaw + drawn, atol=1e-8)
+        np.testing.assert_allclose(yaws, np.linspace(yaw - reach, yaw + reach, count), atol=1e-8)
         assert np.diff(yaws).max() <= 2.0 * np.pi / 24 + 1e-9
     # All around, each once, where nothing is known of it.
     found = starts(known((10.0, 10.0, 2.0)), model, pose, ())
     yaws = np.unique(np.round(np.mod(seen(found, pose)[:, 2] + 1e-6, 2.0 * np.pi), 9))
     assert len(found) == 24 * len(starts(known(FAR), model, pose, felt(0.0)))
-    assert np.diff(yaws).max() < 1.2 * 2.0 * np.pi / 24 and np.diff(yaws).min() > 0.99 * 2.0 * np.pi / 24
+    np.testing.assert_allclose(np.diff(yaws), 2.0 * np.pi / 24, atol=1e-8)
     assert len(yaws) == 24
+
+
+@pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.4, -0.3, 2.0)])
+def test_only_what_is_likely_is_thought_of(where):
+    # The sensor touches the left side 10 mm above its middle. Where the object is, seen in its own frame, off by: yaw
+    # is told, so that there is an offset along the side alone.
+    model, deviation = model_of("rectangle"), np.array([0.004, 0.011, 0.02])
+    apex = np.array([LEFT - OFF_CENTRE[0][0], 0.01 - OFF_CENTRE[0][1], 0.0])
+    pose = se2.compose(np.array(where), apex)
+    found = starts(known(deviation, where), model, pose, felt(0.0))
+    every = starts(known(FAR, where), model, pose, felt(0.0))
+    off_side = apex[1] - seen(every, pose)[:, 1]  # how far the object would be up, of all places on the left side
+    on_side = np.abs(touched(seen(every, pose), model)["normal"] + 1.0) < 1e-6
+    likely = on_side & (np.abs(off_side) < 4.0 * 0.011)
+    wanted = -0.5 * np.square(np.sort(np.abs(off_side[likely])) / 0.011)
+    assert 4 <= likely.sum() < on_side.sum()
+    # The last places before a corner are turned by less than anything.
+    np.testing.assert_allclose([one for _, one in found], wanted, atol=1e-3)
+    assert all(one > -0.5 * 4.0**2 for _, one in found)
+    # The same of a covariance that ties x and y: by the inverse of a matrix of two.
+    tied = known(deviation, where)
+    tied.covariance[0, 1] = tied.covariance[1, 0] = 0.6 * 0.004 * 0.011
+    along_alone = -0.5 * np.square(np.abs(off_side[on_side]) / 0.011) / (1.0 - 0.6**2)
+    wanted = np.sort(along_alone[along_alone > -8.0])[::-1]
+    np.testing.assert_allclose([one for _, one in starts(tied, model, pose, felt(0.0))], wanted, atol=1e-3)
+
+
+def test_likely_ones_come_first_and_all_of_them_are_weighed_by_hand():
+    model, deviation = model_of("butterfly"), np.array([0.05, 0.03, 0.8])
+    prior = known(deviation, (0.1, 0.2, 0.3))
+    pose = se2.compose(prior.pose, np.array([-0.14, 0.02, 0.2]))
+    found = starts(prior, model, pose, felt(0.1))
+    likely = np.array([one for _, one in found])
+    assert len(found) > 5 and (np.diff(likely) <= 0.0).all()
+    off = se2.log(se2.between(prior.pose, np.array([one.pose for one, _ in found])))
+    np.testing.assert_allclose(likely, -0.5 * np.square(off / deviation).sum(axis=1), rtol=1e-9)
+    # Nothing likely was left out.
+    every = starts(known(FAR, prior.pose), model, pose, felt(0.1))
+    off = se2.log(se2.between(prior.pose, np.array([one.pose for one, _ in every])))
+    assert len(found) == (np.square(off / deviation).sum(axis=1) < 16.0).sum() < len(every)
 
 
 def turned(deviation: Any, angle: float) -> Array:
@@ -185,7 +234,7 @@ def test_likely_places_come_first_and_are_known_by_the_prior_and_the_touch(name,
     # By hand, as the product of two normal distributions of x, y and yaw in the world: what was known, and a place.
     model = model_of(name)
     pose = se2.compose(np.array(where), np.array(apex))
-    found = starts(known(deviation, where), model, pose, felt(0.1))
+    found = expected_starts(known(deviation, where), model, pose, felt(0.1))
     before = turned(deviation, where[2])
     wanted = []
     every = starts(known(FAR, where), model, pose, felt(0.1))
@@ -215,17 +264,18 @@ def test_touch_of_a_place_is_as_likely_as_it_was_expected():
     # All places together: near 0 where the object was known to be touched so, and the less the wider that was known.
     model, pose = model_of("rectangle"), np.array([LEFT - OFF_CENTRE[0][0], 0.007, 0.0])
     of = [
-        np.logaddexp.reduce([likely for _, likely in starts(known(deviation), model, pose, felt(0.0))])
+        np.logaddexp.reduce([likely for _, likely in expected_starts(known(deviation), model, pose, felt(0.0))])
         for deviation in ((1e-3, 1e-3, 0.01), (0.03, 0.03, 0.5), (0.3, 0.3, 2.0))
     ]
     assert abs(of[0]) < 1.0 and of[0] > of[1] + 1.0 > of[2] + 2.0
-    shifted = starts(known((1e-3, 1e-3, 0.01), (0.01, 0.0, 0.0)), model, pose, felt(0.0))
+    shifted = expected_starts(known((1e-3, 1e-3, 0.01), (0.01, 0.0, 0.0)), model, pose, felt(0.0))
     assert np.logaddexp.reduce([likely for _, likely in shifted]) < of[0] - 4.0
 
 
-def test_nothing_likely_leaves_no_place():
+@pytest.mark.parametrize("found", [starts, expected_starts])
+def test_nothing_likely_leaves_no_place(found):
     prior = known((0.01, 0.01, 0.1))
-    assert starts(prior, model_of("disc"), np.array([0.3, 0.0, 0.0]), felt(0.0)) == []
+    assert found(prior, model_of("disc"), np.array([0.3, 0.0, 0.0]), felt(0.0)) == []
 
 
 @pytest.mark.parametrize("name", OUTLINES)
@@ -241,16 +291,17 @@ def test_a_place_is_known_across_better_than_along(name):
         np.testing.assert_allclose(across @ place @ across, 0.003**2, rtol=2e-3)
         np.testing.assert_allclose(along @ place @ along, 0.01**2, rtol=2e-3)
         np.testing.assert_allclose(across @ place @ along, 0.0, atol=1e-7)
-        np.testing.assert_allclose(prior.covariance[2, 2], np.radians(9.0) ** 2, rtol=1e-5)
-        np.testing.assert_allclose(prior.covariance[2, :2], 0.0, atol=1e-9)
+        np.testing.assert_allclose(prior.covariance[2, 2], np.radians(9.0) ** 2)
+        assert not prior.covariance[2, :2].any() and not prior.covariance[:2, 2].any()
 
 
-def test_what_is_known_of_friction_stays_but_not_what_ties_it_to_the_pose():
+@pytest.mark.parametrize("at_places", [starts, expected_starts])
+def test_what_is_known_of_friction_stays_but_not_what_ties_it_to_the_pose(at_places):
     rng = np.random.default_rng(0)
     root = rng.normal(size=(3 + OBJECT_SIZE, 3 + OBJECT_SIZE))
     prior = Prior(np.zeros(3), rng.normal(size=OBJECT_SIZE) * 1e-3, 1e4 * root @ root.T)
     before = prior.covariance.copy()
-    found = starts(prior, model_of("disc"), POSE, felt(0.0))
+    found = at_places(prior, model_of("disc"), POSE, felt(0.0))
     assert len(found) > 10
     for one, _ in found:
         np.testing.assert_array_equal(one.values, prior.values)

@@ -35,6 +35,16 @@ def test_control_characters_are_spelt():
     assert printable("naïve 日本 \U0001f600") == "naïve 日本 \U0001f600"
 
 
+def test_a_message_does_not_quote_a_file_at_length():
+    said = str(FileError("push.h5: noise has no '" + 150_000 * "x" + "'; known are sticking, balance"))
+    assert (
+        len(said) < 2000
+        and said.startswith("push.h5: noise has no 'xxx")
+        and said.endswith("known are sticking, balance")
+    )
+    assert str(FileError("push.h5: is empty")) == "push.h5: is empty"
+
+
 def test_nothing_that_is_printed_moves_the_cursor(capsys):
     print_table(EVIL, ("what", "value"), [(EVIL, EVIL)])
     print_line(EVIL)

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.errors import EstimationError, SettingError
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Turn
+from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
 from palpate.touch.background import Background
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
@@ -116,6 +116,15 @@ def test_pairs_tell_how_the_sensor_turned_since(mode, variance):
     (found,) = pairs.measure(frame(61))
     assert found.back.tolist() == [1]
     assert BACK[0] > 1
+
+
+def test_a_linear_turn_is_believed_as_the_settings_say():
+    model: Any = StandIn()
+    pairs = make_touch("learnt-linear", DIGIT, SIGMAS, SIGMAS, model, lambda: BACKGROUND, linear=1e-5)
+    pairs.measure(frame(0))
+    (found,) = pairs.measure(frame(1))
+    assert isinstance(found, RelativePoses)
+    assert found.covariance[0, 2, 2] == pytest.approx(1e-10)
 
 
 def test_a_contact_keeps_the_background_it_began_with():

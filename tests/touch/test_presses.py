@@ -1,6 +1,7 @@
 """A unit that learns itself from presses: how its images lie, and what is off in directions."""
 
 import csv
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,16 +12,21 @@ import pytest
 
 from palpate.cli import main
 from palpate.errors import FileError
+from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.recording.frame import Frame
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
+from palpate.simulation.gel import ball_overlap, render, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
 from palpate.touch.presses import Presses, PressFit, learn_from_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
+from palpate.training.presses_of import presses_of
 
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])
 MOUNTED = [AS_IT_IS, CameraView(2), CameraView(1), CameraView(0, True), CameraView(3, True)]
@@ -211,3 +217,40 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
         out, err = capsys.readouterr()
         assert out == "" and said in err and err.count("\n") == 1, err
     assert not (tmp_path / "unit.npz").exists()
+
+
+def test_the_command_takes_a_recording_of_presses_on_an_edge(tmp_path, unit, capsys):
+    """A mirrored camera; the robot leans the sensor against the side of a fixed rectangle."""
+    shape, yaw, depth = Rectangle(0.1, 0.1), -ANGLES, 6e-4
+    object_pose = np.array([0.3, -0.2, 0.7])
+    # The tip's centre stays behind the middle of the left side.
+    left = np.column_stack([-0.05 - unit.radius * (1.0 - np.cos(yaw)), unit.radius * np.sin(yaw), yaw])
+    touched = render(unit, shape, left, depth, rng=np.random.default_rng(0))
+    poses, images = [], []
+    for pose, image in zip(left, touched, strict=True):
+        away = pose - (0.05, 0.0, 0.0)
+        poses += [away] * 10 + [pose] * 9
+        images += [unit.no_contact] * 10 + [image] * 9
+    count = len(poses)
+    recording = Recording(
+        np.arange(count) / 30.0,
+        se2.compose(object_pose, np.array(poses)),
+        shape,
+        DIGIT,
+        np.tile(object_pose, (count, 1)),
+        np.tile(np.arange(19) >= 10, len(left)),
+        image=[encode_image(np.ascontiguousarray(image[:, ::-1])) for image in images],
+    )
+    presses = presses_of(recording)
+    assert presses.names[0] == "the recording: frame 14"
+    np.testing.assert_allclose(presses.angle, ANGLES, atol=1e-3)
+    write_recording(recording, tmp_path / "presses.h5")
+    out = tmp_path / "unit.npz"
+    assert palpate("calibrate", "--presses", tmp_path / "presses.h5", "--out", out) == 0
+    assert "6 presses: directions are off by" in capsys.readouterr().out
+    calibration = load_calibration(out)
+    assert calibration.view.mirrored != (calibration.view.quarter_turns == 2)
+    np.testing.assert_allclose(calibration.background.mean, calibration.view.of(unit.no_contact[:, ::-1]), atol=8.0)
+    without = dataclasses.replace(recording, object_pose=None)
+    with pytest.raises(FileError, match="the recording: has no object_pose; presses need them"):
+        presses_of(without)

@@ -103,7 +103,7 @@ def test_the_settings_that_ship():
         "direction": {"share": 2.0, "kernel": 3.0},
         "place": {"share": 2.0, "kernel": 3.0},
         "turn": {"share": 88.0, "kernel": 3.0},
-        "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0)},
+        "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0), "linear": None},
         "sticking": {
             "still": 2e-5,
             "share": 0.06,
@@ -115,7 +115,8 @@ def test_the_settings_that_ship():
         "balance": {"still": 2e-7, "share": 0.013, "kernel": 2.0},
         "friction_cone": {"still": 2e-5, "share": 0.13, "width": 0.03, "kernel": 2.0},
         "priors": {
-            "direction_bias": (0.0, 0.01),
+            "direction_bias": (0.0, 0.02),
+            "direction_scale": (0.0, 0.04),
             "depth": (3e-4, 4e-4),
             "friction_ratio": (0.2, 0.66),
             "friction_center": (0.0, 0.06),

@@ -34,7 +34,9 @@ TRUE = with_settings(
     balance={"still": 1e-6, "share": 0.5, "kernel": None},
     friction_cone={"share": None, "kernel": None},
     # What belongs to the object is as nominal as it is drawn.
-    priors=dict.fromkeys(("direction_bias", "depth", "friction_ratio", "friction_center"), (0.0, 1e-6)),
+    priors=dict.fromkeys(
+        ("direction_bias", "direction_scale", "depth", "friction_ratio", "friction_center"), (0.0, 1e-6)
+    ),
 )
 
 

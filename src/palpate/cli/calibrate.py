@@ -23,16 +23,19 @@ def calibrate(
     presses: Annotated[
         Path | None,
         tyro.conf.arg(
-            metavar="CSV",
-            help="Presses at known angles: columns file, an image beside the CSV, and angle_deg, of the contact on the "
-            "tip. Five or more tell how the camera's images lie and what is off in directions.",
+            metavar="PRESSES",
+            help="Presses at known angles: a CSV with the columns file, an image beside it, and angle_deg, of the "
+            "contact on the tip; or a recording of presses on an object whose outline and poses are known. Five or "
+            "more tell how the camera's images lie and what is off in directions.",
             help_behavior_hint="",
         ),
     ] = None,
     untouched: Annotated[
         tuple[Path, ...],
         tyro.conf.arg(
-            metavar="IMAGE", help="With presses: images of the untouched gel in place of FILE.", help_behavior_hint=""
+            metavar="IMAGE",
+            help="With presses: images of the untouched gel in place of FILE. A recording of presses needs neither.",
+            help_behavior_hint="",
         ),
     ] = (),
     model: ModelOption = None,
@@ -50,6 +53,8 @@ def calibrate(
     from palpate.errors import SettingError
     from palpate.touch.calibration import write_calibration
 
+    if file is None and not untouched and presses is not None and presses.suffix.lower() != ".csv":
+        file = presses  # between presses it shows the untouched gel
     if (file is None) == (not untouched) or (untouched and presses is None):
         raise SettingError("calibrate: name a recording, or --presses and either a recording or --untouched images")
     check_new(out, force)
@@ -94,12 +99,13 @@ def _pressed(
     from palpate.touch.press_figure import press_figure
     from palpate.touch.presses import learn_from_presses, read_image, read_presses
     from palpate.touch.untouched import untouched_images
+    from palpate.training.presses_of import presses_of
 
     check_new(picture, force)
     recording = None if file is None else formats.load_recording(file)
     still = [read_image(each) for each in untouched] if recording is None else list(untouched_images(recording))
     sensor = DIGIT if recording is None else recording.sensor
-    given = read_presses(presses)
+    given = read_presses(presses) if presses.suffix.lower() == ".csv" else presses_of(formats.load_recording(presses))
     fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
     press_figure(given, fit).savefig(picture, dpi=110)
     view, direction = fit.calibration.view, fit.calibration.direction

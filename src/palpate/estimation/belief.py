@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.unknowns import IN_OBJECT, OBJECT_SIZE, Unknown
+from palpate.estimation.unknowns import IN_OBJECT, OBJECT_SIZE, OF_OBJECT, Priors, Unknown
 from palpate.geometry import se2
 
 Array = NDArray[np.float64]
@@ -37,6 +37,16 @@ class Prior:
         joint = self.covariance.copy()
         joint[:3, :3] += covariance
         return replace(self, covariance=joint)
+
+    def at_next_contact(self, usual: Priors) -> "Prior":
+        """Return the same with what belongs to the object as much less certain as `Unknown.lasts` says.
+
+        Its values stay, for where it is usual is worth less than where it was, and it gets no less certain than it
+        usually is.
+        """
+        lasts = np.concatenate([np.full(one.dimension, one.lasts) for one in OF_OBJECT])
+        kept, deviation = np.append(np.ones(3), lasts), np.append(np.zeros(3), usual.deviation)
+        return replace(self, covariance=self.covariance + np.diag((1 - kept**2) * deviation**2))
 
 
 @dataclass(frozen=True, eq=False)

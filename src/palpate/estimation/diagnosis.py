@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS
+from palpate.estimation.factors.direction import true_angle
+from palpate.estimation.unknowns import DEPTH
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement
 
@@ -174,7 +175,7 @@ class Diagnosis:
         likely = _SURPRISE * np.sqrt(by_object @ covariance @ by_object) * _ALONG
         places = self._model.moved_along(np.tile(g, (len(likely), 1)), likely)
         normals = self._model.touching(places[None])[0, :, 0]["normal"]
-        off = np.angle(-normals * np.exp(1j * (prior[DIRECTION_BIAS][0] - said.angle - g[2])))
+        off = np.angle(-normals * np.exp(1j * (-true_angle(said, prior) - g[2])))
         deviation = np.sqrt(covariance[2, 2] + self._calibration[2, 2] + said.variance)
         least = float(np.abs(off).min())
         return least if least > _SURPRISE * deviation else 0.0

@@ -209,7 +209,8 @@ class Estimator:
         if self._contact is not None:
             self._settle(_object_path(self._contact))
             self._diagnosis.forget_displacement()
-            self.known = self.known.loosened(self._diagnosis.covariance_of_motion(moved))
+            moved_by = self._diagnosis.covariance_of_motion(moved)
+            self.known = self.known.at_next_contact(self._settings.priors).loosened(moved_by)
 
     def _settle(self, poses: Array) -> None:
         """Keep the poses (N, 3) of the current graph, which is over."""

@@ -7,7 +7,7 @@ happened is kept, where
   steps, and the object slid over the sensor by another length in each hypothesis, on a contact that holds as well as
   thought or is more slippery;
 - a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
-  `starts`, which also says how likely each hypothesis takes it to be touched there;
+  `beginning`;
 - a contact that was brief began where nothing should be: it may have been none.
 
 A hypothesis is judged by what its steps cost (`Window.costs`), pushing left out in steps in which any of them lets go
@@ -24,14 +24,15 @@ from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
 from palpate.errors import EstimationError
+from palpate.estimation.beginning import MOST_YOUNG, UNLIKELY, Beginning, are_near, begun, begun_unfound, log_sum
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.diagnosis import REASONS, UNCERTAIN, Status
+from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import BeginContact, SmootherName
-from palpate.estimation.starts import is_rough, places, starts
+from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
 from palpate.geometry import se2
@@ -47,15 +48,13 @@ fifth of a standard deviation is systematic, for independent ones would cancel i
 _BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may move the object
 _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
 _SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
-_UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
-_IMPOSSIBLE = 12.0  # the same, at most, of a touch where the object is not
 _COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
 _MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
 _PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
 _NEW = 4  # frames in which a hypothesis is not yet compared with others
-_SAME, _APART = np.array([2e-3, 2e-3, 0.02]), np.array([0.01, 0.01, 0.09])  # [m, m, rad]
+_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
 _GRACE, _POOR = 25, 1e-3  # frames after which a hypothesis goes whose weight is so small against the best one's
-_YOUNG, _MOST_YOUNG = 12, 16  # frames of a contact in which there may be so many
+_YOUNG = 12  # frames of a contact in which there may be as many as it may begin with
 _LOST = 2.0  # [m] standard deviation from which a graph holds on to nothing: its solution has run away
 _BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
 _TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
@@ -89,24 +88,6 @@ class _Hypothesis:
     weight: float = 1.0
 
 
-@dataclass(eq=False)
-class _Beginning:
-    """How a hypothesis may begin a contact."""
-
-    earned: float
-    """Log of how likely that is."""
-    of: _Hypothesis
-    prior: Prior
-    """What is known then."""
-    is_place: bool = False
-    """Whether it is one of several places, so that pushing tells nothing for some steps."""
-
-    def hypothesis(self) -> _Hypothesis:
-        """A hypothesis of its own."""
-        broken, still_open = ([(0, 1)], _AHEAD) if self.is_place else ([], 0)
-        return _Hypothesis(self.of.estimator.started(self.prior), self.earned, broken, still_open, self.of.slippery)
-
-
 class Hypotheses:
     """Estimates the pose of one object as several estimators do that take other things to be true."""
 
@@ -127,7 +108,9 @@ class Hypotheses:
         self._model, self._settings = model, settings
         self._most = most if smoother in ("fixed-lag", "batch") else 1
         self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
+        self._is_found = not is_rough(self.known)  # once there was one sure answer
         self._steps = 0  # of this contact
+        self._heeds_from = 0  # step of this contact from which an alarm is of something new
         self._untouched: list[_Hypothesis] = []  # what there was before it, where nothing was displaced yet
         if self._most > 1 and model.tips == 1:
             places(model)  # found now, not when a contact begins
@@ -216,7 +199,7 @@ class Hypotheses:
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
         if not self.in_contact:
-            self._steps = 0
+            self._steps = self._heeds_from = 0
             self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
             if self._best.estimator.is_displaced or self._most == 1:
                 self._untouched = []
@@ -225,7 +208,8 @@ class Hypotheses:
         self._all = self._touched(sensor_pose, measurements, time)
         self._steps += 1
         if self._most > 1:
-            if not any(one.open for one in self._all) and self._is_alarming():
+            if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self._is_alarming():
+                self._heeds_from = self._steps + _BACK + _AHEAD
                 self._all = [*self._all, *self._knocked()]
             self._weigh()
 
@@ -235,6 +219,7 @@ class Hypotheses:
         """Go on with a new graph from the best last pose; see Estimator."""
         best, self._untouched = self._best.estimator, []
         self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
+        self._heeds_from = 0
         best.begin_anew(sensor_pose, measurements, time, error)
 
     def covariance_of_motion(self, length: float) -> Array:
@@ -253,7 +238,7 @@ class Hypotheses:
 
     def _doubt_contact(self) -> None:
         """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
-        after, before = (_log_sum([one.earned for one in some]) for some in (self._all, self._untouched))
+        after, before = (log_sum([one.earned for one in some]) for some in (self._all, self._untouched))
         for one in self._untouched:
             one.estimator.stay(self._steps)
             one.earned += after - before
@@ -311,42 +296,24 @@ class Hypotheses:
                     estimator = best.estimator.knocked(self._steps - first, (slid, _SPREAD), grip)
                 except EstimationError:
                     continue
-                earned = best.earned - _UNLIKELY - np.log(len(grips))
+                earned = best.earned - UNLIKELY - np.log(len(grips))
                 broken, slippery = [*best.broken, (first, self._steps)], best.slippery or grip is not None
                 found.append(_Hypothesis(estimator, earned, broken, _AHEAD, slippery))
         return found
 
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[_Hypothesis]:
-        """The hypotheses that a contact begins with: another place in each where the object is known roughly only.
+        """The hypotheses that a contact begins with."""
+        begin = begun if self._is_found else begun_unfound
+        answers = [(one.estimator, one.earned) for one in self._all]
+        return [self._beginning(one) for one in begin(answers, self._model, sensor_pose, measurements)]
 
-        Each is as likely as it was, times how likely the object is touched as it is. Nothing else tells apart poses
-        that touch cannot before the sensor comes from another side.
-        """
-        priors = [one.estimator.expected(sensor_pose, measurements) for one in self._all]
-        if len(priors) == 1 and not is_rough(priors[0]):
-            return self._all
-        begun: list[_Beginning] = []
-        for one, prior in zip(self._all, priors, strict=True):
-            unmoved = one.estimator.unmoved
-            at_places = starts(prior, self._model, sensor_pose, measurements)
-            as_left = at_places
-            if one.estimator.is_displaced:
-                as_left = starts(unmoved, self._model, sensor_pose, measurements)
-            earned = one.earned + max(_log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
-            if not is_rough(prior):
-                begun.append(_Beginning(earned, one, prior))
-                continue
-            if one.estimator.is_displaced or not at_places or not _is_guess(prior):
-                begun.append(_Beginning(earned, one, unmoved))
-            begun += [_Beginning(one.earned + likely - _UNLIKELY, one, at, True) for at, likely in at_places]
-        kept: list[_Beginning] = []
-        for beginning in sorted(begun, key=lambda one: -one.earned):
-            same = next((one for one in kept if _are_near(one.prior.pose, beginning.prior.pose)), None)
-            if same is not None:
-                same.earned = _log_sum([same.earned, beginning.earned])
-            elif len(kept) < _MOST_YOUNG:
-                kept.append(beginning)
-        return [one.hypothesis() for one in kept]
+    def _beginning(self, way: Beginning) -> _Hypothesis:
+        """The hypothesis that a contact begins so."""
+        one = self._all[way.of]
+        if way.prior is None:
+            return one
+        broken, still_open = ([(0, 1)], _AHEAD) if way.is_place else ([], 0)
+        return _Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, one.slippery)
 
     def _scores(self) -> Array:
         """Log of how likely each hypothesis is, but for a constant."""
@@ -370,6 +337,7 @@ class Hypotheses:
         """Weigh all hypotheses, the best first, and drop those that are poor, the same as a better one or too many."""
         if len(self._all) == 1:
             self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
+            self._is_found |= not is_rough(self.known)
             return
         scores = self._scores()
         lost = np.array([_is_lost(one) for one in self._all])
@@ -383,23 +351,13 @@ class Hypotheses:
             if not is_poor and not any(_are_same(one, other) for other in kept):
                 kept.append(one)
         is_young = all(one.age <= _YOUNG for one in kept)
-        self._all = kept[: max(self._most, _MOST_YOUNG) if is_young else self._most]
+        self._all = kept[: max(self._most, MOST_YOUNG) if is_young else self._most]
         total = sum(one.weight for one in self._all)
         for one in self._all:
             one.weight /= total
 
     def _from_best(self, one: _Hypothesis) -> Array:
         return se2.log(se2.between(self._best.estimator.known.pose, one.estimator.known.pose))
-
-
-def _log_sum(logs: Sequence[float]) -> float:
-    """Log of the sum of what these are logs of."""
-    return float(np.logaddexp.reduce(logs))
-
-
-def _is_guess(prior: Prior) -> bool:
-    """Whether a pose is known so roughly that its covariance is a guess itself, and one graph does not find it."""
-    return bool((np.diagonal(prior.pose_covariance) > UNCERTAIN**2).any())
 
 
 def _is_lost(one: _Hypothesis) -> bool:
@@ -411,9 +369,4 @@ def _are_same(one: _Hypothesis, other: _Hypothesis) -> bool:
     """Whether two hypotheses have come to the same pose."""
     if one.open or other.open or one.age < _NEW:
         return False
-    return _are_near(one.estimator.known.pose, other.estimator.known.pose)
-
-
-def _are_near(pose: Array, other: Array) -> bool:
-    """Whether two poses are much the same."""
-    return bool((np.abs(se2.log(se2.between(pose, other))) < _SAME).all())
+    return are_near(one.estimator.known.pose, other.estimator.known.pose)

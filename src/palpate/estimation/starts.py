@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS
+from palpate.estimation.factors.direction import true_angle
+from palpate.estimation.unknowns import DEPTH
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement
 
@@ -39,31 +40,55 @@ def starts(
     """Return what may be known when a contact begins, likely ones first, and the log of how likely each is.
 
     sensor_pose (3,) is the measured world_T_sensor. Yaw follows from where touch says that the tip is touched; where
-    it does not say, it is as known, or one of several. A place is as likely as the prior says that the object is within
-    _PLACE of it, and both together are what is known there: normal distributions of x, y and yaw in the world.
+    it does not say, it is as known, or one of several. The object is within _PLACE of each, whatever was known of it:
+    that only says how likely a place is, for it may be a guess of how far something moved the object.
     """
+    pose, around = _at_places(prior, model, sensor_pose, measurements)
+    off = se2.log(se2.between(prior.pose, pose))
+    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
+    far = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(prior.pose_covariance, hermitian=True), off)
+    return _likely_first(prior, pose, around, far, -0.5 * far)
+
+
+def expected_starts(
+    prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]
+) -> list[tuple[Prior, float]]:
+    """Return the same where what was known is no guess, so that it counts as much as the touch.
+
+    A place is as likely as the prior says that the object is within _PLACE of it, and both together are what is known
+    there: normal distributions of x, y and yaw in the world.
+    """
+    pose, around = _at_places(prior, model, sensor_pose, measurements)
+    off = prior.pose - pose
+    off[:, 2] = se2.wrap(off[:, 2])
+    gain = around @ np.linalg.pinv(around + _turned(prior.pose_covariance, prior.pose[2]), hermitian=True)
+    by_gain = (gain @ off[..., None])[..., 0]
+    far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
+    likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
+    return _likely_first(prior, pose + by_gain, around - gain @ around, far, likely)
+
+
+def _at_places(
+    prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]
+) -> tuple[Array, Array]:
+    """Poses of the object (N, 3) at which the sensor touches it at each place, and _PLACE there in the world."""
     center, normal = places(model)
     tip, center = model.centers[0], center - prior[DEPTH][0] * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
     if said:
-        yaw = (np.angle(-normal) - said[0].angle + prior[DIRECTION_BIAS][0])[:, None]
+        yaw = (np.angle(-normal) - true_angle(said[0], prior))[:, None]
     else:
         yaw = np.array(_likely_yaws(prior, sensor_pose))[None]
     place = center[:, None] - np.exp(1j * yaw) * tip
     seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
     pose = se2.compose(sensor_pose, se2.inverse(seen))
-    around = _turned(_PLACE, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
-    known = _turned(prior.pose_covariance, prior.pose[2])
-    off = prior.pose - pose
-    off[:, 2] = se2.wrap(off[:, 2])
-    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
-    gain = around @ np.linalg.pinv(around + known, hermitian=True)
-    by_gain = (gain @ off[..., None])[..., 0]
-    far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
-    likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
-    left = around - gain @ around
+    return pose, _turned(_PLACE, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
+
+
+def _likely_first(prior: Prior, pose: Array, covariance: Array, far: Array, likely: Array) -> list[tuple[Prior, float]]:
+    """The prior at poses (N, 3) that are not too far [variances], known so along the world's axes."""
     order = [index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2]
-    return [(_at(prior, pose[index] + by_gain[index], left[index]), float(likely[index])) for index in order]
+    return [(_at(prior, pose[index], covariance[index]), float(likely[index])) for index in order]
 
 
 def _turned(covariance: Array, angle: ArrayLike) -> Array:

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Normal = tuple[float, float]
 """Mean and standard deviation."""
 
+_FRICTION_LASTS = 0.9  # it is not the same at every place and time, and one contact can teach it wrongly
 LAG = FARTHEST_BACK + 1
 """Steps that a sliding window holds: the last one, and all that touch compares it with."""
 
@@ -41,6 +42,8 @@ class Unknown:
     """Of each number, before anything is measured; None where a measurement is what brings it into being."""
     is_pose: bool = False
     """Whether it is a planar pose, which moves by right perturbations, and not a vector, which moves by sums."""
+    lasts: float = 1.0
+    """How well it is known at the next contact: its covariance counts the square of this, that of its prior the rest."""
 
 
 SENSOR_IN_OBJECT = Unknown(
@@ -62,7 +65,15 @@ DIRECTION_BIAS = Unknown(
     1,
     "rad",
     "What all contact directions of one sensor and object are too large by.",
-    prior=(0.0, 1e-2),
+    prior=(0.0, 2e-2),
+)
+DIRECTION_SCALE = Unknown(
+    "direction_scale",
+    "object",
+    1,
+    "1",
+    "What share of themselves all contact directions of one sensor and object are too large by.",
+    prior=(0.0, 0.04),
 )
 DEPTH = Unknown(
     "depth",
@@ -79,6 +90,7 @@ FRICTION_RATIO = Unknown(
     "1",
     "Logarithm of the ratio of c^2 to that of the chosen pressure; from uniform to rim pressure it grows by 0.8.",
     prior=(0.2, 0.66),
+    lasts=_FRICTION_LASTS,
 )
 FRICTION_CENTER = Unknown(
     "friction_center",
@@ -87,6 +99,7 @@ FRICTION_CENTER = Unknown(
     "c",
     "Where the centre of friction is from the centroid, along x and y of the object, as a share of c.",
     prior=(0.0, 0.06),
+    lasts=_FRICTION_LASTS,
 )
 GRIP = Unknown(
     "grip",
@@ -95,6 +108,7 @@ GRIP = Unknown(
     "1",
     "Coulomb friction between sensor and object: the tangent of the friction cone's half angle.",
     prior=(0.4, 0.1),
+    lasts=_FRICTION_LASTS,
 )
 
 UNKNOWNS = (
@@ -102,6 +116,7 @@ UNKNOWNS = (
     SENSOR,
     TURN_OFFSET,
     DIRECTION_BIAS,
+    DIRECTION_SCALE,
     DEPTH,
     FRICTION_RATIO,
     FRICTION_CENTER,
@@ -154,6 +169,8 @@ class Priors(Settings):
 
     direction_bias: Normal = _prior(DIRECTION_BIAS, Tunable(1e-4, 0.1, usual=False, components=(1,)))
     """See DIRECTION_BIAS [rad]."""
+    direction_scale: Normal = _prior(DIRECTION_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))
+    """See DIRECTION_SCALE."""
     depth: Normal = _prior(DEPTH, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
     """See DEPTH [m]."""
     friction_ratio: Normal = _prior(FRICTION_RATIO, Tunable(0.01, 2.0, components=(1,)))

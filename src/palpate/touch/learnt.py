@@ -116,10 +116,13 @@ class View:
         self._mean = None
 
 
-def linear_touch(model: TouchModel, view: View) -> Touch:
-    """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact."""
+def linear_touch(model: TouchModel, view: View, deviation: float | None = None) -> Touch:
+    """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact.
+
+    `deviation` is that of a turn [rad], by default as it was measured with the model.
+    """
     points = slice(0, 2)
-    variance = model.settings.spread["linear"].factor
+    variance = model.settings.spread["linear"].factor if deviation is None else deviation**2
 
     def see(difference: Difference) -> Features:
         return np.concatenate(model.keypoint(difference))

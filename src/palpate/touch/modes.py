@@ -77,12 +77,14 @@ def make_touch(
     model: TouchModel | None,
     background: Callable[[], Background],
     correction: DirectionCorrection = AS_TOLD,
+    linear: float | None = None,
 ) -> Touch:
     """Return what measures in a mode.
 
     oracle and constant are standard deviations [m, m, rad] of a relative pose in these two modes. Learnt ones use the
     model, by default the one that comes with palpate, and compare images with what background tells at the moment;
-    correction is of a unit's directions. Raises SettingError on another mode, and on a model of other images than the
+    correction is of a unit's directions; linear is the standard deviation of a turn [rad] by learnt-linear, by default
+    the model's. Raises SettingError on another mode, and on a model of other images than the
     sensor's.
     """
     if tactile == "none":
@@ -107,7 +109,7 @@ def make_touch(
     nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)  # opens the network now, not in a robot's loop
     if tactile == "learnt-linear":
         model.keypoint(nothing)
-        return linear_touch(model, view)
+        return linear_touch(model, view, linear)
     model.look(nothing)
     if tactile == "learnt-pairs":
         return pair_touch(model, view)

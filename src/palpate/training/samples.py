@@ -105,9 +105,9 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     true ones of, and a recording without untouched frames is compared with its untouched gel.
     """
     name = recording.file or "the recording"
-    if recording.image is None or recording.object_pose is None or recording.contact is None:
-        lacks = [field for field in ("image", "object_pose", "contact") if getattr(recording, field) is None]
+    if lacks := lacking(recording):
         raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
+    assert recording.object_pose is not None and recording.contact is not None
     view = view_of(calibration)
 
     def image(index: int) -> Image:
@@ -118,9 +118,9 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     background, is_marked = _at_rest(recording, image, calibration)
     mean = reduced(background.mean)
     g = se2.between(recording.object_pose, recording.sensor_pose)
-    episode, frame = _contacts(recording.contact & np.isfinite(g).all(axis=1))
+    episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
     images = [_without(is_marked, image(index)) for index in frame.tolist()]
-    direction, place, kind = _geometry(recording, g[frame])
+    direction, place, kind = geometry_of(recording, g[frame])
     return Samples(
         np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
@@ -132,6 +132,11 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         kind,
         np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
     )
+
+
+def lacking(recording: Recording) -> list[str]:
+    """Return which of images, poses of the object and contact flags a recording has not."""
+    return [field for field in ("image", "object_pose", "contact") if getattr(recording, field) is None]
 
 
 def _at_rest(
@@ -174,8 +179,8 @@ def _read(
         return number, str(error)
 
 
-def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
-    """Number of the contact and of the frame of each frame that is well within a contact."""
+def contact_frames(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
+    """Return number of the contact and of the frame of each frame that is well within a contact, from flags (N,)."""
     edges = np.flatnonzero(np.diff(touched, prepend=False, append=False))
     spans = [np.arange(first + CUT, last - CUT) for first, last in zip(edges[::2], edges[1::2], strict=True)]
     spans = [span for span in spans if len(span) >= SHORTEST]
@@ -184,8 +189,11 @@ def _contacts(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)
 
 
-def _geometry(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
-    """Angle of the contact on the tip (N,), its place along y (N,) and its kind (N,), from the outline."""
+def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
+    """Return angle of the contact on the tip, its place along y and its kind, (N,) each, from the outline.
+
+    g is object_T_sensor, (N, 3).
+    """
     touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0, :, 0]
     touched = touch["point"] - touch["gap"] * touch["normal"]
     kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))

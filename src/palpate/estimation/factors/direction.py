@@ -1,8 +1,8 @@
 """Contact direction: touch tells where on its round surface the tip is touched.
 
 The true direction is from the tip's centre to the nearest point of the outline, which is against the outline's outward
-normal n there, seen in the sensor frame. The residual is the angle of `-n exp(i (bias - theta - angle))`, in (-pi, pi].
-It is absolute and does not drift: yaw on a straight edge, the place along a round one.
+normal n there, seen in the sensor frame. The residual is the angle of `-n exp(i (bias - theta - (1 - scale) angle))`,
+in (-pi, pi]. It is absolute and does not drift: yaw on a straight edge, the place along a round one.
 """
 
 import math
@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
+from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
 from palpate.estimation.planar import cauchy, cross, rotation
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import DIRECTION_BIAS, IN_SHARED, SENSOR_IN_OBJECT
+from palpate.estimation.unknowns import DIRECTION_BIAS, DIRECTION_SCALE, IN_SHARED, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
 from palpate.recording.measurements import ContactDirection
 
@@ -34,7 +35,7 @@ class DirectionSettings(Settings):
     wrong by far more than its variance, and one bad image must not bend the path."""
 
 
-_BIAS = IN_SHARED[DIRECTION_BIAS].start
+_BIAS, _SCALE = IN_SHARED[DIRECTION_BIAS].start, IN_SHARED[DIRECTION_SCALE].start
 
 
 @compiled
@@ -55,16 +56,22 @@ def _linearise(
             k = places[t, 0]
             touch, inverse_variance = touching[b, k, 0], data[t].information
             normal = touch.normal
-            off = -normal * rotation(shared[_BIAS, b] - data[t].angle - g[b, k, 2])
+            told = (1.0 - shared[_SCALE, b]) * data[t].angle
+            off = -normal * rotation(shared[_BIAS, b] - told - g[b, k, 2])
             residual[b, t, 0] = math.atan2(off.imag, off.real)
             # The spline's gradient has length 1 but near the medial axis; where it vanishes there is no direction.
             square = max(normal.real**2 + normal.imag**2, _NO_GRADIENT)
             for k in range(3):
                 jacobian[b, t, 0, k] = cross(normal, touch.normal_by_g[k]) / square
             jacobian[b, t, 0, 2] -= 1.0  # the direction stays while the sensor turns
-            jacobian[b, t, 0, 3] = 1.0
+            jacobian[b, t, 0, 3], jacobian[b, t, 0, 4] = 1.0, data[t].angle
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
+def true_angle(said: ContactDirection, prior: Prior) -> float:
+    """Return the angle [rad] that is meant by what touch says, by what is believed of bias and scale."""
+    return (1.0 - float(prior[DIRECTION_SCALE][0])) * said.angle - float(prior[DIRECTION_BIAS][0])
 
 
 class Direction(Factor):
@@ -72,7 +79,7 @@ class Direction(Factor):
 
     name = "direction"
     steps = ((SENSOR_IN_OBJECT,),)
-    shared = (DIRECTION_BIAS,)
+    shared = (DIRECTION_BIAS, DIRECTION_SCALE)
     rows = 1
     data = DATA
     kernel = _linearise

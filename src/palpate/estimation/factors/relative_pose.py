@@ -31,6 +31,9 @@ class RelativePoseSettings(Settings):
     constant: Sigmas = setting((1.0, 1.0, 5.0), tune=Tunable(1e-3, 10.0, components=(2,)))
     """The same for the constant model: the sensor turns by about 0.1 rad in 10 to 40 frames, and the thirty pairs of a
     step are wrong all the same way."""
+    linear: float | None = setting(None, optional=True)
+    """Standard deviation of the yaw of a pair that `learnt-linear` tells [rad]; None is as it was measured with the
+    model."""
 
 
 @compiled

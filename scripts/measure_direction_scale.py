@@ -1,0 +1,103 @@
+"""What the shipped model tells of directions, on simulated units it has not seen: docs/study/direction_scale.json.
+
+    python scripts/measure_direction_scale.py
+
+Each unit is pressed by a disc, an edge, an ellipse and a ball at directions spread over its pad. The line of what is
+told over what is true has an offset and a scale of its own for each unit and object; their spread is the prior of
+`direction_bias` and `direction_scale`. Two minutes on one core.
+"""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimation.contact_model import contact_model
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
+from palpate.recording.sensor import DIGIT
+from palpate.simulation.gel import ball_overlap, draw_side, render, touch_image
+from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.touch.background import Image
+from palpate.touch.difference import difference_in_light, reduced
+from palpate.touch.model import shipped_model
+
+Array = NDArray[np.float64]
+
+OUT = Path(__file__).parents[1] / "docs/study/direction_scale.json"
+UNITS, FIRST_SEED = 60, 13_300_000
+"""No recording has so great a seed: `simulate` counts from a folder's seed times 100,000."""
+ANGLES = np.radians(np.linspace(-15.0, 15.0, 13))
+DEPTHS = (3e-4, 9e-4)  # [m]
+SHAPES: dict[str, Shape] = {"disc": Disc(0.05), "edge": Rectangle(0.2, 0.2), "ellipse": Ellipse(0.13, 0.09)}
+BALLS = (0.002, 0.006)  # [m] radius
+
+
+def main() -> None:
+    """Press, ask, fit a line for each unit and object."""
+    cv2.setNumThreads(1)
+    model = shipped_model()
+    scale = model.settings.spread["direction"].scale
+    told: dict[str, list[tuple[float, float, float, float]]] = {}
+    for seed in range(FIRST_SEED, FIRST_SEED + UNITS):
+        unit, rng = draw_unit(DIGIT, seed), np.random.default_rng(seed)
+        mean = reduced(np.mean([touch_image(unit, None, rng=rng).astype(np.float32) for _ in range(15)], axis=0))
+        for name in (*SHAPES, "ball"):
+            pressed = list(presses(name, unit, rng))
+            said = [model.look(difference_in_light(image, mean)).direction for _, image in pressed]
+            true = np.array([angle for angle, _ in pressed])
+            angle, variance = np.array(said).T
+            told.setdefault(name, []).append(line(true, angle, variance * scale))
+    found = {name: spread_of(np.array(lines)) for name, lines in told.items()}
+    OUT.write_text(json.dumps({"units": UNITS, "angles": len(ANGLES), **found}, indent=2) + "\n", encoding="utf-8")
+
+
+def presses(name: str, unit: SensorUnit, rng: np.random.Generator) -> Iterator[tuple[float, Image]]:
+    """Yield true directions [rad], as the profile's geometry has them, and images."""
+    side, radius = draw_side(rng), rng.uniform(*BALLS)
+    for angle in ANGLES:
+        depth = rng.uniform(*DEPTHS)
+        if name == "ball":
+            y = DIGIT.radius * math.sin(angle)
+            overlap = ball_overlap(unit, radius, (y, float(rng.uniform(-0.005, 0.005))), depth)
+            yield angle, touch_image(unit, overlap, rng=rng)
+        else:
+            shape = SHAPES[name]
+            g = touching_at(shape, unit.radius, angle)
+            touch = contact_model(shape, DIGIT).touching(g[None, None])[0, 0, 0]
+            true = float(se2.wrap(np.angle(-touch["normal"]) - g[2]))
+            yield true, render(unit, shape, g, depth, rng=rng, side=side)
+
+
+def touching_at(shape: Shape, radius: float, angle: float) -> Array:
+    """Return the pose (3,) of a sensor of this radius that touches the outline's leftmost point at an angle [rad]."""
+    left = float(shape.outline()[:, 0].min())
+    return np.array([left - radius + radius * math.cos(angle), -radius * math.sin(angle), -angle])
+
+
+def line(true: Array, told: Array, variance: Array) -> tuple[float, float, float, float]:
+    """Return offset, scale, scatter about the line and the standard deviation stated in the median."""
+    slope, offset = np.polyfit(true, told, 1)
+    off = told - offset - slope * true
+    return offset, slope, float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.median(variance)))
+
+
+def spread_of(lines: Array) -> dict[str, float]:
+    """Return means and standard deviations over units (N, 4)."""
+    offset, slope, scatter, stated = lines.T
+    return {
+        "offset_mean_deg": float(np.degrees(offset.mean())),
+        "offset_deviation_deg": float(np.degrees(offset.std(ddof=1))),
+        "scale_mean": float(slope.mean()),
+        "scale_deviation": float(slope.std(ddof=1)),
+        "about_line_deg": float(np.degrees(np.sqrt(np.mean(scatter**2)))),
+        "stated_deg": float(np.degrees(np.median(stated))),
+    }
+
+
+if __name__ == "__main__":
+    main()
