@@ -263,6 +263,13 @@ def wear_facts() -> set[str]:
     return {f"{100.0 * share:.0f}" for one in shares.values() for share in one.values()} | {"7", "14"}
 
 
+def unknown_start_facts() -> set[str]:
+    """Return what is said of objects of which nothing is known at first: what counts as found, and how many are."""
+    study = loaded("docs/study/unknown_start.json")
+    shares = {f"{100.0 * study[key]:.0f}" for key in ("found_share", "honest_share")}
+    return {"60", "5", "3", "95", str(study["recordings"]), *shares}
+
+
 def slip_facts() -> set[str]:
     """Return what images tell of sliding."""
     scores = [value for value in loaded("docs/study/slip.json").values() if isinstance(value, dict)]
@@ -505,6 +512,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,
     "slip-facts": slip_facts,
+    "unknown-start-facts": unknown_start_facts,
     "wear-facts": wear_facts,
     "real-facts": real_facts,
     "rendered-facts": rendered_facts,

@@ -10,7 +10,7 @@ from push_samples import RADIUS, SHAPES, rows_of, sensor, values_at
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel, contact_model
 from palpate.estimation.factors.direction import Direction, DirectionSettings
-from palpate.estimation.starts import is_rough, starts
+from palpate.estimation.starts import expected_starts, is_rough, starts
 from palpate.estimation.unknowns import (
     DEPTH,
     DIRECTION_BIAS,
@@ -31,6 +31,7 @@ FAR = 100.0  # [m, m, rad] of a prior that leaves nothing out
 LEFT = -0.2363 / 2  # [m], the rectangle's left side
 STEP = 3e-3  # [m] at a time on the way round
 SPACING = 15e-3  # [m]
+NEAR = (0.003, 0.01, np.radians(9.0))  # [m, m, rad] across the outline, along it, and yaw
 
 
 def model_of(name: str, tips: Any = OFF_CENTRE) -> ContactModel:
@@ -215,9 +216,66 @@ def test_likely_ones_come_first_and_all_of_them_are_weighed_by_hand():
     assert len(found) == (np.square(off / deviation).sum(axis=1) < 16.0).sum() < len(every)
 
 
-def test_nothing_likely_leaves_no_place():
+def turned(deviation: Any, angle: float) -> Array:
+    """Covariance (3, 3) of x, y and yaw, of standard deviations (3,) along axes that are turned by an angle [rad]."""
+    axes = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    return axes @ np.diag(np.square(deviation)) @ axes.T
+
+
+@pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.4, -0.3, 2.0)])
+@pytest.mark.parametrize(
+    ("name", "deviation", "apex"),
+    [
+        ("rectangle", (0.004, 0.011, 0.02), (LEFT - 0.012, 0.017, 0.0)),
+        ("butterfly", (0.05, 0.03, 0.8), (-0.14, 0.02, 0.2)),
+    ],
+)
+def test_likely_places_come_first_and_are_known_by_the_prior_and_the_touch(name, deviation, apex, where):
+    # By hand, as the product of two normal distributions of x, y and yaw in the world: what was known, and a place.
+    model = model_of(name)
+    pose = se2.compose(np.array(where), np.array(apex))
+    found = expected_starts(known(deviation, where), model, pose, felt(0.1))
+    before = turned(deviation, where[2])
+    wanted = []
+    every = starts(known(FAR, where), model, pose, felt(0.1))
+    normals = touched(seen(every, pose), model)["normal"]
+    for (place, _), normal in zip(every, normals, strict=True):
+        near = turned(NEAR, place.pose[2] + np.angle(normal))
+        off = np.array(where) - place.pose
+        off[2] = se2.wrap(off[2])
+        far = off @ np.linalg.inv(before + near) @ off
+        covariance = np.linalg.inv(np.linalg.inv(before) + np.linalg.inv(near))
+        mean = place.pose + covariance @ np.linalg.inv(before) @ off
+        likely = 0.5 * np.log(np.linalg.det(near) / np.linalg.det(before + near)) - 0.5 * far
+        if far < 16.0:
+            wanted.append((likely, mean, covariance))
+    wanted.sort(key=lambda one: -one[0])
+    assert 4 < len(wanted) <= len(every)
+    np.testing.assert_allclose([likely for _, likely in found], [likely for likely, _, _ in wanted], atol=2e-3)
+    for (prior, _), (_, mean, covariance) in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(prior.pose[:2], mean[:2], atol=1e-5)
+        np.testing.assert_allclose(se2.wrap(prior.pose[2] - mean[2]), 0.0, atol=1e-4)
+        axes = turned((1.0, 1.0, 1.0), 0.0)
+        axes[:2, :2] = se2.rotation(prior.pose[2])
+        np.testing.assert_allclose(axes @ prior.pose_covariance @ axes.T, covariance, rtol=1e-2, atol=1e-7)
+
+
+def test_touch_of_a_place_is_as_likely_as_it_was_expected():
+    # All places together: near 0 where the object was known to be touched so, and the less the wider that was known.
+    model, pose = model_of("rectangle"), np.array([LEFT - OFF_CENTRE[0][0], 0.007, 0.0])
+    of = [
+        np.logaddexp.reduce([likely for _, likely in expected_starts(known(deviation), model, pose, felt(0.0))])
+        for deviation in ((1e-3, 1e-3, 0.01), (0.03, 0.03, 0.5), (0.3, 0.3, 2.0))
+    ]
+    assert abs(of[0]) < 1.0 and of[0] > of[1] + 1.0 > of[2] + 2.0
+    shifted = expected_starts(known((1e-3, 1e-3, 0.01), (0.01, 0.0, 0.0)), model, pose, felt(0.0))
+    assert np.logaddexp.reduce([likely for _, likely in shifted]) < of[0] - 4.0
+
+
+@pytest.mark.parametrize("found", [starts, expected_starts])
+def test_nothing_likely_leaves_no_place(found):
     prior = known((0.01, 0.01, 0.1))
-    assert starts(prior, model_of("disc"), np.array([0.3, 0.0, 0.0]), felt(0.0)) == []
+    assert found(prior, model_of("disc"), np.array([0.3, 0.0, 0.0]), felt(0.0)) == []
 
 
 @pytest.mark.parametrize("name", OUTLINES)
@@ -237,12 +295,13 @@ def test_a_place_is_known_across_better_than_along(name):
         assert not prior.covariance[2, :2].any() and not prior.covariance[:2, 2].any()
 
 
-def test_what_is_known_of_friction_stays_but_not_what_ties_it_to_the_pose():
+@pytest.mark.parametrize("at_places", [starts, expected_starts])
+def test_what_is_known_of_friction_stays_but_not_what_ties_it_to_the_pose(at_places):
     rng = np.random.default_rng(0)
     root = rng.normal(size=(3 + OBJECT_SIZE, 3 + OBJECT_SIZE))
     prior = Prior(np.zeros(3), rng.normal(size=OBJECT_SIZE) * 1e-3, 1e4 * root @ root.T)
     before = prior.covariance.copy()
-    found = starts(prior, model_of("disc"), POSE, felt(0.0))
+    found = at_places(prior, model_of("disc"), POSE, felt(0.0))
     assert len(found) > 10
     for one, _ in found:
         np.testing.assert_array_equal(one.values, prior.values)

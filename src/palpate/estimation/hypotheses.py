@@ -7,7 +7,7 @@ happened is kept, where
   steps, and the object slid over the sensor by another length in each hypothesis, on a contact that holds as well as
   thought or is more slippery;
 - a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
-  `starts`;
+  `beginning`;
 - a contact that was brief began where nothing should be: it may have been none.
 
 A hypothesis is judged by what its steps cost (`Window.costs`), pushing left out in steps in which any of them lets go
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
 from palpate.errors import EstimationError
+from palpate.estimation.beginning import MOST_YOUNG, UNLIKELY, Beginning, are_near, begun, begun_unfound, log_sum
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
@@ -31,7 +32,7 @@ from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import BeginContact, SmootherName
-from palpate.estimation.starts import is_rough, places, starts
+from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
 from palpate.geometry import se2
@@ -47,14 +48,13 @@ fifth of a standard deviation is systematic, for independent ones would cancel i
 _BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may move the object
 _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
 _SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
-_UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
 _COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
 _MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
 _PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
 _NEW = 4  # frames in which a hypothesis is not yet compared with others
-_SAME, _APART = np.array([2e-3, 2e-3, 0.02]), np.array([0.01, 0.01, 0.09])  # [m, m, rad]
+_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
 _GRACE, _POOR = 25, 1e-3  # frames after which a hypothesis goes whose weight is so small against the best one's
-_YOUNG, _MOST_YOUNG = 12, 16  # frames of a contact in which there may be so many
+_YOUNG = 12  # frames of a contact in which there may be as many as it may begin with
 _LOST = 2.0  # [m] standard deviation from which a graph holds on to nothing: its solution has run away
 _BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
 _TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
@@ -108,6 +108,7 @@ class Hypotheses:
         self._model, self._settings = model, settings
         self._most = most if smoother in ("fixed-lag", "batch") else 1
         self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
+        self._is_found = not is_rough(self.known)  # once there was one sure answer
         self._steps = 0  # of this contact
         self._heeds_from = 0  # step of this contact from which an alarm is of something new
         self._untouched: list[_Hypothesis] = []  # what there was before it, where nothing was displaced yet
@@ -237,7 +238,7 @@ class Hypotheses:
 
     def _doubt_contact(self) -> None:
         """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
-        after, before = (_log_sum([one.earned for one in some]) for some in (self._all, self._untouched))
+        after, before = (log_sum([one.earned for one in some]) for some in (self._all, self._untouched))
         for one in self._untouched:
             one.estimator.stay(self._steps)
             one.earned += after - before
@@ -259,7 +260,7 @@ class Hypotheses:
             if one.open and self._steps:
                 knock = Knock(0.0, _SPREAD / np.sqrt(_BACK))
                 one.open -= 1
-                one.broken[-1] = (one.broken[-1][0], self._steps + 1)
+                one.broken = [*one.broken, (self._steps, self._steps + 1)]
             one.estimator.touch(sensor_pose, measurements, time, knock)
             one.age += 1
 
@@ -295,25 +296,24 @@ class Hypotheses:
                     estimator = best.estimator.knocked(self._steps - first, (slid, _SPREAD), grip)
                 except EstimationError:
                     continue
-                earned = best.earned - _UNLIKELY - np.log(len(grips))
+                earned = best.earned - UNLIKELY - np.log(len(grips))
                 broken, slippery = [*best.broken, (first, self._steps)], best.slippery or grip is not None
                 found.append(_Hypothesis(estimator, earned, broken, _AHEAD, slippery))
         return found
 
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[_Hypothesis]:
-        """The hypotheses that a contact begins with: another place in each where the object is known roughly only."""
-        begun: list[_Hypothesis] = []
-        for one in self._all:
-            prior = one.estimator.expected(sensor_pose, measurements)
-            places = starts(prior, self._model, sensor_pose, measurements) if is_rough(prior) else []
-            if not places:
-                begun.append(one)
-                continue
-            begun.append(_Hypothesis(one.estimator.started(one.estimator.unmoved), one.earned, slippery=one.slippery))
-            for place, likely in places:
-                started, earned = one.estimator.started(place), one.earned + likely - _UNLIKELY
-                begun.append(_Hypothesis(started, earned, [(0, 1)], _AHEAD, one.slippery))
-        return sorted(begun, key=lambda one: -one.earned)[:_MOST_YOUNG]
+        """The hypotheses that a contact begins with."""
+        begin = begun if self._is_found else begun_unfound
+        answers = [(one.estimator, one.earned) for one in self._all]
+        return [self._beginning(one) for one in begin(answers, self._model, sensor_pose, measurements)]
+
+    def _beginning(self, way: Beginning) -> _Hypothesis:
+        """The hypothesis that a contact begins so."""
+        one = self._all[way.of]
+        if way.prior is None:
+            return one
+        broken, still_open = ([(0, 1)], _AHEAD) if way.is_place else ([], 0)
+        return _Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, one.slippery)
 
     def _scores(self) -> Array:
         """Log of how likely each hypothesis is, but for a constant."""
@@ -337,6 +337,7 @@ class Hypotheses:
         """Weigh all hypotheses, the best first, and drop those that are poor, the same as a better one or too many."""
         if len(self._all) == 1:
             self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
+            self._is_found |= not is_rough(self.known)
             return
         scores = self._scores()
         lost = np.array([_is_lost(one) for one in self._all])
@@ -350,18 +351,13 @@ class Hypotheses:
             if not is_poor and not any(_are_same(one, other) for other in kept):
                 kept.append(one)
         is_young = all(one.age <= _YOUNG for one in kept)
-        self._all = kept[: max(self._most, _MOST_YOUNG) if is_young else self._most]
+        self._all = kept[: max(self._most, MOST_YOUNG) if is_young else self._most]
         total = sum(one.weight for one in self._all)
         for one in self._all:
             one.weight /= total
 
     def _from_best(self, one: _Hypothesis) -> Array:
         return se2.log(se2.between(self._best.estimator.known.pose, one.estimator.known.pose))
-
-
-def _log_sum(logs: Sequence[float]) -> float:
-    """Log of the sum of what these are logs of."""
-    return float(np.logaddexp.reduce(logs))
 
 
 def _is_lost(one: _Hypothesis) -> bool:
@@ -373,5 +369,4 @@ def _are_same(one: _Hypothesis, other: _Hypothesis) -> bool:
     """Whether two hypotheses have come to the same pose."""
     if one.open or other.open or one.age < _NEW:
         return False
-    apart = se2.log(se2.between(one.estimator.known.pose, other.estimator.known.pose))
-    return bool((np.abs(apart) < _SAME).all())
+    return are_near(one.estimator.known.pose, other.estimator.known.pose)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 _SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal from place to place of the tip's centre
 _ALONG, _ACROSS, _YAW = 0.01, 0.003, np.radians(9.0)  # [m], [m], [rad] how far the object is from where it is thought
+_PLACE = np.diag(np.square([_ACROSS, _ALONG, _YAW]))  # along the outline's normal, and along it
 _STEP, _LONGEST = 0.003, 5.0  # [m] at a time on the way round, and in all
 _LIKELY = 4.0  # standard deviations of the prior within which a place is thought of
 _ROUGH = np.array([0.006, 0.006, 0.15])  # [m, m, rad] from which a prior is rough
@@ -39,25 +40,62 @@ def starts(
     """Return what may be known when a contact begins, likely ones first, and the log of how likely each is.
 
     sensor_pose (3,) is the measured world_T_sensor. Yaw follows from where touch says that the tip is touched; where
-    it does not say, it is as known, or one of several.
+    it does not say, it is as known, or one of several. The object is within _PLACE of each, whatever was known of it:
+    that only says how likely a place is, for it may be a guess of how far something moved the object.
     """
+    pose, around = _at_places(prior, model, sensor_pose, measurements)
+    off = se2.log(se2.between(prior.pose, pose))
+    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
+    far = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(prior.pose_covariance, hermitian=True), off)
+    return _likely_first(prior, pose, around, far, -0.5 * far)
+
+
+def expected_starts(
+    prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]
+) -> list[tuple[Prior, float]]:
+    """Return the same where what was known is no guess, so that it counts as much as the touch.
+
+    A place is as likely as the prior says that the object is within _PLACE of it, and both together are what is known
+    there: normal distributions of x, y and yaw in the world.
+    """
+    pose, around = _at_places(prior, model, sensor_pose, measurements)
+    off = prior.pose - pose
+    off[:, 2] = se2.wrap(off[:, 2])
+    gain = around @ np.linalg.pinv(around + _turned(prior.pose_covariance, prior.pose[2]), hermitian=True)
+    by_gain = (gain @ off[..., None])[..., 0]
+    far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
+    likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
+    return _likely_first(prior, pose + by_gain, around - gain @ around, far, likely)
+
+
+def _at_places(
+    prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]
+) -> tuple[Array, Array]:
+    """Poses of the object (N, 3) at which the sensor touches it at each place, and _PLACE there in the world."""
     center, normal = places(model)
     tip, center = model.centers[0], center - prior[DEPTH][0] * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
-    found: list[tuple[Prior, float]] = []
-    # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
-    information = np.linalg.pinv(prior.pose_covariance, hermitian=True)
-    for at, outward in zip(center, normal, strict=True):
-        yaws = [np.angle(-outward) - true_angle(said[0], prior)] if said else _likely_yaws(prior, sensor_pose)
-        for yaw in yaws:
-            place = at - np.exp(1j * yaw) * tip
-            g = np.array([place.real, place.imag, se2.wrap(yaw)])
-            pose = se2.compose(sensor_pose, se2.inverse(g))
-            off = se2.log(se2.between(prior.pose, pose))
-            far = float(off @ information @ off)
-            if far < _LIKELY**2:
-                found.append((_at(prior, pose, outward), -0.5 * far))
-    return sorted(found, key=lambda one: -one[1])
+    if said:
+        yaw = (np.angle(-normal) - true_angle(said[0], prior))[:, None]
+    else:
+        yaw = np.array(_likely_yaws(prior, sensor_pose))[None]
+    place = center[:, None] - np.exp(1j * yaw) * tip
+    seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
+    pose = se2.compose(sensor_pose, se2.inverse(seen))
+    return pose, _turned(_PLACE, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
+
+
+def _likely_first(prior: Prior, pose: Array, covariance: Array, far: Array, likely: Array) -> list[tuple[Prior, float]]:
+    """The prior at poses (N, 3) that are not too far [variances], known so along the world's axes."""
+    order = [index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2]
+    return [(_at(prior, pose[index], covariance[index]), float(likely[index])) for index in order]
+
+
+def _turned(covariance: Array, angle: ArrayLike) -> Array:
+    """Covariances (..., 3, 3) of x, y and yaw, seen from axes that are turned back by angles [rad]."""
+    turn = np.zeros((*np.shape(angle), 3, 3))
+    turn[..., :2, :2], turn[..., 2, 2] = se2.rotation(angle), 1.0
+    return turn @ covariance @ np.swapaxes(turn, -1, -2)
 
 
 def _likely_yaws(prior: Prior, sensor_pose: Array) -> list[float]:
@@ -70,14 +108,12 @@ def _likely_yaws(prior: Prior, sensor_pose: Array) -> list[float]:
     return [yaw + reach * step / count for step in range(-count, count + (reach < np.pi))]
 
 
-def _at(prior: Prior, pose: Array, outward: complex) -> Prior:
-    """The prior of a place: near it and apart from that as it was; covariance in the tangent space at the pose."""
-    along, across = 1j * outward, outward
-    turn = np.array([[along.real, across.real], [along.imag, across.imag]])
+def _at(prior: Prior, pose: Array, covariance: Array) -> Prior:
+    """The prior with another pose, of which this (3, 3) is known along the world's axes; apart from that as it was."""
     joint = prior.covariance.copy()
     joint[:3, :], joint[:, :3] = 0.0, 0.0
-    joint[:2, :2] = turn @ np.diag([_ALONG**2, _ACROSS**2]) @ turn.T
-    joint[2, 2] = _YAW**2
+    joint[:3, :3] = _turned(0.5 * (covariance + covariance.T), -pose[2])
+    pose[2] = se2.wrap(pose[2])
     return replace(prior, pose=pose, covariance=joint)
 
 
