@@ -254,3 +254,18 @@ def test_columns_follow_the_unknowns():
         columns_of(((SENSOR, SENSOR_IN_OBJECT),), ())
     with pytest.raises(ValueError, match="have gaps, or are in another order"):
         columns_of((G,), (SHARED[0], SHARED[2]))
+
+
+def test_what_changes_unmeasured_is_less_certain_and_stays_where_it_is():
+    rng = np.random.default_rng(5)
+    size = 2 * STEP_SIZE + SHARED_SIZE
+    root = rng.normal(size=(3, size, size))
+    information, gradient = root @ root.transpose(0, 2, 1) + np.eye(size), rng.normal(size=(3, size))
+    variance = np.zeros(SHARED_SIZE)
+    variance[[1, SHARED_SIZE - 1]] = 0.3, 2.0
+    later = Gaussian(2, information, gradient).loosened(variance)
+    more = np.diag(np.concatenate([np.zeros(2 * STEP_SIZE), variance]))
+    np.testing.assert_allclose(np.linalg.inv(later.information), np.linalg.inv(information) + more, atol=1e-9)
+    for one in range(3):
+        before = np.linalg.solve(information[one], gradient[one])
+        np.testing.assert_allclose(np.linalg.solve(later.information[one], later.gradient[one]), before, atol=1e-9)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.unknowns import IN_OBJECT, OBJECT_SIZE, OF_OBJECT, Priors, Unknown
+from palpate.estimation.unknowns import IN_OBJECT, OBJECT_SIZE, Priors, Unknown
 from palpate.geometry import se2
 
 Array = NDArray[np.float64]
@@ -40,9 +40,8 @@ class Prior:
 
     def at_next_contact(self, usual: Priors) -> "Prior":
         """Return the same with what belongs to the object less certain, by as much as `Unknown.changes` says."""
-        changes = np.concatenate([np.full(one.dimension, one.changes) for one in OF_OBJECT])
         joint = self.covariance.copy()
-        joint[3:, 3:] += np.diag(np.square(changes * usual.deviation))
+        joint[3:, 3:] += np.diag(usual.changes(0))
         return replace(self, covariance=joint)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Knock
-from palpate.estimation.unknowns import LAG, Normal
+from palpate.estimation.unknowns import LAG, Normal, Priors
 from palpate.estimation.window import Window
 from palpate.recording.measurements import Measurement
 
@@ -28,9 +28,10 @@ class FixedLag:
         measurements: Sequence[Measurement] = (),
         time: float = 0.0,
         lag: int = LAG,
+        usual: Priors | None = None,
     ) -> None:
-        """Begin with the first frame of a contact and what is known of the object; `lag` is in steps."""
-        self._window = Window(factors, model, [prior], sensor_pose, measurements, time, lag)
+        """Begin with the first frame of a contact and what is known of the object; see Window. `lag` is in steps."""
+        self._window = Window(factors, model, [prior], sensor_pose, measurements, time, lag, usual)
 
     def add(
         self,

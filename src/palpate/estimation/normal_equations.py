@@ -60,6 +60,17 @@ class Gaussian:
         gradient[:, place] += more * (target - value)
         return Gaussian(self.steps, information, gradient)
 
+    def loosened(self, variance: Array) -> "Gaussian":
+        """Return it where what is shared has changed since by what nobody measured, of variances (SHARED_SIZE,)."""
+        changed = np.flatnonzero(variance)
+        if not len(changed):
+            return self
+        places = STEP_SIZE * self.steps + changed
+        known = self.information[:, places[:, None], places] + np.diag(1.0 / variance[changed])
+        pulled = np.linalg.solve(known, self.information[:, places])
+        gradient = self.gradient - (self.gradient[:, None, places] @ pulled)[:, 0]
+        return Gaussian(self.steps, self.information - self.information[:, :, places] @ pulled, gradient)
+
 
 @compiled
 def _put_gradient(information: Array, gradient: Array, change: Array, out: Array) -> None:

@@ -61,7 +61,7 @@ def make_smoother(name: SmootherName, settings: NoiseSettings, model: ContactMod
         from palpate.estimation.unknowns import LAG
 
         lag = LAG if name == "fixed-lag" else sys.maxsize
-        return lambda prior, pose, said, time: FixedLag(factors, model, prior, pose, said, time, lag)
+        return lambda prior, pose, said, time: FixedLag(factors, model, prior, pose, said, time, lag, settings.priors)
     if name == "isam2":
         from palpate.estimation.isam2 import Isam2
 

@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 Normal = tuple[float, float]
 """Mean and standard deviation."""
 
-_FRICTION_CHANGES = 0.44  # it is not the same at every place and time, and one contact can teach it wrongly
+_FRICTION_CHANGES = (0.44, 0.003)
+"""Friction is not the same at every place and time, and what a contact teaches of it may be wrong."""
 LAG = FARTHEST_BACK + 1
 """Steps that a sliding window holds: the last one, and all that touch compares it with."""
 
@@ -42,8 +43,9 @@ class Unknown:
     """Of each number, before anything is measured; None where a measurement is what brings it into being."""
     is_pose: bool = False
     """Whether it is a planar pose, which moves by right perturbations, and not a vector, which moves by sums."""
-    changes: float = 0.0
-    """By how much it may change from one contact to the next, as a share of its prior's standard deviation."""
+    changes: tuple[float, float] = (0.0, 0.0)
+    """By how much it may change from one contact to the next and in each step of a contact, as shares of its prior's
+    standard deviation."""
 
 
 SENSOR_IN_OBJECT = Unknown(
@@ -189,6 +191,11 @@ class Priors(Settings):
     def deviation(self) -> Array:
         """Standard deviations (OBJECT_SIZE,) of the same."""
         return self._spread(1)
+
+    def changes(self, part: int) -> Array:
+        """Variances (OBJECT_SIZE,) of the changes from one contact to the next (part 0), or in a step of one (1)."""
+        shares = np.concatenate([np.full(one.dimension, one.changes[part]) for one in OF_OBJECT])
+        return np.square(shares * self.deviation)
 
     def _spread(self, part: int) -> Array:
         return np.concatenate([np.full(one.dimension, getattr(self, one.name)[part]) for one in OF_OBJECT])

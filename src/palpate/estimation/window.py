@@ -37,6 +37,7 @@ from palpate.estimation.unknowns import (
     SHARED_SIZE,
     STEP_SIZE,
     Normal,
+    Priors,
 )
 from palpate.estimation.values import ANGLE_STEPS, Values
 from palpate.geometry import se2
@@ -62,12 +63,17 @@ class Window:
         measurements: Sequence[Measurement] = (),
         time: float = 0.0,
         lag: int = LAG,
+        usual: Priors | None = None,
     ) -> None:
         """Begin with the first frame of a contact and what each smoother knows of the object.
 
-        sensor_pose (3,) is the measured world_T_sensor [m, m, rad].
+        sensor_pose (3,) is the measured world_T_sensor [m, m, rad]. What belongs to the object may change in a step as
+        is `usual`, by default not at all; within the window it is taken not to.
         """
         self._lag = lag
+        self._changes = np.zeros(SHARED_SIZE)  # variances in a step
+        if usual is not None:
+            self._changes[CONTACT_SIZE:] = usual.changes(1)
         self._factors = [FirstPose(priors), *factors]
         self._terms = [GrowingTerms() for _ in self._factors]
         poses = np.array([prior.pose for prior in priors])
@@ -273,7 +279,7 @@ class Window:
         for factor, terms, rows in self._linearised:
             equations.add(rows, terms.places, factor.columns, of_oldest=True)
         equations.add_gaussian(self._past_seen_from(at))
-        self._past = equations.without_oldest()
+        self._past = equations.without_oldest().loosened(self._changes)
         self._past_at = _without_oldest(at)
         self._left_costs = np.concatenate([self._left_costs, self._costs()[:1]])[-_REMEMBERED:]
         for grown in self._terms:
