@@ -49,7 +49,7 @@ def failure(capsys: Any, *words: str) -> str:
 
 
 def test_tune_leaves_a_file_that_track_takes(capsys):
-    assert palpate(*WORDS, "--evaluations", "4", "--json") == 0
+    assert palpate(*WORDS, "--evaluations", "8", "--json") == 0
     out, err = capsys.readouterr()
     found, content = json.loads(out), json.loads(Path("noise.json").read_text())
     assert err == "" and found["left_out"] == [] and found["out"] == "noise.json" and found["wall_s"] > 0
@@ -58,7 +58,7 @@ def test_tune_leaves_a_file_that_track_takes(capsys):
     assert {key: found[key] for key in tuned} == tuned
     assert tuned["recordings"] == ["push-0.h5", "push-1.h5", "push-2.h5", "push-4.h5"]
     assert tuned["held_out"] == ["push-3.h5"]
-    assert (tuned["evaluations"], tuned["tactile"], tuned["smoother"]) == (4, "oracle", "fixed-lag")
+    assert (tuned["evaluations"], tuned["tactile"], tuned["smoother"]) == (8, "oracle", "fixed-lag")
     assert (tuned["start"], tuned["model"]) == ("palpate", None)
     assert tuned["after"]["score"] < tuned["before"]["score"]
     assert set(tuned["held_out_after"]) == set(tuned["held_out_before"]) == set(tuned["before"])

@@ -69,14 +69,14 @@ def settings(**groups: dict[str, Any]) -> TrackerSettings:
 
 
 def test_noise_that_pushes_were_drawn_with_is_found_again():
-    """On six short pushes, in twelve evaluations, from a start off by ten; the score on two others falls with it."""
+    """On six short pushes, in sixteen evaluations, from a start off by ten; the score on two others falls with it."""
     contact, sensor_pose = TRUE.contact.deviation, TRUE.sensor_pose.deviation
     start = settings(
         contact={"deviation": 10.0 * contact}, sensor_pose={"deviation": tuple(10.0 * sigma for sigma in sensor_pose)}
     )
     seen: list[Tuning] = []
     names = ("contact.deviation", "sensor_pose.deviation")
-    found = tune(drawn(8), start, names, 12, progress=seen.append)
+    found = tune(drawn(8), start, names, 16, progress=seen.append)
     for name, true in zip(names, (contact, sensor_pose[0]), strict=True):
         before, after = found.values[name]
         assert before == pytest.approx(10.0 * true)
@@ -84,7 +84,7 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
     assert found.held_out is not None
     before, after = found.held_out
     truth = judge(drawn(8)[3::4], settings())
-    assert after.score < before.score - 0.5 and after.score < truth.score + 0.3
+    assert after.score < before.score - 0.5 and after.score < truth.score + 0.4
     # What is reported is what the settings do, and nothing but what was asked for has changed.
     noise = found.settings.noise
     assert judge([recorded for index, recorded in enumerate(drawn(8)) if index % 4 != 3], found.settings) == found.after
@@ -92,7 +92,7 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
     assert noise == with_settings(TRUE, contact=changed[0], sensor_pose=changed[1])
     assert noise.sensor_pose.deviation[2] == pytest.approx(10.0 * noise.sensor_pose.deviation[0], rel=1e-3)
     # It never gets worse on the way, and says so.
-    assert [each.evaluations for each in seen] == list(range(1, 13))
+    assert [each.evaluations for each in seen] == list(range(1, 17))
     assert (np.diff([each.after.score for each in seen]) <= 0.0).all()
     assert seen[0].after == seen[0].before == found.before and seen[-1].after == found.after
 
@@ -166,9 +166,9 @@ def test_c_of_one_object():
 def test_which_parameters():
     noise = NoiseSettings()
     names = {f"{group.name}.{each.name}" for group in fields(noise) for each in fields(getattr(noise, group.name))}
-    # All but the first pose, which is given, and what frames are apart by, which tuning cannot tell from any other
-    # error that stays the same for as long as a recording.
-    given = {"first_pose.deviation", "first_pose.truth", "sensor_pose.calibration"}
+    # All but the first pose, which is given, what frames are apart by, which tuning cannot tell from any other
+    # error that stays the same for as long as a recording, and what was measured with the model.
+    given = {"first_pose.deviation", "first_pose.truth", "sensor_pose.calibration", "relative_pose.linear"}
     assert set(tunable()) == (names | {"pressure"}) - given
     usual = TrackerSettings(tactile="learnt")
     pushing = {"sticking.share", "sticking.sliding_share", "sticking.margin", "sticking.kernel"}
