@@ -402,6 +402,17 @@ def step_times() -> str:
     return table(("a step", "median", "95th percentile", "99th percentile"), rows)
 
 
+def long_runs() -> str:
+    """Return the table of a hundred thousand frames through one tracker."""
+    rows = []
+    for name, run in loaded("docs/study/long.json").items():
+        ends = [f"{run['p50_ms'][k]:.1f} ms, {run['rss_mb'][k]:.0f} MB" for k in (0, -1)]
+        inside = [percent(share) for share in (run["inside_95"][0], fmean(run["inside_95"]), run["inside_95"][-1])]
+        rows.append([name, f"{run['frames']:,}".replace(",", " "), str(run["contacts"]), *ends, ", ".join(inside)])
+    columns = ("first tenth: step, memory", "last tenth: step, memory", "in 95 %: first tenth, all, last tenth")
+    return table(("", "frames", "contacts", *columns), rows)
+
+
 def step_facts() -> set[str]:
     """Return the times of a step with `learnt`: median and 95th percentile, and the latter in a shoved sequence."""
     case = next(case for case in loaded("benchmarks/baseline.json")["cases"] if case["name"] == "learnt")
@@ -495,6 +506,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "expected": expected,
     "step-times": step_times,
     "faults": faults,
+    "long-runs": long_runs,
     "kills": kills,
     "fuzz": fuzz,
 }
