@@ -20,7 +20,8 @@ Normal = tuple[float, float]
 """Mean and standard deviation."""
 
 _FRICTION_CHANGES = (0.44, 0.003)
-"""Friction is not the same at every place and time, and what a contact teaches of it may be wrong."""
+"""See Unknown.changes: friction is not the same at every place and time, and what a contact teaches may be wrong."""
+
 LAG = FARTHEST_BACK + 1
 """Steps that a sliding window holds: the last one, and all that touch compares it with."""
 
