@@ -117,7 +117,8 @@ def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path):
 
 def test_recovery_is_told_where_there_are_knocks(tmp_path):
     trials = drawn_trials(["disc", "mit"], METHODS[:2], 2, seconds=2.0)
-    trials[1].summary["knock_recovery_contact_s"] = [0.5, 1.0, 2.5]  # touch learnt on a disc
+    knocks = {"knocks": 3, "knock_recovery_contact_s": [0.5, 1.0, 2.5], "knock_contact_s": [3.0] * 3}
+    trials[1].summary.update(knocks)  # touch learnt on a disc
     write_report(tmp_path, drawn_results(trials), trials)
     words = Page((tmp_path / "report.html").read_text(encoding="utf-8")).words
     assert "After knocks, by group" in words

@@ -359,18 +359,36 @@ def test_coverage_of_contact_rests_and_final_poses_by_hand():
     assert {row[f"{kind}inside_95"] for kind in ("", "contact_", "rest_", "final_")} == {None}
 
 
+def knocks(*taken_and_until):
+    """Return a summary's part about knocks, each with seconds in contact until recovery and until the next one."""
+    taken, until = zip(*taken_and_until, strict=True)
+    return {"knocks": len(taken), "knock_recovery_contact_s": list(taken), "knock_contact_s": list(until)}
+
+
 def test_recovery_and_silence_in_the_table_by_hand():
     knocked = [
-        trial(1.0, silently_wrong_share=0.2, knock_recovery_contact_s=[0.5, 2.0]),
-        trial(2.0, silently_wrong_share=0.0, knock_recovery_contact_s=[2.1]),
+        trial(1.0, silently_wrong_share=0.2, **knocks((0.5, 4.0), (2.0, 2.5))),
+        trial(2.0, silently_wrong_share=0.0, **knocks((2.1, 3.0))),
         trial(3.0),  # of an earlier version, which did not tell
     ]
     row = table(knocked, (NONE,))["disc"]["none"]
     assert (row["silently_wrong"], row["knocks"]) == (pytest.approx(0.1), 3)
     assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
-    assert recovered([0.5, 1.5]) == {"recovery_contact_s": 1.0, "recovered_in_2s": 1.0}
-    assert recovered([1.0, None]) == {"recovery_contact_s": None, "recovered_in_2s": 0.5}
+
+
+def test_recovery_by_hand_where_a_knock_is_not_followed_to_the_end():
+    assert recovered([knocks((0.5, 3.0), (1.5, 3.0))]) == {"recovery_contact_s": 0.5, "recovered_in_2s": 1.0}
+    assert recovered([knocks((1.0, 3.0), (None, 3.0))]) == {"recovery_contact_s": 1.0, "recovered_in_2s": 0.5}
+    assert recovered([knocks((None, 3.0))]) == {"recovery_contact_s": None, "recovered_in_2s": 0.0}
     assert recovered([]) == {"recovery_contact_s": None, "recovered_in_2s": None}
+    # Of four, one recovers at 0.5 s; two are followed up to 1 s only, and the last recovers at 1.5 s: 1 - 3/4 * 0.
+    assert recovered([knocks((0.5, 3.0), (None, 1.0), (None, 1.0), (1.5, 3.0))])["recovered_in_2s"] == 1.0
+    # Of three, one is followed up to 0.1 s; one of the two others recovers.
+    assert recovered([knocks((None, 0.1)), knocks((1.0, 3.0)), knocks((None, 9.0))])["recovered_in_2s"] == 0.5
+
+
+def test_knocks_that_nothing_tells_of():
+    knocked = [trial(3.0)] * 3
     row = table(knocked[2:], (NONE,))["disc"]["none"]
     assert (row["silently_wrong"], row["knocks"], row["recovered_in_2s"]) == (None, 0, None)
 
@@ -422,8 +440,8 @@ def test_results_hold_everything_as_plain_data():
     assert {"in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share", "knocks"} < set(
         lines[0].split(",")
     )
-    knocked = flat(trial(1.0, knock_recovery_contact_s=[1.0, 3.0], error_after_knock_mm={"1": 2.0}))
-    assert (knocked["recovery_contact_s"], knocked["recovered_in_2s"]) == (2.0, 0.5)
+    knocked = flat(trial(1.0, **knocks((1.0, 4.0), (3.0, 4.0)), error_after_knock_mm={"1": 2.0}))
+    assert (knocked["recovery_contact_s"], knocked["recovered_in_2s"]) == (1.0, 0.5)
     assert not {"knock_recovery_contact_s", "error_after_knock_mm"} & set(knocked)
 
 
@@ -454,10 +472,7 @@ def test_coverage_is_compared_where_both_studies_tell_it():
     told: list[Figures] = [{"in_95_final": 1.0, "recovery_contact_s": 3.0}, {"in_95_final": 0.0}, {"in_95_final": None}]
     errors: Figures = {"final_mm": 4.0, "final_deg": 1.0, "rmse_mm": 1.0, "rmse_deg": 0.5}
     before: Scores = {(f"{number}.h5", NONE): errors | more for number, more in enumerate(told)}
-    after = [
-        trial(4.0, name=f"{number}.h5", in_95_final=True, knock_recovery_contact_s=[number + 1.0])
-        for number in range(3)
-    ]
+    after = [trial(4.0, name=f"{number}.h5", in_95_final=True, **knocks((number + 1.0, 9.0))) for number in range(3)]
     change = compare(Path("old"), before, after)["methods"]["none"]
     assert change["in_95_final"] == {"before": 0.5, "after": 1.0}
     assert change["recovery_contact_s"] == {"before": 3.0, "after": 1.0}

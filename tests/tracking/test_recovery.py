@@ -35,6 +35,8 @@ def test_recovery_by_hand():
     # Near from frame 13 on, 0.7 s after frame 6, of which two frames are not in contact.
     assert found["knock_recovery_s"] == [pytest.approx(0.7), None]
     assert found["knock_recovery_contact_s"] == [pytest.approx(0.5), None]
+    # Frames 7 to 24 but for two of them, and 26 to 39.
+    assert found["knock_contact_s"] == [pytest.approx(1.6), pytest.approx(1.4)]
     # 0.5 s after them 20 and 30 mm, 1 s after them 2 and 30, 1.5 s after them 2 and 2, for frame 39 is beside the end;
     # 2 s after the first there is the second.
     error = found["error_after_knock_mm"]

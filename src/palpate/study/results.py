@@ -120,17 +120,27 @@ def is_lost(trial: Trial) -> bool:
     return mm is not None and deg is not None and (mm > LOST_MM or deg > LOST_DEG)
 
 
-def recovered(seconds: Sequence[float | None]) -> dict[str, float | None]:
-    """Return how knocks were recovered from, each after so many seconds in contact or not at all (None).
+def recovered(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Return how the knocks of trials with these summaries were recovered from.
 
-    They are `recovery_contact_s`, the median, and `recovered_in_2s`, the share that took up to SOON. Without knocks
-    both are None, and so is the median where half of them or more were not recovered from.
+    They are `recovery_contact_s`, the median time in contact, and `recovered_in_2s`, the share that took up to SOON. A
+    knock may be followed by the next one or the end before that: what is not known of it is left open (the estimate of
+    Kaplan and Meier). Without knocks both are None, and so is the median where it is beyond what is known.
     """
-    if not seconds:
+    from scipy.stats import CensoredData, ecdf  # importing it takes a second
+
+    known = [summary for summary in summaries if summary.get("knock_contact_s")]
+    if not known:
         return {"recovery_contact_s": None, "recovered_in_2s": None}
-    taken = np.array([np.inf if each is None else each for each in seconds])
-    middle = float(np.median(taken))
-    return {"recovery_contact_s": middle if np.isfinite(middle) else None, "recovered_in_2s": _share(taken <= SOON)}
+    taken = [each for summary in known for each in summary["knock_recovery_contact_s"]]
+    until = [each for summary in known for each in summary["knock_contact_s"]]
+    seconds = [end if each is None else each for each, end in zip(taken, until, strict=True)]
+    lasting = ecdf(CensoredData.right_censored(seconds, [each is None for each in taken])).sf
+    half = lasting.quantiles[lasting.probabilities <= 0.5]
+    return {
+        "recovery_contact_s": float(half[0]) if len(half) else None,
+        "recovered_in_2s": float(1.0 - lasting.evaluate(SOON)),
+    }
 
 
 def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Trial]) -> None:
@@ -167,7 +177,6 @@ def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[
     pooled = {kind: np.concatenate([each[kind] for each in kinds]) for kind in kinds[0]}
     nees = pooled["all"]
     silent = [known for trial in scored if (known := trial.summary.get("silently_wrong_share")) is not None]
-    taken = [each for trial in scored for each in trial.summary.get("knock_recovery_contact_s") or ()]
     return {
         "sequences": len(scored),
         "unscored": len(trials) - len(scored),
@@ -180,8 +189,8 @@ def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[
         "inside_95": _share(inside_95(nees)),
         **{f"{kind}_inside_95": _share(inside_95(pooled[kind])) for kind in ("contact", "rest", "final")},
         "silently_wrong": _share(silent),
-        "knocks": len(taken),
-        **recovered(taken),
+        "knocks": sum(trial.summary.get("knocks") or 0 for trial in scored),
+        **recovered([trial.summary for trial in scored]),
         "lost": sum(is_lost(trial) for trial in scored),
         "step_ms": {share: float(np.median(values)) for share, values in steps.items()},
     }
@@ -224,5 +233,5 @@ def flat(trial: Trial) -> dict[str, Any]:
     """Return the trial as a row of `sequences.csv`: its summary, lists and tables in it told in single values."""
     row = {"recording": trial.recording, "group": trial.group, **asdict(trial.method), "lost": is_lost(trial)}
     row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
-    row |= recovered(trial.summary.get("knock_recovery_contact_s") or ())
+    row |= recovered([trial.summary])
     return row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()}

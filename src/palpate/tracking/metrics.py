@@ -79,13 +79,15 @@ def summarise(
     wall_s: float,
     episodes: int,
     knocked: Flags | None = None,
+    yaw_shows: bool = True,
 ) -> dict[str, Any]:
     """Return the content of `summary.json`.
 
     `truth` (N, 3) is NaN where it is not known or not trusted. `final_pose` is world_T_object of the last frame [m, m,
     rad], and `final_sigma` its standard deviations along the world's axes. Final errors are those of the last frame
     with truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None.
-    `coverage` says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,).
+    `coverage` says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,); unless
+    `yaw_shows`, as that of a disc does not, it is left out there.
     `silently_wrong_share` is of the frames since the first contact, as they are: those that `is_far` and that are
     outside the 95 % region while their status is one of CONTENT.
     """
@@ -124,7 +126,7 @@ def summarise(
         "final_scored_time_s": None if last is None else float(trajectory.time[last]),
         **coverage(contact, squared),
         "silently_wrong_share": silent,
-        **recovery(trajectory, translation, rotation, knocked),
+        **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
 
 

@@ -21,6 +21,7 @@ AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
 BESIDE = 0.1
 """[s] by which a frame may lie beside such a time, for truth drops out."""
 _ROUNDING = 1e-9  # [s]
+_KEYS = ("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "error_after_knock_mm")
 
 
 def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocked: Flags | None) -> dict[str, Any]:
@@ -33,11 +34,12 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
     - knock_recovery_s: for each the time [s] from its last frame until the estimate is near the truth, by FAR_MM and
       FAR_DEG, and stays so for STAYS; None where it does not before the next knock or the end.
     - knock_recovery_contact_s: the same, time in contact only.
+    - knock_contact_s: for each the time in contact [s] until the next knock or the end.
     - error_after_knock_mm: by the seconds after a knock ("0.5") the median error over knocks; None where none is known
       before the next one.
     """
     if knocked is None:
-        return dict.fromkeys(("knocks", "knock_recovery_s", "knock_recovery_contact_s", "error_after_knock_mm"))
+        return dict.fromkeys(_KEYS)
     time, interval = trajectory.time, np.diff(trajectory.time, prepend=trajectory.time[0])
     contact = np.zeros(len(time), np.bool_) if trajectory.contact is None else trajectory.contact
     scored = np.isfinite(translation)
@@ -46,6 +48,7 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
     runs = flag_runs(knocked)
     seconds: list[float | None] = []
     contact_seconds: list[float | None] = []
+    contact_after: list[float] = []
     errors: list[list[float]] = []
     ends = [*(first for first, _ in runs[1:]), len(time)]
     for (_, last), following in zip(runs, ends, strict=False):
@@ -60,14 +63,11 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
         )
         seconds.append(None if found is None else float(time[found] - time[last]))
         contact_seconds.append(None if found is None else float(in_contact[found] - in_contact[last]))
+        contact_after.append(float(in_contact[following - 1] - in_contact[last]))
         errors.append([_nearest(time[frames] - time[last], translation[frames], after) for after in AFTER])
-    columns = zip(*errors, strict=True) if errors else [()] * len(AFTER)
-    return {
-        "knocks": len(runs),
-        "knock_recovery_s": seconds,
-        "knock_recovery_contact_s": contact_seconds,
-        "error_after_knock_mm": {f"{after:g}": _median(column) for after, column in zip(AFTER, columns, strict=True)},
-    }
+    known = zip(*errors, strict=True) if errors else [()] * len(AFTER)
+    medians = {f"{after:g}": _median(column) for after, column in zip(AFTER, known, strict=True)}
+    return dict(zip(_KEYS, (len(runs), seconds, contact_seconds, contact_after, medians), strict=True))
 
 
 def is_far(translation: Array, rotation: Array) -> Flags:

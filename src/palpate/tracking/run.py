@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import FrameError, SettingError
 from palpate.estimate import Estimate
 from palpate.estimation.settings import NoiseSettings
-from palpate.geometry.shapes import shape_to_dict
+from palpate.geometry.shapes import Disc, shape_to_dict
 from palpate.recording.derived import gaps
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
@@ -162,6 +162,7 @@ def track(
         wall_s=wall_s,
         episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
         knocked=knocked_frames(recording),
+        yaw_shows=not isinstance(recording.shape, Disc),
     )
     if lift:
         summary["untouched_from_s"] = lift.time
