@@ -40,7 +40,7 @@ def try_out(python: str, resolution: str, tests: tuple[str, ...], folder: Path, 
     """Make an environment, run the tests in it and note versions and counts; an error where they fail."""
     environment = folder / "environment"
     bin = environment / "bin"
-    run("uv", "venv", "--quiet", "--python", python, "--no-python-downloads", environment)
+    run("uv", "venv", "--quiet", "--seed", "--python", python, "--no-python-downloads", environment)
     install = ("uv", "pip", "install", "--quiet", "--python", bin / "python", "--resolution", resolution)
     run("uv", "build", "--quiet", "--wheel", "--out-dir", folder)
     (wheel,) = folder.glob("*.whl")

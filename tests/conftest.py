@@ -1,5 +1,6 @@
 import os
 import shutil
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,9 @@ from palpate.estimation.warm_up import warm_up
 # A shared machine may stall for longer than any deadline; random inputs must not differ from run to run.
 settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
+
+# A shell ignores interrupts for what it runs in the background, and programs that tests start would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
