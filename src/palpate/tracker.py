@@ -19,6 +19,7 @@ from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import Shape
 from palpate.guard import DRAWN_BACK, StreamGuard
+from palpate.quality import StreamQuality
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement, finite_numbers
 from palpate.recording.sensor import SensorProfile
@@ -97,6 +98,7 @@ class Tracker:
         noise = _with_offset(settings.noise, self._correction.offset_sigma)
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._guard = StreamGuard(self._sensor.rate)
+        self._quality = StreamQuality(self._sensor.rate, math.hypot(*noise.sensor_pose.deviation[:2]) / math.sqrt(2.0))
         self._doubtful = self._detector.background is None  # whether the gel may be touched since before it was known
         self._was_near = False  # whether the sensor was at the object before it was known
         self._in_unfelt_touch = False  # whether it is in the object since then
@@ -136,6 +138,7 @@ class Tracker:
         if self._last is not None:
             self._interval = max(1.0 / self._sensor.rate, frame.time - self._last.time)
         self._last = frame
+        self._quality.see(frame.time, frame.sensor_pose)
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
         return self._estimate(frame.time)
@@ -193,7 +196,7 @@ class Tracker:
         if touched:
             self._touched_at = time
         blind = self._guard.blind
-        status, reason = estimator.status, estimator.reason
+        status, reason = estimator.status, estimator.reason or self._quality.reason
         if blind:
             status, reason = "faulty", _FROZEN.format(1e3 * blind)
         elif self._in_unfelt_touch:

@@ -83,7 +83,8 @@ def test_a_stall_is_said_within_a_fifth_of_a_second_and_estimates_carry_their_ag
     assert STALL <= stalled - 0.29 <= 0.2 + 0.05  # a busy machine may take a little longer
     held = [(when, age) for when, how, age in recorded if how == "held"]
     assert held and all(age == pytest.approx(when - 0.29) for when, age in held)
-    assert counts.unplaced == sum(0.49 < when < 0.9 for when in 0.1 + np.arange(36) / 30)
+    unplaced = sum(0.49 < when < 0.9 for when in 0.1 + np.arange(36) / 30)
+    assert abs(counts.unplaced - unplaced) <= 1  # a busy machine may take one more for stalled
     assert counts.images == counts.tracked + counts.unplaced + counts.dropped
 
 

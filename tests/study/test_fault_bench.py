@@ -13,7 +13,7 @@ from palpate.cli import main
 from palpate.errors import FileError, FrameError
 from palpate.estimate import Estimate
 from palpate.formats.palpate_h5 import write_recording
-from palpate.geometry.shapes import Disc
+from palpate.geometry.shapes import Disc, Rectangle, Shape
 from palpate.recording.frame import Frame
 from palpate.recording.sensor import DIGIT
 from palpate.study.faults import bench
@@ -22,9 +22,11 @@ from palpate.study.faults.stream import Stream
 from palpate.study.faults.table import rows_of, write_table
 from palpate.tracker_settings import TrackerSettings
 
+DISC = Disc(0.1)
+
 
 class Told:
-    """A tracker that says for each frame what a test has written down: error [m] and status, or an error to raise."""
+    """A tracker that says what a test has written down: error [m], status and yaw, or an error to raise."""
 
     script: list[Any]
 
@@ -35,17 +37,17 @@ class Told:
         said = next(self._next)
         if isinstance(said, Exception):
             raise said
-        error, status = said
-        return Estimate(frame.time, np.array([error, 0.0, 0.0]), 1e-6 * np.eye(3), True, status)
+        error, status, *yaw = said
+        return Estimate(frame.time, np.array([error, 0.0, *(yaw or [0.0])]), 1e-6 * np.eye(3), True, status)
 
 
-def scored(monkeypatch: Any, script: list[Any], begin: float = 0.0) -> FaultRun:
+def scored(monkeypatch: Any, script: list[Any], begin: float = 0.0, shape: Shape = DISC) -> FaultRun:
     """Run frames half a second apart, all in contact, with the object at the origin."""
     monkeypatch.setattr(bench, "Tracker", Told)
     monkeypatch.setattr(Told, "script", script, raising=False)
     frames = tuple(Frame(0.5 * n, np.zeros(3), contact=True, object_pose=np.zeros(3)) for n in range(len(script)))
     arrival = np.array([frame.time for frame in frames])
-    stream = Stream(frames, arrival, Disc(0.1), DIGIT, np.zeros(3), begin=begin)
+    stream = Stream(frames, arrival, shape, DIGIT, np.zeros(3), begin=begin)
     return run_stream(stream, TrackerSettings())
 
 
@@ -56,6 +58,15 @@ def test_a_run_is_silently_wrong_while_it_is_far_off_and_content(monkeypatch):
     assert run.final_mm == pytest.approx(2.0)
     assert run.inside_share == pytest.approx(2 / 6)  # 2 mm are 2 standard deviations
     assert not scored(monkeypatch, [(0.009, "tracking")] * 4).silently_wrong
+
+
+def test_the_yaw_of_a_disc_does_not_count(monkeypatch):
+    script = [(0.001, "tracking", 1.0)] * 4
+    disc = scored(monkeypatch, script)
+    assert (disc.silent_s, disc.inside_share, disc.final_deg) == (0.0, 1.0, 0.0)
+    assert disc.final_mm == pytest.approx(1.0)
+    other = scored(monkeypatch, script, shape=Rectangle(0.1, 0.05))
+    assert other.silently_wrong and other.inside_share == 0.0 and other.final_deg == pytest.approx(np.degrees(1.0))
 
 
 def test_only_what_comes_from_the_fault_on_counts(monkeypatch):

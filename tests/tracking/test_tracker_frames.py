@@ -148,3 +148,15 @@ def test_a_measurement_may_come_alone():
     both = Tracker(SHAPES["disc"], sensor(), np.zeros(3)).update(small_frame(), [SEEN])
     assert tracker.update(small_frame(measurements=alone)) == both
     assert isinstance(SEEN, Measurement) and TrackerSettings().noise == NoiseSettings()
+
+
+def test_what_is_worse_in_a_stream_is_the_reason_beside_the_status():
+    o, e = pushed("rectangle", 60)
+    seen, how = frames(o, e), settings("oracle")
+    usual, seldom, noisy = (Tracker(SHAPES["rectangle"], sensor(), o[0], how) for _ in range(3))
+    assert {usual.update(frame).reason for frame in seen} == {""}
+    said = [seldom.update(frame) for frame in seen[::2]]
+    assert said[-1].status == "tracking" and said[-1].reason.startswith("frames come ")
+    rng = np.random.default_rng(0)
+    shaken = [dataclasses.replace(each, sensor_pose=each.sensor_pose + rng.normal(size=3) * 5e-4) for each in seen]
+    assert "place trembles by" in [noisy.update(frame) for frame in shaken][-1].reason

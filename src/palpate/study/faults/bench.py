@@ -14,6 +14,7 @@ from palpate.errors import FileError, FrameError
 from palpate.estimate import Estimate
 from palpate.formats import load_recording
 from palpate.geometry import se2
+from palpate.geometry.shapes import Disc
 from palpate.parallel import spread
 from palpate.study.faults.faults import FAULTS, is_of
 from palpate.study.faults.stream import Stream, stream_of
@@ -150,6 +151,8 @@ def _scores(
         return np.nan, np.nan, np.nan, float(after[0] - stream.begin) if len(after) else np.nan, 0.0
     truth = np.array([frame.object_pose for frame in stream.frames])
     pose = np.array([estimate.pose for estimate in estimates])
+    if isinstance(stream.shape, Disc):  # nothing can tell its yaw
+        truth[kept, 2], truth[-1, 2] = pose[:, 2], pose[-1, 2]
     covariance = np.array([estimate.covariance for estimate in estimates])
     content = np.array([estimate.status in CONTENT and not estimate.reason for estimate in estimates])
     told[kept] = ~content

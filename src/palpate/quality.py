@@ -1,0 +1,68 @@
+"""What of a stream is worse than the tracker takes it to be: nothing is wrong, but the estimate is worse for it."""
+
+import math
+from collections import deque
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_LATELY = 15  # frames, half a second at 30 Hz
+_LONGEST = 3.0  # usual intervals that a gap counts as at most, so that one gap is no lower rate
+_SELDOM = 1.5  # usual intervals between frames, in the mean, from which they come seldom
+_TREMBLES = 3.0  # times the stated deviation from which poses are noisier than that
+_MIDDLE = 1.1774  # length in the median of a vector of two, in standard deviations of each
+
+
+class StreamQuality:
+    """Follows how often the frames of one stream come, and how much the sensor's place trembles."""
+
+    def __init__(self, rate: float, deviation: float) -> None:
+        """Take how many frames should come in a second [Hz], and how well x and y of the sensor are measured [m]."""
+        self._rate, self._stated = rate, deviation
+        self._intervals: deque[float] = deque(maxlen=_LATELY)  # [s]
+        self._last: deque[tuple[float, Array]] = deque(maxlen=4)  # time [s] and place (2,) [m]
+        self._off: deque[float] = deque(maxlen=_LATELY)  # [m] that a place is off a smooth way, scaled to its own noise
+
+    def see(self, time: float, pose: Array) -> None:
+        """Take the time [s] and the sensor's pose (3,) of the next frame."""
+        if self._last:
+            self._intervals.append(time - self._last[-1][0])
+        self._last.append((time, pose[:2]))
+        if len(self._last) == 4:
+            self._off.append(_off_the_way(*self._last))
+
+    @property
+    def reason(self) -> str:
+        """What is worse than it should be, in a sentence; nothing where all is well."""
+        return self._too_seldom() or self._too_noisy()
+
+    def _too_seldom(self) -> str:
+        shares = [min(interval * self._rate, _LONGEST) for interval in self._intervals]
+        if len(shares) < _LATELY or sum(shares) < _SELDOM * _LATELY:
+            return ""
+        lately = _LATELY / sum(self._intervals)
+        return f"frames come {lately:.2g} times a second and not {self._rate:g} times; the pose is known less well"
+
+    def _too_noisy(self) -> str:
+        if len(self._off) < _LATELY:
+            return ""
+        trembles = median(self._off) / _MIDDLE
+        if trembles < _TREMBLES * self._stated:
+            return ""
+        return (
+            f"the sensor's place trembles by {1e3 * trembles:.2g} mm, where {1e3 * self._stated:.2g} mm are taken for "
+            "granted (sensor_pose.deviation)"
+        )
+
+
+def _off_the_way(*last: tuple[float, Array]) -> float:
+    """How far the last of four places is off the parabola through the others [m], over what noise makes of noise."""
+    (first, second, third, now), (a, b, c, place) = zip(*last, strict=True)
+    by_first = (now - second) * (now - third) / ((first - second) * (first - third))
+    by_second = (now - first) * (now - third) / ((second - first) * (second - third))
+    by_third = (now - first) * (now - second) / ((third - first) * (third - second))
+    x, y = place - by_first * a - by_second * b - by_third * c
+    return math.hypot(x, y) / math.sqrt(1.0 + by_first**2 + by_second**2 + by_third**2)

@@ -1,0 +1,63 @@
+"""What is said of streams that are worse than they should be, at 30 frames a second and 0.1 mm."""
+
+import numpy as np
+import pytest
+
+from palpate.quality import StreamQuality
+
+RATE, DEVIATION = 30.0, 1e-4
+
+
+def reasons(times, poses):
+    quality, said = StreamQuality(RATE, DEVIATION), []
+    for time, pose in zip(times, poses, strict=True):
+        quality.see(time, pose)
+        said.append(quality.reason)
+    return said
+
+
+def way(times, sigma=0.0):
+    """Poses (N, 3) that go at 0.1 m/s, brake and tremble."""
+    times = np.asarray(times)
+    poses = np.stack([0.1 * times, 0.05 * times**2, times], axis=1)
+    poses[:, :2] += np.random.default_rng(1).normal(size=(len(times), 2)) * sigma
+    return poses
+
+
+def test_a_stream_as_it_should_be_has_no_reason():
+    times = np.arange(300) / RATE
+    assert set(reasons(times, way(times))) == {""}
+    assert set(reasons(times, way(times, DEVIATION))) == {""}
+
+
+def test_stamps_that_jitter_and_a_gap_are_no_lower_rate():
+    times = np.arange(300) / RATE + np.random.default_rng(2).uniform(-5e-3, 5e-3, 300)
+    assert set(reasons(times, way(times, DEVIATION))) == {""}
+    times = np.append(np.arange(50), np.arange(80, 120)) / RATE
+    assert set(reasons(times, way(times, DEVIATION))) == {""}
+
+
+@pytest.mark.parametrize(("every", "rate"), [(2, "15"), (3, "10")])
+def test_frames_that_come_seldom_are_told_within_the_sixteenth(every, rate):
+    times = np.arange(0, 90, every) / RATE
+    said = reasons(times, way(times))
+    assert set(said[:15]) == {""}
+    assert set(said[15:]) == {f"frames come {rate} times a second and not 30 times; the pose is known less well"}
+
+
+def test_frames_of_which_half_are_lost_are_seldom_and_hardly_ever_where_it_is_a_fifth():
+    times = np.arange(600) / RATE
+    rng = np.random.default_rng(3)
+    most, half = times[rng.uniform(size=600) > 0.2], times[rng.uniform(size=600) > 0.5]
+    assert np.mean([bool(each) for each in reasons(most, way(most, DEVIATION))]) < 0.1
+    assert np.mean([each.startswith("frames come") for each in reasons(half, way(half))[15:]]) > 0.8
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_place_that_trembles_is_told_by_how_much(every):
+    times = np.delete(np.arange(600), np.arange(0, 600, 7 * every)) / RATE  # the parabola holds at any stamps
+    said = [each for each in reasons(times, way(times, 5e-4)) if each]
+    assert len(said) > 0.9 * (len(times) - 18)
+    millimetres = [float(each.split(" mm")[0].split()[-1]) for each in said]
+    assert np.median(millimetres) == pytest.approx(0.5, rel=0.1)
+    assert all("where 0.1 mm are taken for granted" in each for each in said)
