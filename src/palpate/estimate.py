@@ -43,7 +43,7 @@ class Estimate(ByValue):
     status: Status
     """What to make of it; see `estimation.diagnosis.Status`."""
     reason: str = ""
-    """In words, why the status is what it is, or what of the stream is worse than it should be; empty where all is well."""
+    """Why the status is what it is, or what of the stream is worse than it should be; empty where all is well."""
     answers: tuple[Answer, ...] = ()
     """All poses that may be the object's, the best first; one where nothing is doubtful."""
     friction: tuple[float, float] = (math.nan, math.nan)
