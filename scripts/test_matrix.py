@@ -44,10 +44,13 @@ def try_out(python: str, resolution: str, tests: tuple[str, ...], folder: Path, 
     install = ("uv", "pip", "install", "--quiet", "--python", bin / "python", "--resolution", resolution)
     run("uv", "build", "--quiet", "--wheel", "--out-dir", folder)
     (wheel,) = folder.glob("*.whl")
-    run(*install, wheel)
+    # Of a wheel, lowest-direct is the wheel alone: what it needs is named here.
+    needs = (*install, "--requirements", ROOT / "pyproject.toml")
+    run(*needs)
+    run(*install, "--no-deps", wheel)
     run(bin / "python", "-c", ALONE, folder / "push.h5", PYTHONPATH=str(ROOT / "tests"))
     run(bin / "palpate", "track", folder / "push.h5", "--tactile", "oracle", "--out", folder / "run")
-    run(*install, f"{wheel}[dev]")
+    run(*needs, "--extra", "dev")
     listed = ("uv", "pip", "list", "--quiet", "--format", "json", "--python", str(bin / "python"))
     said = subprocess.run(listed, capture_output=True, check=True).stdout
     found["versions"] = {each["name"]: each["version"] for each in json.loads(said)}
