@@ -10,21 +10,19 @@ happened is kept, where
   `beginning`;
 - a contact that was brief began where nothing should be: it may have been none.
 
-A hypothesis is judged by what its steps cost (`Window.costs`), pushing left out in steps in which any of them lets go
-of it, and by how odd the friction is that it needs. Errors of neighbouring steps are much the same error, so that costs
-count in small part only, and no step decides by itself.
+`weighing` says how likely each is.
 """
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
 from palpate.errors import EstimationError
-from palpate.estimation.beginning import MOST_YOUNG, UNLIKELY, Beginning, are_near, begun, begun_unfound, log_sum
+from palpate.estimation.beginning import UNLIKELY, Beginning, begun, begun_unfound, log_sum
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
@@ -34,7 +32,7 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
-from palpate.estimation.unknowns import GRIP, IN_OBJECT, Normal
+from palpate.estimation.weighing import POOR, SLIPPERY, Hypothesis, Weighing, share_out
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
@@ -47,15 +45,7 @@ reach 0.16 in a thousandth of all frames and directions 0.5 in a tenth of all re
 fifth of a standard deviation is systematic, for independent ones would cancel in the estimate."""
 _BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may move the object
 _SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
-_SLIPPERY: Normal = (0.15, 0.05)  # grip of a smooth tip: where it slides, a hypothesis with more grip is lost
-_COUNTS = 0.1  # share of costs that counts, for those of neighbouring steps are much the same
-_MOST_OF_A_STEP = 10.0  # what a step may cost one hypothesis more than the best
-_PRIOR_COUNTS = 0.3  # share of what odd friction costs, for the prior is that of some objects only
-_NEW = 4  # frames in which a hypothesis is not yet compared with others
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
-_GRACE, _POOR = 25, 1e-3  # frames after which a hypothesis goes whose weight is so small against the best one's
-_YOUNG = 12  # frames of a contact in which there may be as many as it may begin with
-_LOST = 2.0  # [m] standard deviation from which a graph holds on to nothing: its solution has run away
 _BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
 _TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
 
@@ -70,22 +60,6 @@ class Answer(ByValue):
     """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
     weight: float
     """How likely it is among all answers, from 0 to 1."""
-
-
-@dataclass(eq=False)
-class _Hypothesis:
-    estimator: Estimator
-    earned: float = 0.0
-    """Log of how likely it is without this contact."""
-    broken: list[tuple[int, int]] = field(default_factory=list)
-    """Steps of this contact, from one to before another, in which nothing of pushing holds."""
-    open: int = 0
-    """Frames in which that goes on."""
-    slippery: bool = False
-    """Whether the contact is taken to be more slippery than was thought."""
-    age: int = 0
-    """Frames of contact since it was added."""
-    weight: float = 1.0
 
 
 class Hypotheses:
@@ -107,20 +81,17 @@ class Hypotheses:
         """
         self._model, self._settings = model, settings
         self._most = most if smoother in ("fixed-lag", "batch") else 1
-        self._all = [_Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
+        self._all = [Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
         self._is_found = not is_rough(self.known)  # once there was one sure answer
         self._steps = 0  # of this contact
         self._heeds_from = 0  # step of this contact from which an alarm is of something new
-        self._untouched: list[_Hypothesis] = []  # what there was before it, where nothing was displaced yet
+        self._untouched: list[Hypothesis] = []  # what there was before it, where nothing was displaced yet
         if self._most > 1 and model.tips == 1:
             places(model)  # found now, not when a contact begins
-        self._usual = settings.priors.mean, settings.priors.deviation
-        self._slippery = settings.priors.mean, settings.priors.deviation
-        for part, value in zip(self._slippery, _SLIPPERY, strict=True):
-            part[IN_OBJECT[GRIP]] = value
+        self._weighing = Weighing(settings.priors)
 
     @property
-    def _best(self) -> _Hypothesis:
+    def _best(self) -> Hypothesis:
         return self._all[0]
 
     @property
@@ -177,7 +148,7 @@ class Hypotheses:
         """Why the status is what it is, in words; nothing where all is well."""
         if self.status != "ambiguous":
             return REASONS[self.status]
-        apart = np.array([np.abs(self._from_best(one)) for one in self._all if one.weight > 0.5 * _POOR])
+        apart = np.array([np.abs(self._from_best(one)) for one in self._all if one.weight > 0.5 * POOR])
         far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
         return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 
@@ -218,7 +189,7 @@ class Hypotheses:
     ) -> None:
         """Go on with a new graph from the best last pose; see Estimator."""
         best, self._untouched = self._best.estimator, []
-        self._all, self._steps = [_Hypothesis(best, slippery=self._best.slippery)], 1
+        self._all, self._steps = [Hypothesis(best, slippery=self._best.slippery)], 1
         self._heeds_from = 0
         best.begin_anew(sensor_pose, measurements, time, error)
 
@@ -229,8 +200,8 @@ class Hypotheses:
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
         may_be_none = self._best.estimator.is_displaced and self._steps <= _BRIEF
-        for one, score in zip(self._all, self._scores(), strict=True):
-            one.earned = score + self._oddness(one)  # of friction, which goes on to the next contact
+        for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
+            one.earned = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
             one.estimator.end_contact(max(moved, _SPREAD if one.open else 0.0))
             one.broken, one.open = [], 0
         if may_be_none and self._untouched:
@@ -244,18 +215,12 @@ class Hypotheses:
             one.earned += after - before
         self._all = [*self._untouched, *self._all][: self._most]
         self._untouched = []
-        self._share_out(np.array([one.earned for one in self._all]))
+        share_out(self._all)
 
-    def _share_out(self, scores: Array) -> None:
-        """Give each hypothesis its weight by the log of how likely it is."""
-        likely = np.exp(scores - scores.max())
-        for one, weight in zip(self._all, likely / likely.sum(), strict=True):
-            one.weight = float(weight)
-
-    def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[_Hypothesis]:
+    def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[Hypothesis]:
         """All hypotheses that can be solved with one more frame; the last error where none can."""
 
-        def touch(one: _Hypothesis) -> None:
+        def touch(one: Hypothesis) -> None:
             knock = None
             if one.open and self._steps:
                 knock = Knock(0.0, _SPREAD / np.sqrt(_BACK))
@@ -266,9 +231,9 @@ class Hypotheses:
 
         return self._solved(touch, time)
 
-    def _solved(self, take: Callable[[_Hypothesis], None], time: float) -> list[_Hypothesis]:
+    def _solved(self, take: Callable[[Hypothesis], None], time: float) -> list[Hypothesis]:
         """All hypotheses that can take a frame; the last error where none can."""
-        left: list[_Hypothesis] = []
+        left: list[Hypothesis] = []
         for one in self._all:
             try:
                 take(one)
@@ -285,11 +250,11 @@ class Hypotheses:
         error = self._best.estimator.mean_square
         return any(self._steps >= steps and error(name, steps) > limit for name, steps, limit in _ALARMS)
 
-    def _knocked(self) -> list[_Hypothesis]:
+    def _knocked(self) -> list[Hypothesis]:
         """The hypotheses that something else moved the object in the last steps."""
         best, found = self._best, []
         first = max(self._steps - _BACK, 1)
-        grips = (None,) if best.slippery or self._settings.priors.grip[1] <= _SLIPPERY[1] else (None, _SLIPPERY)
+        grips = (None,) if best.slippery or self._settings.priors.grip[1] <= SLIPPERY[1] else (None, SLIPPERY)
         for grip in grips:
             for slid in _SLIDES:
                 try:
@@ -298,75 +263,30 @@ class Hypotheses:
                     continue
                 earned = best.earned - UNLIKELY - np.log(len(grips))
                 broken, slippery = [*best.broken, (first, self._steps)], best.slippery or grip is not None
-                found.append(_Hypothesis(estimator, earned, broken, _AHEAD, slippery))
+                found.append(Hypothesis(estimator, earned, broken, _AHEAD, slippery))
         return found
 
-    def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[_Hypothesis]:
+    def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[Hypothesis]:
         """The hypotheses that a contact begins with."""
         begin = begun if self._is_found else begun_unfound
         answers = [(one.estimator, one.earned) for one in self._all]
         return [self._beginning(one) for one in begin(answers, self._model, sensor_pose, measurements)]
 
-    def _beginning(self, way: Beginning) -> _Hypothesis:
+    def _beginning(self, way: Beginning) -> Hypothesis:
         """The hypothesis that a contact begins so."""
         one = self._all[way.of]
         if way.prior is None:
             return one
         broken, still_open = ([(0, 1)], _AHEAD) if way.is_place else ([], 0)
-        return _Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, one.slippery)
-
-    def _scores(self) -> Array:
-        """Log of how likely each hypothesis is, but for a constant."""
-        costs = np.array([one.estimator.costs() for one in self._all])
-        forgotten = self._steps - costs.shape[1]
-        for one in self._all:
-            for first, end in one.broken:
-                costs[:, max(first - forgotten, 0) : max(end - forgotten, 0), 1] = 0.0
-        costs = costs.sum(axis=2)
-        costs = np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
-        return np.array(
-            [one.earned - _COUNTS * cost - self._oddness(one) for one, cost in zip(self._all, costs, strict=True)]
-        )
-
-    def _oddness(self, one: _Hypothesis) -> float:
-        """What it costs that friction and all else that belongs to the object is unlike its prior."""
-        mean, deviation = self._slippery if one.slippery else self._usual
-        return 0.5 * _PRIOR_COUNTS * float(np.sum(np.square((one.estimator.known.values - mean) / deviation)))
+        return Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, one.slippery)
 
     def _weigh(self) -> None:
-        """Weigh all hypotheses, the best first, and drop those that are poor, the same as a better one or too many."""
-        if len(self._all) == 1:
-            self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
-            self._is_found |= not is_rough(self.known)
+        """Weigh all hypotheses, the best first, and keep those worth it."""
+        if len(self._all) > 1:
+            self._all = self._weighing.kept(self._all, self._steps, self._most)
             return
-        scores = self._scores()
-        lost = np.array([_is_lost(one) for one in self._all])
-        if not lost.all():
-            scores[lost] = -np.inf  # they may come back
-        kept: list[_Hypothesis] = []
-        for index in np.argsort(-scores):
-            one = self._all[index]
-            one.weight = float(np.exp(scores[index] - scores.max()))
-            is_poor = one.age > _GRACE and one.weight < _POOR
-            if not is_poor and not any(_are_same(one, other) for other in kept):
-                kept.append(one)
-        is_young = all(one.age <= _YOUNG for one in kept)
-        self._all = kept[: max(self._most, MOST_YOUNG) if is_young else self._most]
-        total = sum(one.weight for one in self._all)
-        for one in self._all:
-            one.weight /= total
+        self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
+        self._is_found |= not is_rough(self.known)
 
-    def _from_best(self, one: _Hypothesis) -> Array:
+    def _from_best(self, one: Hypothesis) -> Array:
         return se2.log(se2.between(self._best.estimator.known.pose, one.estimator.known.pose))
-
-
-def _is_lost(one: _Hypothesis) -> bool:
-    """Whether the graph of a hypothesis holds on to nothing."""
-    return bool((np.diagonal(one.estimator.known.pose_covariance)[:2] > _LOST**2).any())
-
-
-def _are_same(one: _Hypothesis, other: _Hypothesis) -> bool:
-    """Whether two hypotheses have come to the same pose."""
-    if one.open or other.open or one.age < _NEW:
-        return False
-    return are_near(one.estimator.known.pose, other.estimator.known.pose)
