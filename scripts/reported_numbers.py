@@ -488,6 +488,21 @@ def fuzz() -> str:
     )
 
 
+def matrix() -> str:
+    """Return the table of versions that the tests were run with."""
+    told = ("numpy", "scipy", "numba", "gtsam", "h5py", "onnxruntime")
+    rows = [
+        [
+            name.replace("-direct", ""),
+            ", ".join(f"{each} {cell['versions'][each]}" for each in told) if "versions" in cell else "",
+            str(cell.get("tests", 0)),
+            cell["outcome"],
+        ]
+        for name, cell in loaded("docs/study/matrix.json").items()
+    ]
+    return table(("Python, versions", "among them", "tests", "outcome"), rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
@@ -507,6 +522,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "long-runs": long_runs,
     "kills": kills,
     "fuzz": fuzz,
+    "matrix": matrix,
 }
 """Blocks that are written by this file."""
 FACTS: dict[str, Callable[[], set[str]]] = {

@@ -21,7 +21,7 @@ from tracker_samples import nees, poses, settings, statuses, track
 
 from palpate import ObjectPose
 from palpate.estimate import Estimate
-from palpate.estimation import hypotheses
+from palpate.estimation import weighing
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection
@@ -263,7 +263,7 @@ def test_hypotheses_that_hold_on_to_nothing_do_not_count(monkeypatch):
     usual = tracked(frames(o, e), o[0], tactile="oracle")
     wide = np.array([max(answer.covariance[:2, :2].max() for answer in estimate.answers) for estimate in usual])
     limit = float(np.median(wide[AT + 5 :]))
-    monkeypatch.setattr(hypotheses, "_LOST", np.sqrt(limit))
+    monkeypatch.setattr(weighing, "_LOST", np.sqrt(limit))
     fewer = tracked(frames(o, e), o[0], tactile="oracle")
     check_answers(fewer)
     assert wide.max() > 1.1 * limit
@@ -271,7 +271,7 @@ def test_hypotheses_that_hold_on_to_nothing_do_not_count(monkeypatch):
         deviations = [np.diag(answer.covariance)[:2].max() for answer in estimate.answers]
         assert max(deviations) < 1.01 * limit or len(deviations) == 1 or min(deviations) > 0.99 * limit
     # Where all are, they do count.
-    monkeypatch.setattr(hypotheses, "_LOST", 1e-6)
+    monkeypatch.setattr(weighing, "_LOST", 1e-6)
     all_lost = tracked(frames(o, e), o[0], tactile="oracle")
     check_answers(all_lost)
     np.testing.assert_array_equal(poses(all_lost), poses(usual))
