@@ -503,6 +503,11 @@ def matrix() -> str:
     return table(("Python, versions", "among them", "tests", "outcome"), rows)
 
 
+def live_kills() -> set[str]:
+    """Return how many live sessions were killed, how many messages they had recorded and how often one was lost."""
+    return {f"{count}" for count in loaded("docs/study/kills_live.json").values()}
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
@@ -532,6 +537,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "coverage-facts": coverage_facts,
     "systematic-facts": systematic_facts,
     "live-facts": live_facts,
+    "live-kills": live_kills,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "mini-facts": mini_facts,
