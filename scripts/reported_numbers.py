@@ -453,6 +453,23 @@ def faults() -> str:
     return table(("fault", *columns), cells)
 
 
+def faults_facts() -> set[str]:
+    """Return how many runs and rows there are, and how many of these end well, say so or are silently wrong."""
+    with (STUDY / "faults.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    broken = [row for row in rows if row["fault"] != "none"]
+    others = [row for row in broken if not float(row["times_clean"]) <= WELL]
+    told = [row for row in others if float(row["told_percent"]) >= 95.0 and not float(row["inside_percent"]) < 85.0]
+    silent = [row for row in rows if float(row["silent_percent"]) > 0.0]
+    counts = [sum(int(row["runs"]) for row in rows), len(broken), len(broken) - len(others), len(told), len(others)]
+    stated = {"12", "1774", "1775", "95", "85", "20", "10", "15", f"{WELL:g}"}
+    return {*stated, *map(str, (*counts, len(silent)))}
+
+
+WELL = 1.5
+"""Times the error without a fault up to which a row ends well."""
+
+
 def _whole(number: str) -> str:
     return "-" if number == "nan" else f"{float(number):.0f}"
 
@@ -537,6 +554,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "coverage-facts": coverage_facts,
     "systematic-facts": systematic_facts,
     "live-facts": live_facts,
+    "faults-facts": faults_facts,
     "live-kills": live_kills,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
