@@ -134,14 +134,21 @@ SHOVED = ("disc", "ellipse", "rectangle", "triangle", "t")
 def knocked_facts() -> set[str]:
     """Return what is said of how the estimate recovers from shoves."""
     rows = sequences("knocked")
-    soon = loaded("docs/study/knocked/results.json")["table"][ALL]["learnt"]["recovered_in_2s"]
+    soon = {
+        group: f"{100.0 * row['learnt']['recovered_in_2s']:.0f}"
+        for group, row in loaded("docs/study/knocked/results.json")["table"].items()
+    }
+    corners = {group for group in soon if group.endswith("-corners") and "near" not in group}
+    parts = (soon.keys() - corners - {ALL}, corners)
+    ends = (pick((soon[group] for group in part), key=float) for part in parts for pick in (min, max))
     return {
+        soon[ALL],
+        *ends,
         "2",
         "10",
         "5",
         "50",
         "30",
-        f"{100.0 * soon:.0f}",
         str(sum(map(int, (row["lost"] for row in rows)))),
         str(len(rows)),
     }
