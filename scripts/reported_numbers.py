@@ -177,11 +177,12 @@ def systematic_facts() -> set[str]:
 
 
 def live_facts() -> set[str]:
-    """Return what is said of long live sessions: rate, latency and growth of each."""
+    """Return what is said of long live sessions: rate, latency, growth, images and drops of each."""
     runs = loaded("docs/study/live.json")
     latencies = {f"{run['latency_ms'][key]:.0f}" for run in runs.values() for key in ("p50", "p99")}
     growths = {f"{run['rss_growth_mb']:.0f}" for run in runs.values()}
-    return {*runs, "99", *latencies, *growths}
+    counts = {str(run[key]) for run in runs.values() for key in ("images", "dropped")}
+    return {*runs, "99", *latencies, *growths, *counts}
 
 
 def limits() -> set[str]:
