@@ -6,12 +6,13 @@ import pytest
 from palpate.quality import StreamQuality
 
 RATE, DEVIATION = 30.0, 1e-4
+LIGHT = np.ones(3)
 
 
 def reasons(times, poses):
     quality, said = StreamQuality(RATE, DEVIATION), []
     for time, pose in zip(times, poses, strict=True):
-        quality.see(time, pose)
+        quality.see(time, pose, LIGHT)
         said.append(quality.reason)
     return said
 
@@ -61,3 +62,13 @@ def test_a_place_that_trembles_is_told_by_how_much(every):
     millimetres = [float(each.split(" mm")[0].split()[-1]) for each in said]
     assert np.median(millimetres) == pytest.approx(0.5, rel=0.1)
     assert all("where 0.1 mm are taken for granted" in each for each in said)
+
+
+def test_another_light_is_told_while_it_is_another():
+    quality = StreamQuality(RATE, DEVIATION)
+    said = []
+    for frame, blue in enumerate((1.0, 0.8, 0.74, 1.24, 1.26, 1.0)):
+        quality.see(frame / RATE, np.zeros(3), np.array([1.0, 1.1, blue]))
+        said.append(quality.reason)
+    assert [bool(each) for each in said] == [False, False, True, False, True, False]
+    assert said[2] == "red, green and blue light are at 100, 110 and 74 % of what they were"

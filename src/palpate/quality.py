@@ -14,20 +14,23 @@ _LONGEST = 3.0  # usual intervals that a gap counts as at most, so that one gap 
 _SELDOM = 1.5  # usual intervals between frames, in the mean, from which they come seldom
 _TREMBLES = 3.0  # times the stated deviation from which poses are noisier than that
 _MIDDLE = 1.1774  # length in the median of a vector of two, in standard deviations of each
+_OTHER_LIGHT = 0.25  # share of the untouched gel's light by which another is told; presses of real gels make 0.03
 
 
 class StreamQuality:
-    """Follows how often the frames of one stream come, and how much the sensor's place trembles."""
+    """Follows how often the frames of one stream come, how much the sensor's place trembles, and the light."""
 
     def __init__(self, rate: float, deviation: float) -> None:
         """Take how many frames should come in a second [Hz], and how well x and y of the sensor are measured [m]."""
         self._rate, self._stated = rate, deviation
         self._intervals: deque[float] = deque(maxlen=_LATELY)  # [s]
         self._last: deque[tuple[float, Array]] = deque(maxlen=4)  # time [s] and place (2,) [m]
+        self._light: Array = np.ones(3)
         self._off: deque[float] = deque(maxlen=_LATELY)  # [m] that a place is off a smooth way, scaled to its own noise
 
-    def see(self, time: float, pose: Array) -> None:
-        """Take the time [s] and the sensor's pose (3,) of the next frame."""
+    def see(self, time: float, pose: Array, light: Array) -> None:
+        """Take the time [s], the sensor's pose (3,) and the light (3,) of the next frame; see ContactDetector.light."""
+        self._light = light
         if self._last:
             self._intervals.append(time - self._last[-1][0])
         self._last.append((time, pose[:2]))
@@ -37,7 +40,7 @@ class StreamQuality:
     @property
     def reason(self) -> str:
         """What is worse than it should be, in a sentence; nothing where all is well."""
-        return self._too_seldom() or self._too_noisy()
+        return self._too_seldom() or self._too_noisy() or self._other_light()
 
     def _too_seldom(self) -> str:
         shares = [min(interval * self._rate, _LONGEST) for interval in self._intervals]
@@ -56,6 +59,12 @@ class StreamQuality:
             f"the sensor's place trembles by {1e3 * trembles:.2g} mm, where {1e3 * self._stated:.2g} mm are taken for "
             "granted (sensor_pose.deviation)"
         )
+
+    def _other_light(self) -> str:
+        if np.abs(self._light - 1.0).max() < _OTHER_LIGHT:
+            return ""
+        red, green, blue = 100.0 * self._light
+        return f"red, green and blue light are at {red:.0f}, {green:.0f} and {blue:.0f} % of what they were"
 
 
 def _off_the_way(*last: tuple[float, Array]) -> float:

@@ -29,7 +29,7 @@ def seen(unit: SensorUnit, depth: float, rng: np.random.Generator) -> np.ndarray
     return decode_image(encode_image(touch_image(unit, overlap, rng=rng)), "jpeg", (320, 240))
 
 
-def grey(level: float = 100.0, size: tuple[int, int] = (60, 60)) -> np.ndarray:
+def grey(level: float | tuple[float, ...] = 100.0, size: tuple[int, int] = (60, 60)) -> np.ndarray:
     return np.full((*size, 3), level, np.uint8)
 
 
@@ -102,6 +102,19 @@ def test_a_brighter_light_is_no_touch_and_fading_during_one_leaves_none_behind()
     for fade in np.linspace(1.0, 0.8, 60):
         assert detector.update(image(np.array([fade, 1.0, 2.0 - fade]), True))
     assert not detector.update(image(np.array([0.8, 1.0, 1.2]), False))
+
+
+def test_the_light_is_told_until_the_background_has_followed_it():
+    detector = ContactDetector(still(100.0))
+    detector.update(grey(100.0))
+    np.testing.assert_allclose(detector.light, 1.0)
+    rng = np.random.default_rng(0)
+    others = [(grey((100.0, 70.0, 130.0)) + rng.integers(2, size=(60, 60, 3))).astype(np.uint8) for _ in range(300)]
+    detector.update(others[0])
+    np.testing.assert_allclose(detector.light, [1.0, 0.7, 1.3], atol=0.01)
+    for other in others:
+        detector.update(other)
+    np.testing.assert_allclose(detector.light, 1.0, atol=0.03)
 
 
 def test_follows_a_slow_drift_of_one_side():

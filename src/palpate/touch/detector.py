@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import Background, Image, Levels, check_channel_order, check_image
 from palpate.touch.calibration import Calibration
-from palpate.touch.light import cells_of, share_unlike, wide_cells_of
+from palpate.touch.light import Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.steady import SteadyImages
 
@@ -63,6 +64,7 @@ class ContactDetector:
         self._checked = False
         self._touched = False
         self._share = 0.0
+        self._light = np.ones(3)
         self._untouched = 0
         self._sparse: Image | None = None
         self._same = 0
@@ -81,6 +83,11 @@ class ContactDetector:
     def share(self) -> float:
         """Share of the last image's values that are significantly off the untouched gel, 0 to 1."""
         return self._share
+
+    @property
+    def light(self) -> NDArray[np.float64]:
+        """How bright the light of each channel was in the middle of the last image, 1 as the untouched gel is known."""
+        return self._light
 
     def read(self, image: AnyImage) -> AnyImage:
         """Return an image (height, width, 3) as it is compared: without markers where the untouched gel has some."""
@@ -106,14 +113,17 @@ class ContactDetector:
             check_channel_order(image, background)
             self._checked = True
         self._check_alive(image)
-        share = 1.0 if _is_flat(image) and not _is_flat(background.mean) else self._significant(image, background)
+        cells = cells_of(image)
+        light = light_of(cells, self._cells)
+        is_blind = _is_flat(image) and not _is_flat(background.mean)
+        share = 1.0 if is_blind else self._significant(image, cells, light, background)
         if share > _OTHER:
             check_channel_order(image, background)
             raise SettingError(
                 f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is what was seen in "
                 "the first half second or is in the calibration: is the camera covered, turned, or its light out?"
             )
-        self._share = share
+        self._share, self._light = share, light[:, 0]
         self._touched = self._share > (END if self._touched else START)
         if self._share <= END:
             self._untouched += 1
@@ -152,8 +162,8 @@ class ContactDetector:
         self._cells, self._wide_cells = cells_of(background.mean), None
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
 
-    def _significant(self, image: Image, background: Background) -> float:
-        share = share_unlike(cells_of(image), self._cells, self._tolerance)
+    def _significant(self, image: Image, cells: Levels, light: Light, background: Background) -> float:
+        share = share_off(cells, self._cells, light, self._tolerance)
         if share <= END:
             return share
         if self._wide_cells is None:  # most frames do without

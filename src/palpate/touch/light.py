@@ -70,7 +70,12 @@ def lit(untouched: Levels, light: Light) -> Levels:
 
 def share_unlike(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
     """Return the share of values that are off the untouched gel's, in the image's light, by more than a tolerance."""
-    return float((np.abs(cells - lit(untouched, light_of(cells, untouched))) > tolerance).mean())
+    return share_off(cells, untouched, light_of(cells, untouched), tolerance)
+
+
+def share_off(cells: Levels, untouched: Levels, light: Light, tolerance: Levels | np.float32) -> float:
+    """Return the same in a light that is known."""
+    return float((np.abs(cells - lit(untouched, light)) > tolerance).mean())
 
 
 @compiled
