@@ -269,6 +269,14 @@ def wear_facts() -> set[str]:
     return {f"{100.0 * share:.0f}" for one in shares.values() for share in one.values()} | {"7", "14"}
 
 
+def untouched_facts() -> set[str]:
+    """Return how well networks read directions that see the untouched gel and that do not."""
+    study = loaded("docs/study/untouched.json")
+    keys = ("median_deg", "median_after_offset_deg", "real_rms_about_line_deg", "real_slope")
+    ways = (way for way in study.values() if isinstance(way, dict))
+    return {str(study["units_judged_by"]), *(f"{value:.2f}" for way in ways for key in keys for value in way[key])}
+
+
 def unknown_start_facts() -> set[str]:
     """Return what is said of objects of which nothing is known at first: what counts as found, and how many are."""
     study = loaded("docs/study/unknown_start.json")
@@ -572,6 +580,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "slip-facts": slip_facts,
     "unknown-start-facts": unknown_start_facts,
     "wear-facts": wear_facts,
+    "untouched-facts": untouched_facts,
     "real-facts": real_facts,
     "rendered-facts": rendered_facts,
     "step-facts": step_facts,
