@@ -15,7 +15,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -119,11 +119,12 @@ class TouchModel:
         if found != written.get("hash"):
             raise FileError(f"{folder}: hash is {found[:12]}, model.json says {str(written.get('hash'))[:12]}: altered")
         self.folder, self.hash = folder, found
+        self._opened: dict[str, Any] = {}
         self.settings = _settings(folder, written["settings"])
 
     def look(self, difference: Difference) -> Look:
         """Return what a difference from the untouched gel (32, 128, 3) says; see `touch.difference`."""
-        direction, *others = self._touch.run(None, {"difference": _batch(difference)})
+        direction, *others = self._run("touch", difference=_batch(difference))
         if not others:
             return Look(_gaussian(direction[0]), None, None)
         turn, descriptor, *place = others
@@ -133,13 +134,12 @@ class TouchModel:
 
     def compare(self, earlier: NDArray[np.float32], later: NDArray[np.float32]) -> tuple[Array, Array]:
         """Return the sensor's turn (P,) [rad] from descriptors (P, D) to one (D,), and its variance (P,)."""
-        pairs = {"earlier": earlier, "later": np.broadcast_to(later, earlier.shape)}
-        (turned,) = self._pair.run(None, pairs)
+        (turned,) = self._run("pair", earlier=earlier, later=np.broadcast_to(later, earlier.shape))
         return turned[:, 0].astype(np.float64), np.exp(turned[:, 1].astype(np.float64))
 
     def keypoint(self, difference: Difference) -> tuple[Array, Array]:
         """Return the key point (2,), column and row in -1 to 1, and how likely each of KINDS is (C,)."""
-        point, logits = self._keypoint.run(None, {"difference": _batch(difference)})
+        point, logits = self._run("keypoint", difference=_batch(difference))
         likely = np.exp(logits[0].astype(np.float64) - logits[0].max())
         return point[0].astype(np.float64), likely / likely.sum()
 
@@ -147,6 +147,15 @@ class TouchModel:
         """Return the turn (P,) [rad] from key points (P, 2) to one (2,) in contacts of these kinds (P, C)."""
         sine = np.sum((later - earlier) * (kinds @ np.asarray(self.settings.linear)), axis=1)
         return np.arcsin(np.clip(sine, -1.0, 1.0))
+
+    def _run(self, name: str, **given: NDArray[np.float32]) -> Any:
+        """What a network makes of arrays. Raises FileError where it is none that can be run."""
+        if name not in self._opened:
+            self._opened[name] = self._session(name)
+        try:
+            return self._opened[name].run(None, given)
+        except Exception as error:  # of a damaged network that could be opened, of many kinds
+            raise FileError(f"{self.folder / name}.onnx: cannot be run ({one_line(error)})") from error
 
     def _session(self, name: str) -> Any:
         """What runs a network. Raises FileError where it is none, or has not the arrays of one."""
@@ -163,18 +172,6 @@ class TouchModel:
         if has != (set(takes), list(gives)):
             raise FileError(f"{place}: takes and gives {has}, expected {takes, gives}")
         return found
-
-    @cached_property
-    def _touch(self) -> Any:
-        return self._session("touch")
-
-    @cached_property
-    def _pair(self) -> Any:
-        return self._session("pair")
-
-    @cached_property
-    def _keypoint(self) -> Any:
-        return self._session("keypoint")
 
 
 def shipped_model(sensor: str = "DIGIT") -> TouchModel:
