@@ -25,11 +25,11 @@ FLAGS = ("b", "booleans")
 def existing_file(path: Path | str) -> Path:
     """`path`, if a file with content is there; FileError if not."""
     path = Path(path)
-    if path.is_dir():
-        raise FileError(f"{path}: is a folder, expected a file")
-    if not path.exists():
-        raise FileError(f"{path}: no such file")
     try:
+        if path.is_dir():
+            raise FileError(f"{path}: is a folder, expected a file")
+        if not path.exists():
+            raise FileError(f"{path}: no such file")
         if path.stat().st_size == 0:
             raise FileError(f"{path}: is empty")
         with path.open("rb"):
