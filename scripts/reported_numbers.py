@@ -185,6 +185,12 @@ def live_facts() -> set[str]:
     return {*runs, "99", *latencies, *growths, *counts}
 
 
+def large_facts() -> set[str]:
+    """Return size, frames and memory of tracking a large file."""
+    found = loaded("docs/study/large.json")
+    return {str(found["frames"]), *(f"{found[key]:.0f}" for key in ("gigabytes", "pss_mb", "rss_mb"))}
+
+
 def limits() -> set[str]:
     """Return from where an estimate is wrong, and a sequence lost."""
     return {"95", *(f"{limit:.0f}" for limit in (FAR_MM, FAR_DEG, LOST_MM, LOST_DEG))}
@@ -572,6 +578,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "live-facts": live_facts,
     "faults-facts": faults_facts,
     "live-kills": live_kills,
+    "large-facts": large_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
     "mini-facts": mini_facts,

@@ -80,6 +80,8 @@ def read_presses(path: Path, grey: bool = False) -> Presses:
         if not abs(angles[-1]) <= 90.0:
             found = row.get("angle_deg")
             raise FileError(f"{path}: row {number}: angle_deg is {found!r}; expected -90 to 90 degrees")
+        if not row["file"].isprintable():
+            raise FileError(f"{path}: row {number}: file is {row['file']!r}; expected the name of an image")
     names = tuple(row["file"] for row in rows)
     return Presses(tuple(read_image(path.parent / name, grey) for name in names), np.radians(angles), names)
 
@@ -88,8 +90,9 @@ def read_image(path: Path, grey: bool = False) -> Image:
     """Return an image file as (height, width, 3) RGB; FileError where it is none, or a grey one unless `grey`."""
     import cv2
 
+    data = existing_file(path).read_bytes()
     try:
-        known = image_size(existing_file(path).read_bytes())
+        known = image_size(data)
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
