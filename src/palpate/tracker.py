@@ -19,11 +19,11 @@ from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import Shape
 from palpate.guard import DRAWN_BACK, StreamGuard
-from palpate.quality import StreamQuality
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement, finite_numbers
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.trajectory import Trajectory
+from palpate.stream_quality import StreamQuality
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, Calibration, view_of
 from palpate.touch.detector import detector_for

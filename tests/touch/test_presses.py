@@ -22,7 +22,7 @@ from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import ball_overlap, render, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
-from palpate.touch.presses import Presses, PressFit, learn_from_presses
+from palpate.touch.presses import Presses, PressFit, learn_from_presses, read_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
@@ -254,3 +254,12 @@ def test_the_command_takes_a_recording_of_presses_on_an_edge(tmp_path, unit, cap
     without = dataclasses.replace(recording, object_pose=None)
     with pytest.raises(FileError, match="the recording: has no object_pose; presses need them"):
         presses_of(without)
+
+
+@pytest.mark.parametrize(
+    ("table", "found"), [("angle_deg,file\n10\n", "''"), ('file,angle_deg\n"a\nb",10\n', "'a\\\\nb'")]
+)
+def test_a_press_without_the_name_of_an_image_is_refused(tmp_path, table, found):
+    (tmp_path / "presses.csv").write_text(table)
+    with pytest.raises(FileError, match=rf"presses\.csv: row 1: file is {found}; expected the name of an image"):
+        read_presses(tmp_path / "presses.csv")

@@ -80,8 +80,8 @@ def read_presses(path: Path, grey: bool = False) -> Presses:
         if not abs(angles[-1]) <= 90.0:
             found = row.get("angle_deg")
             raise FileError(f"{path}: row {number}: angle_deg is {found!r}; expected -90 to 90 degrees")
-        if not row["file"].isprintable():
-            raise FileError(f"{path}: row {number}: file is {row['file']!r}; expected the name of an image")
+        if not (name := row.get("file", "")).isprintable() or not name:
+            raise FileError(f"{path}: row {number}: file is {name!r}; expected the name of an image")
     names = tuple(row["file"] for row in rows)
     return Presses(tuple(read_image(path.parent / name, grey) for name in names), np.radians(angles), names)
 
