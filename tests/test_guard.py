@@ -115,6 +115,13 @@ def test_a_contact_that_ends_while_the_pose_is_frozen_leaves_the_way_unseen():
         guard.check_pose(frame / RATE, at(19), touched=True)
     guard.check_pose(40 / RATE, at(19), touched=False)
     assert guard.unseen == pytest.approx(0.02) and guard.blind == 0.0
+    # A touch that is felt while the pose still stands is elsewhere, until the pose goes on.
+    for frame in (42, 43):
+        guard.check_pose(frame / RATE, at(19), touched=True)
+        assert guard.blind == pytest.approx((frame - 19) * 1e-3)
+    guard.check_pose(44 / RATE, at(19), touched=False)
+    guard.check_pose(45 / RATE, at(45), touched=True)
+    assert guard.blind == 0.0
 
 
 def test_poses_that_stand_before_a_contact_are_known_to_stand_exactly():

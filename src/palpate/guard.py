@@ -62,6 +62,14 @@ class StreamGuard:
 
     @property
     def blind(self) -> float:
+        """How far the sensor may have gone while its pose stands still and it touches [m]; 0 where nothing speaks for it.
+
+        What stands still when a contact ends still does in the next one.
+        """
+        return self._frozen if self._touched else 0.0
+
+    @property
+    def _frozen(self) -> float:
         """How far the sensor may have gone while its pose stands still [m]; 0 where nothing speaks for that.
 
         A robot slows down before it stands; a pose that stands still to the last bit from full speed on is frozen. Some
@@ -119,7 +127,8 @@ class StreamGuard:
         if last is None or not (touched and self._touched):
             self._now, self._touched = now, touched
             still = self._still + 1 if stands else 1
-            self._begin(now)
+            if not (stands and self._frozen):
+                self._begin(now)
             self._still = still
             return False
         gone = not self._fits(last, now)

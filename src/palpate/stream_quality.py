@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_LATELY = 15  # frames, half a second at 30 Hz
+_LATELY = 15  # usual intervals, half a second at 30 Hz
 _LONGEST = 3.0  # usual intervals that a gap counts as at most, so that one gap is no lower rate
 _SELDOM = 1.5  # usual intervals between frames, in the mean, from which they come seldom
 _TREMBLES = 3.0  # times the stated deviation from which poses are noisier than that
@@ -43,11 +43,16 @@ class StreamQuality:
         return self._too_seldom() or self._too_noisy() or self._other_light()
 
     def _too_seldom(self) -> str:
-        shares = [min(interval * self._rate, _LONGEST) for interval in self._intervals]
-        if len(shares) < _LATELY or sum(shares) < _SELDOM * _LATELY:
+        shares, lately = 0.0, 0
+        while shares < _LATELY:
+            if lately == len(self._intervals):
+                return ""
+            lately += 1
+            shares += min(self._intervals[-lately] * self._rate, _LONGEST)
+        if shares < _SELDOM * lately:
             return ""
-        lately = _LATELY / sum(self._intervals)
-        return f"frames come {lately:.2g} times a second and not {self._rate:g} times; the pose is known less well"
+        rate = lately / sum(list(self._intervals)[-lately:])
+        return f"frames come {rate:.2g} times a second and not {self._rate:g} times; the pose is known less well"
 
     def _too_noisy(self) -> str:
         if len(self._off) < _LATELY:

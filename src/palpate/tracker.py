@@ -15,10 +15,12 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import IN_A_WINDOW
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import Shape
 from palpate.guard import DRAWN_BACK, StreamGuard
+from palpate.half_turn import HalfTurn
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement, finite_numbers
 from palpate.recording.sensor import SensorProfile
@@ -99,6 +101,8 @@ class Tracker:
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._guard = StreamGuard(self._sensor.rate)
         self._quality = StreamQuality(self._sensor.rate, math.hypot(*noise.sensor_pose.deviation[:2]) / math.sqrt(2.0))
+        calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
+        self._half_turn = HalfTurn(looks=settings.smoother in IN_A_WINDOW and not calibrated)
         self._doubtful = self._detector.background is None  # whether the gel may be touched since before it was known
         self._was_near = False  # whether the sensor was at the object before it was known
         self._in_unfelt_touch = False  # whether it is in the object since then
@@ -128,6 +132,7 @@ class Tracker:
             touch.end_contact()
         if frame.contact:
             said = self._measured(frame)
+            estimator = self._estimator
             try:
                 estimator.touch(frame.sensor_pose, said, frame.time)
             except EstimationError as error:
@@ -196,7 +201,7 @@ class Tracker:
         if touched:
             self._touched_at = time
         blind = self._guard.blind
-        status, reason = estimator.status, estimator.reason or self._quality.reason
+        status, reason = estimator.status, estimator.reason or self._quality.reason or self._half_turn.reason
         if blind:
             status, reason = "faulty", _FROZEN.format(1e3 * blind)
         elif self._in_unfelt_touch:
@@ -225,7 +230,10 @@ class Tracker:
         """All that is measured at a frame of contact."""
         if self._in_unfelt_touch and self._tactile.startswith("learnt") and not self._is_touch_given:
             return frame.measurements
-        return (*self._touch.measure(frame), *frame.measurements)
+        told = self._touch.measure(frame)
+        if not self._is_touch_given:
+            self._estimator, told = self._half_turn.see(self._estimator, frame, told)
+        return (*told, *frame.measurements)
 
     def _paused(self, frame: Frame) -> bool:
         """Whether so much is missing before a frame that its contact is another one."""

@@ -15,6 +15,7 @@ happened is kept, where
 
 import logging
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +30,7 @@ from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import BeginContact, SmootherName
+from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
 from palpate.estimation.weighing import POOR, SLIPPERY, Hypothesis, Weighing, share_out
@@ -80,7 +81,7 @@ class Hypotheses:
         not look for an object that is known roughly only.
         """
         self._model, self._settings = model, settings
-        self._most = most if smoother in ("fixed-lag", "batch") else 1
+        self._most = most if smoother in IN_A_WINDOW else 1
         self._all = [Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
         self._is_found = not is_rough(self.known)  # once there was one sure answer
         self._steps = 0  # of this contact
@@ -98,6 +99,17 @@ class Hypotheses:
     def in_contact(self) -> bool:
         """Whether the object is being touched."""
         return self._best.estimator.in_contact
+
+    @property
+    def is_displaced(self) -> bool:
+        """Whether the object must have moved while nothing touched it, and was not found since."""
+        return self._best.estimator.is_displaced
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether touch and pushing contradict each other as where something else moves the object."""
+        error = self._best.estimator.mean_square
+        return any(self._steps >= steps and error(name, steps) > limit for name, steps, limit in _ALARMS)
 
     @property
     def known(self) -> Prior:
@@ -156,6 +168,12 @@ class Hypotheses:
         """Return how far from the object a sensor is that stands here; see Estimator."""
         return self._best.estimator.gap(sensor_pose)
 
+    def copied(self) -> "Hypotheses":
+        """Return the same, between two contacts, which may go another way."""
+        other = copy(self)
+        other._all = [replace(one, estimator=one.estimator.copied()) for one in self._all]
+        return other
+
     def path(self) -> Array:
         """Return all object poses so far (N, 3), as the best hypothesis has them."""
         return self._best.estimator.path()
@@ -172,14 +190,14 @@ class Hypotheses:
         if not self.in_contact:
             self._steps = self._heeds_from = 0
             self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
-            if self._best.estimator.is_displaced or self._most == 1:
+            if self.is_displaced or self._most == 1:
                 self._untouched = []
             if self._most > 1 and self._model.tips == 1:
                 self._all = self._begun(sensor_pose, measurements)
         self._all = self._touched(sensor_pose, measurements, time)
         self._steps += 1
         if self._most > 1:
-            if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self._is_alarming():
+            if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self.is_contradicted:
                 self._heeds_from = self._steps + _BACK + _AHEAD
                 self._all = [*self._all, *self._knocked()]
             self._weigh()
@@ -199,7 +217,7 @@ class Hypotheses:
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
-        may_be_none = self._best.estimator.is_displaced and self._steps <= _BRIEF
+        may_be_none = self.is_displaced and self._steps <= _BRIEF
         for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
             one.earned = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
             one.estimator.end_contact(max(moved, _SPREAD if one.open else 0.0))
@@ -244,11 +262,6 @@ class Hypotheses:
                 continue
             left.append(one)
         return left
-
-    def _is_alarming(self) -> bool:
-        """Whether touch and pushing contradict each other as where something else moves the object."""
-        error = self._best.estimator.mean_square
-        return any(self._steps >= steps and error(name, steps) > limit for name, steps, limit in _ALARMS)
 
     def _knocked(self) -> list[Hypothesis]:
         """The hypotheses that something else moved the object in the last steps."""

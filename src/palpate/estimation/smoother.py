@@ -23,6 +23,8 @@ SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
 - isam2: the paper's; GTSAM's incremental smoother over all steps of the contact.
 - particle-filter: to compare the smoothers with.
 """
+IN_A_WINDOW: tuple[SmootherName, ...] = ("fixed-lag", "batch")
+"""Those that can say how well the last steps fit, and take something back."""
 
 
 class Smoother(Protocol):
@@ -56,7 +58,7 @@ what touch and others say, and its time [s]. Raises EstimationError where it can
 def make_smoother(name: SmootherName, settings: NoiseSettings, model: ContactModel) -> BeginContact:
     """Return what begins contacts with the smoother of that name; raises SettingError on another one."""
     factors = make_factors(settings, model)
-    if name in ("fixed-lag", "batch"):
+    if name in IN_A_WINDOW:
         from palpate.estimation.fixed_lag import FixedLag
         from palpate.estimation.unknowns import LAG
 

@@ -11,7 +11,7 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import SmootherName, make_smoother
+from palpate.estimation.smoother import IN_A_WINDOW, SmootherName, make_smoother
 from palpate.estimation.starts import starts
 from palpate.estimation.window import Window
 from palpate.geometry.shapes import Disc
@@ -45,7 +45,7 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
         window.knocked(2, (1e-3, 0.01), ((0.4, 0.1), (0.15, 0.05))).costs()
         window.pushing_angle()
     starts(prior.loosened(0.01 * np.eye(3)), model, np.array([-0.05, 0.0, 0.0]), said)
-    if smoother not in ("fixed-lag", "batch"):
+    if smoother not in IN_A_WINDOW:
         other = make_smoother(smoother, settings, model)(prior, np.array([-0.05, 0.0, 0.0]), said, 0.0)
         for step in range(1, 4):
             other.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), said, 0.1 * step)

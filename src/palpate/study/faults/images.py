@@ -17,7 +17,7 @@ def late(stream: Stream, rng: np.random.Generator, frames: int) -> Stream:
     """Let images belong to so many frames before."""
     images = [frame.image for frame in stream.frames]
     changed = (replace(frame, image=images[max(index - frames, 0)]) for index, frame in enumerate(stream.frames))
-    return replace(stream, frames=tuple(changed))
+    return replace(stream, frames=tuple(changed)).from_contact()
 
 
 def frozen(stream: Stream, rng: np.random.Generator, seconds: float) -> Stream:
@@ -45,7 +45,7 @@ def exchanged_channels(stream: Stream, rng: np.random.Generator) -> Stream:
 
 def turned(stream: Stream, rng: np.random.Generator, quarters: int) -> Stream:
     """Turn all images by so many quarters, counter-clockwise."""
-    return _all(stream, lambda _, image: np.ascontiguousarray(np.rot90(image, quarters)))
+    return _all(stream, lambda _, image: np.ascontiguousarray(np.rot90(image, quarters))).from_contact()
 
 
 def calibrated(stream: Stream, rng: np.random.Generator) -> Stream:

@@ -40,7 +40,7 @@ def noisy(stream: Stream, rng: np.random.Generator, length: float, degrees: floa
 
 def misplaced(stream: Stream, rng: np.random.Generator, length: float, degrees: float) -> Stream:
     """Let what is told to be the sensor be a place beside it, in any direction: extrinsics off [m], [deg]."""
-    return stream.with_poses(se2.compose(stream.poses, _off(rng, length, degrees)))
+    return stream.with_poses(se2.compose(stream.poses, _off(rng, length, degrees))).from_contact()
 
 
 def moved_untouched(stream: Stream, rng: np.random.Generator, length: float, degrees: float) -> Stream:

@@ -55,6 +55,10 @@ class Stream:
         """Return the stream with a fault that can be seen from this frame on."""
         return replace(self, begin=float(self.arrival[index]))
 
+    def from_contact(self) -> "Stream":
+        """Return the stream with a fault that cannot be seen before the object is touched."""
+        return self.from_frame(int(np.argmax(self.touching)))
+
     def with_images(self, where: NDArray[np.bool_], change: Callable[[int, Image], Image]) -> "Stream":
         """Return the stream with the images of some frames (N,) changed; `change` takes index and image."""
         frames = tuple(

@@ -1,0 +1,94 @@
+"""Whether images lie turned by half a turn or mirrored, which nothing but the object can tell.
+
+Touch is then felt on the other side of the tip's middle. So in the first contact of a stream a second estimator follows
+that is told all of it mirrored. Of the two, the wrong one is soon contradicted by how the object is pushed.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from palpate.errors import EstimationError
+from palpate.estimation.hypotheses import Hypotheses
+from palpate.recording.frame import Frame
+from palpate.recording.measurements import ContactDirection, ContactPlace, Measurement, RelativePoses, Turn
+
+logger = logging.getLogger(__name__)
+
+_WAIT = 15  # frames, half a second, in which one must be contradicted and the other not
+_REASON = (
+    "the object is felt as it is pushed only if images are turned by half a turn or mirrored, and they are taken so; "
+    "palpate calibrate --presses finds out for good"
+)
+
+
+class HalfTurn:
+    """Follows a stream as its images are and as if they were mirrored, until one of both is contradicted."""
+
+    def __init__(self, looks: bool) -> None:
+        """Take whether to find out; otherwise images lie as they should."""
+        self.is_turned = False
+        self._is_settled = not looks
+        self._other: Hypotheses | None = None  # is told all of this contact mirrored
+        self._contradicted = (False, False)  # in this contact: what is told as it is, and mirrored
+        self._since = 0  # frames since the first of both was
+
+    @property
+    def reason(self) -> str:
+        """What was found, in a sentence; nothing where images lie as they should, as far as is known."""
+        return _REASON if self.is_turned else ""
+
+    def see(
+        self, estimator: Hypotheses, frame: Frame, told: Sequence[Measurement]
+    ) -> tuple[Hypotheses, Sequence[Measurement]]:
+        """Take what touch tells of a frame, before the estimator does; return what to go on with and to believe."""
+        if not self._is_settled:
+            estimator = self._followed(estimator, frame, told)
+        return estimator, [mirrored(one) for one in told] if self.is_turned else told
+
+    def _followed(self, estimator: Hypotheses, frame: Frame, told: Sequence[Measurement]) -> Hypotheses:
+        """The estimator to go on with: the other one where images turn out to be mirrored."""
+        if not estimator.in_contact:
+            can_tell = len(estimator.answers) == 1 and any(isinstance(one, ContactDirection) for one in told)
+            self._other = estimator.copied() if can_tell else None
+            self._contradicted, self._since = (False, False), 0
+        other = self._other
+        if other is None:
+            return estimator
+        if other.in_contact:
+            self._compare(estimator, other)
+        if self._is_settled or not _takes(other, frame, told):
+            self._other = None
+        if self.is_turned:
+            logger.warning("frame at %.3f s: %s", frame.time, _REASON)
+        return other if self.is_turned else estimator
+
+    def _compare(self, as_told: Hypotheses, other: Hypotheses) -> None:
+        """Settle it where one was contradicted and the other is not for a while, or both were."""
+        before = self._contradicted
+        self._contradicted = before[0] or as_told.is_contradicted, before[1] or other.is_contradicted
+        self._since += any(self._contradicted)
+        if all(self._contradicted):
+            self._is_settled = True
+        elif self._since > _WAIT:
+            self._is_settled, self.is_turned = True, self._contradicted[0]
+
+
+def _takes(other: Hypotheses, frame: Frame, told: Sequence[Measurement]) -> bool:
+    """Tell an estimator all of a frame mirrored; return whether the object may be where it is thought to be then."""
+    try:
+        other.touch(frame.sensor_pose, (*(mirrored(one) for one in told), *frame.measurements), frame.time)
+    except EstimationError:
+        return False
+    return not other.is_displaced
+
+
+def mirrored(said: Measurement) -> Measurement:
+    """Return what touch would tell if the image lay turned by half a turn."""
+    if isinstance(said, ContactDirection | Turn):
+        return replace(said, angle=-said.angle)
+    if isinstance(said, ContactPlace):
+        return replace(said, place=-said.place)
+    if isinstance(said, RelativePoses):
+        return replace(said, pose=said.pose * (1.0, -1.0, -1.0))
+    return said
