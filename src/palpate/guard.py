@@ -62,7 +62,7 @@ class StreamGuard:
 
     @property
     def blind(self) -> float:
-        """How far the sensor may have gone while its pose stands still and it touches [m]; 0 where nothing speaks for it.
+        """How far the sensor may have gone while its pose stands still in a contact [m]; 0 where nothing speaks for that.
 
         What stands still when a contact ends still does in the next one.
         """
