@@ -62,7 +62,7 @@ class StreamGuard:
 
     @property
     def blind(self) -> float:
-        """How far the sensor may have gone while its pose stands still in a contact [m]; 0 where nothing speaks for that.
+        """How far the sensor may have gone while its pose stands still in a contact [m]; 0 where nothing tells that.
 
         What stands still when a contact ends still does in the next one.
         """
