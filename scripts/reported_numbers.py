@@ -286,7 +286,7 @@ def untouched_facts() -> set[str]:
 def unknown_start_facts() -> set[str]:
     """Return what is said of objects of which nothing is known at first: what counts as found, and how many are."""
     study = loaded("docs/study/unknown_start.json")
-    shares = {f"{100.0 * study[key]:.0f}" for key in ("found_share", "honest_share")}
+    shares = {f"{100.0 * study[key]:.0f}" for key in ("found_share", "honest_share", "found_if_told_share")}
     return {"60", "5", "3", "95", str(study["recordings"]), *shares}
 
 

@@ -97,6 +97,16 @@ def test_an_object_that_is_elsewhere_tells_nothing_of_images():
     assert not any(followed(seen, angles, HalfTurn(looks=True), turned)[1])
 
 
+def test_of_an_object_that_is_known_roughly_nothing_is_asked():
+    seen, angles = felt(6.0 * DEGREE)
+    rough = Hypotheses(MODEL, NOISE, "fixed-lag", np.zeros(3), np.array([0.02, 0.02, 0.5]), 9)
+    half_turn = HalfTurn(looks=True)
+    for frame, angle in zip(seen, angles, strict=True):
+        rough, told = half_turn.see(rough, frame, [ContactDirection(-float(angle), SAID)])
+        rough.touch(frame.sensor_pose, told, frame.time)
+    assert not half_turn.is_turned
+
+
 def test_with_several_answers_nothing_is_asked():
     seen, angles = felt(6.0 * DEGREE)
     rough = Hypotheses(MODEL, NOISE, "fixed-lag", np.zeros(3), np.array([0.02, 0.02, 0.5]), 9)

@@ -49,7 +49,7 @@ class HalfTurn:
     def _followed(self, estimator: Hypotheses, frame: Frame, told: Sequence[Measurement]) -> Hypotheses:
         """The estimator to go on with: the other one where images turn out to be mirrored."""
         if not estimator.in_contact:
-            can_tell = len(estimator.answers) == 1 and any(isinstance(one, ContactDirection) for one in told)
+            can_tell = estimator.is_sure and any(isinstance(one, ContactDirection) for one in told)
             self._other = estimator.copied() if can_tell else None
             self._contradicted, self._since = (False, False), 0
         other = self._other

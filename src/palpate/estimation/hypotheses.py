@@ -101,6 +101,11 @@ class Hypotheses:
         return self._best.estimator.in_contact
 
     @property
+    def is_sure(self) -> bool:
+        """Whether there is one answer, of an object that was found."""
+        return self._is_found and len(self._all) == 1
+
+    @property
     def is_displaced(self) -> bool:
         """Whether the object must have moved while nothing touched it, and was not found since."""
         return self._best.estimator.is_displaced
