@@ -141,11 +141,21 @@ def test_images_are_late_frozen_flat_and_others():
     red_last = images.exchanged_channels(stream(), rng())
     assert image(red_last.frames[3])[0, 0].tolist() == [200, 103, 3]
     assert image(images.turned(stream(), rng(), 1).frames[0]).shape == (6, 8, 3)
+    wide, narrow = (image(of.frames[0])[..., 2] for of in (images.mirrored(stream(), rng()), stream()))
+    assert np.array_equal(wide, narrow[:, ::-1])
     assert shown(images.false_contact(stream(), rng(), 2)) == [0, 1, 2, 3, 4, 9, 10, 7, 8, 9, 10, 11]
     assert shown(images.missed_contact(stream(), rng(), 2)) == [*range(9), 4, 4, 11]
     others = shown(images.outliers(stream(), rng(), 1.0))
     assert all(other in (2, 3, 8, 9, 10, 11) for other, touched in zip(others, TOUCHING, strict=True) if touched)
     assert [others[number] for number in np.flatnonzero(~TOUCHING)] == [0, 1, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize(
+    "name", ["first pose off 5 mm", "outline +2 %", "extrinsics off 1 mm", "image late by 1 frames", "mirrored"]
+)
+def test_what_a_contact_shows_cannot_be_told_before(name):
+    first = int(np.argmax(TOUCHING))
+    assert first > 0 and FAULTS[name](stream(), rng()).begin == stream().arrival[first]
 
 
 def test_light_and_gel_change():

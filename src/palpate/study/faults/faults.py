@@ -63,6 +63,7 @@ FAULTS: dict[str, Fault] = {
     "red and blue exchanged, calibrated": _both(images.calibrated, images.exchanged_channels),
     "turned by 90 degrees": partial(images.turned, quarters=1),
     "turned by 180 degrees": partial(images.turned, quarters=2),
+    "mirrored": images.mirrored,
     "turned by 180 degrees, calibrated": _both(images.calibrated, partial(images.turned, quarters=2)),
     **{f"light drifts {n:+} %": partial(images.drifting_light, change=n / 100) for n in (-40, -20, -10, 10, 20, 40)},
     **{f"light steps {n:+} %": partial(images.light_step, change=n / 100) for n in (-40, -20, -10, 10, 20, 40)},

@@ -48,6 +48,11 @@ def turned(stream: Stream, rng: np.random.Generator, quarters: int) -> Stream:
     return _all(stream, lambda _, image: np.ascontiguousarray(np.rot90(image, quarters))).from_contact()
 
 
+def mirrored(stream: Stream, rng: np.random.Generator) -> Stream:
+    """Exchange left and right in all images."""
+    return _all(stream, lambda _, image: np.ascontiguousarray(image[:, ::-1])).from_contact()
+
+
 def calibrated(stream: Stream, rng: np.random.Generator) -> Stream:
     """Tell the tracker what the unit looks like untouched, from the images before the first contact: no fault."""
     images = [frame.image for frame in stream.frames[: int(np.argmax(stream.touching))] if frame.image is not None]
