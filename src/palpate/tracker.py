@@ -33,14 +33,12 @@ from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch
 from palpate.tracker_settings import TrackerSettings
+from palpate.unfelt import UnfeltTouch
 
 Array = NDArray[np.float64]
 
 _ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
 _FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
-_UNFELT = "in contact before it was known how the gel looks untouched: touch tells nothing until the sensor lets go"
-_NEAR = 3.0  # [standard deviations] of the gap to the object below which a sensor may touch it
-_IN = 5e-3  # [m] in the object, from which it does: mounting and outline may be off by some millimetres
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
@@ -103,9 +101,7 @@ class Tracker:
         self._quality = StreamQuality(self._sensor.rate, math.hypot(*noise.sensor_pose.deviation[:2]) / math.sqrt(2.0))
         calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
         self._half_turn = HalfTurn(looks=settings.smoother in IN_A_WINDOW and not calibrated)
-        self._doubtful = self._detector.background is None  # whether the gel may be touched since before it was known
-        self._was_near = False  # whether the sensor was at the object before it was known
-        self._in_unfelt_touch = False  # whether it is in the object since then
+        self._unfelt = UnfeltTouch(is_doubtful=self._detector.background is None)
         self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
         self._last: Frame | None = None
         self._interval = 1.0 / self._sensor.rate  # [s] between the last frames; sensors may be slower than they say
@@ -204,8 +200,8 @@ class Tracker:
         status, reason = estimator.status, estimator.reason or self._quality.reason or self._half_turn.reason
         if blind:
             status, reason = "faulty", _FROZEN.format(1e3 * blind)
-        elif self._in_unfelt_touch:
-            status, reason = "uncertain", _UNFELT
+        elif self._unfelt.now:
+            status, reason = "uncertain", self._unfelt.reason
         return Estimate(
             time,
             estimator.known.pose.copy(),
@@ -228,7 +224,7 @@ class Tracker:
 
     def _measured(self, frame: Frame) -> Sequence[Measurement]:
         """All that is measured at a frame of contact."""
-        if self._in_unfelt_touch and self._tactile.startswith("learnt") and not self._is_touch_given:
+        if self._unfelt.now and self._tactile.startswith("learnt") and not self._is_touch_given:
             return frame.measurements
         told = self._touch.measure(frame)
         if not self._is_touch_given:
@@ -252,7 +248,7 @@ class Tracker:
         last = -np.inf if self._last is None else self._last.time
         frame = checked_frame(frame, measurements, last, len(self._sensor.tips))
         self._guard.check_time(frame.time)
-        unfelt = False
+        is_unfelt = False
         if frame.image is None:
             if frame.contact and self._tactile.startswith("learnt") and not self._is_touch_given:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
@@ -260,31 +256,19 @@ class Tracker:
             try:
                 image = self._detector.read(self._view.of(frame.image))
                 felt = self._detector.update(image)
-                unfelt = self._touches_unfelt(frame.sensor_pose, felt)
-                frame = replace(frame, contact=felt or unfelt, image=image)
+                if self._unfelt.is_doubtful:
+                    gap = self._estimator.gap(frame.sensor_pose)
+                    is_unfelt = self._unfelt.sees(gap, felt, self._detector.background is not None)
+                frame = replace(frame, contact=felt or is_unfelt, image=image)
             except (SettingError, IndexError) as error:  # the latter of an image without three channels
                 raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
         self._gone = self._guard.check_pose(frame.time, frame.sensor_pose, bool(frame.contact))
-        self._in_unfelt_touch = unfelt
+        self._unfelt.now = is_unfelt
         if frame.image is not None and self._guard.drawn_back:
             self._detector.forget()
-            self._doubtful = self._in_unfelt_touch = False
+            self._unfelt.end()
             return replace(frame, contact=False)
         return frame
-
-    def _touches_unfelt(self, sensor_pose: Array, felt: bool) -> bool:
-        """Whether the sensor (3,) touches the object since before it was known how the gel looks untouched.
-
-        It was at the object while the first images came, and went on into it before a touch was felt.
-        """
-        if self._in_unfelt_touch or not self._doubtful:
-            return self._in_unfelt_touch
-        gap, deviation = self._estimator.gap(sensor_pose)
-        if self._detector.background is None:
-            self._was_near |= gap < _NEAR * deviation
-        elif felt or not self._was_near:
-            self._doubtful = False
-        return self._doubtful and gap < -max(deviation, _IN)
 
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame."""
