@@ -25,7 +25,7 @@ class UnfeltTouch:
         return _REASON if self.now else ""
 
     def sees(self, gap: tuple[float, float], felt: bool, is_gel_known: bool) -> bool:
-        """Return whether the object is touched so; gap is how far the sensor is off it, and the deviation of that [m]."""
+        """Return whether the object is touched so; gap is how far off the sensor is, and the deviation of that [m]."""
         if self.now:
             return True
         length, deviation = gap
