@@ -3,9 +3,7 @@
 A hypothesis is an `Estimator`. While nothing is doubtful there is one. Others are added, and the one in which nothing
 happened is kept, where
 
-- touch and pushing contradict each other: something else may have moved the object. Nothing of pushing holds for some
-  steps, and the object slid over the sensor by another length in each hypothesis, on a contact that holds as well as
-  thought or is more slippery;
+- touch and pushing contradict each other: something else may have moved the object; see `disturbed`;
 - a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
   `beginning`;
 - a contact that was brief began where nothing should be: it may have been none.
@@ -23,29 +21,23 @@ from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
 from palpate.errors import EstimationError
-from palpate.estimation.beginning import UNLIKELY, Beginning, begun, begun_unfound, log_sum
+from palpate.estimation.beginning import Beginning, begun, begun_unfound, log_sum
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
+from palpate.estimation.disturbed import AHEAD, BACK, SPREAD, STILL_GOING_ON, disturbed, is_contradicted
 from palpate.estimation.estimator import Estimator
-from palpate.estimation.factors.factor import Knock
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
-from palpate.estimation.weighing import POOR, SLIPPERY, Hypothesis, Weighing, share_out
+from palpate.estimation.weighing import POOR, Hypothesis, Weighing, share_out
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
-_ALARMS = (("relative_pose", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
-"""Factor, steps, and its mean square error [variances] over them from which pushing is in doubt. Undisturbed, pairs
-reach 0.16 in a thousandth of all frames and directions 0.5 in a tenth of all recordings; over a second an error of a
-fifth of a standard deviation is systematic, for independent ones would cancel in the estimate."""
-_BACK, _AHEAD = 10, 6  # steps before an alarm and after it in which a hand may move the object
-_SLIDES, _SPREAD = (0.0, 0.018, -0.018, 0.036, -0.036), 0.012  # [m] by which the object slides over the sensor
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
 _BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
 _TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
@@ -113,8 +105,7 @@ class Hypotheses:
     @property
     def is_contradicted(self) -> bool:
         """Whether touch and pushing contradict each other as where something else moves the object."""
-        error = self._best.estimator.mean_square
-        return any(self._steps >= steps and error(name, steps) > limit for name, steps, limit in _ALARMS)
+        return is_contradicted(self._best.estimator, self._steps)
 
     @property
     def known(self) -> Prior:
@@ -203,8 +194,8 @@ class Hypotheses:
         self._steps += 1
         if self._most > 1:
             if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self.is_contradicted:
-                self._heeds_from = self._steps + _BACK + _AHEAD
-                self._all = [*self._all, *self._knocked()]
+                self._heeds_from = self._steps + BACK + AHEAD
+                self._all = [*self._all, *disturbed(self._best, self._steps, self._settings.priors)]
             self._weigh()
 
     def begin_anew(
@@ -225,7 +216,7 @@ class Hypotheses:
         may_be_none = self.is_displaced and self._steps <= _BRIEF
         for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
             one.earned = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
-            one.estimator.end_contact(max(moved, _SPREAD if one.open else 0.0))
+            one.estimator.end_contact(max(moved, SPREAD if one.open else 0.0))
             one.broken, one.open = [], 0
         if may_be_none and self._untouched:
             self._doubt_contact()
@@ -246,7 +237,7 @@ class Hypotheses:
         def touch(one: Hypothesis) -> None:
             knock = None
             if one.open and self._steps:
-                knock = Knock(0.0, _SPREAD / np.sqrt(_BACK))
+                knock = STILL_GOING_ON
                 one.open -= 1
                 one.broken = [*one.broken, (self._steps, self._steps + 1)]
             one.estimator.touch(sensor_pose, measurements, time, knock)
@@ -268,22 +259,6 @@ class Hypotheses:
             left.append(one)
         return left
 
-    def _knocked(self) -> list[Hypothesis]:
-        """The hypotheses that something else moved the object in the last steps."""
-        best, found = self._best, []
-        first = max(self._steps - _BACK, 1)
-        grips = (None,) if best.slippery or self._settings.priors.grip[1] <= SLIPPERY[1] else (None, SLIPPERY)
-        for grip in grips:
-            for slid in _SLIDES:
-                try:
-                    estimator = best.estimator.knocked(self._steps - first, (slid, _SPREAD), grip)
-                except EstimationError:
-                    continue
-                earned = best.earned - UNLIKELY - np.log(len(grips))
-                broken, slippery = [*best.broken, (first, self._steps)], best.slippery or grip is not None
-                found.append(Hypothesis(estimator, earned, broken, _AHEAD, slippery))
-        return found
-
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[Hypothesis]:
         """The hypotheses that a contact begins with."""
         begin = begun if self._is_found else begun_unfound
@@ -295,7 +270,7 @@ class Hypotheses:
         one = self._all[way.of]
         if way.prior is None:
             return one
-        broken, still_open = ([(0, 1)], _AHEAD) if way.is_place else ([], 0)
+        broken, still_open = ([(0, 1)], AHEAD) if way.is_place else ([], 0)
         return Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, one.slippery)
 
     def _weigh(self) -> None:

@@ -1,0 +1,50 @@
+"""When pushing is in doubt, for something else may have moved the object, and what may have happened then.
+
+In each hypothesis nothing of pushing holds for some steps, and the object slid over the sensor by another length, on a
+contact that holds as well as thought or is more slippery.
+"""
+
+import numpy as np
+
+from palpate.errors import EstimationError
+from palpate.estimation.beginning import UNLIKELY
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.factors.factor import Knock
+from palpate.estimation.unknowns import Priors
+from palpate.estimation.weighing import SLIPPERY, Hypothesis
+
+_ALARMS = (("relative_pose", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
+"""Factor, steps, and its mean square error [variances] over them from which pushing is in doubt. Undisturbed, pairs
+reach 0.16 in a thousandth of all frames and directions 0.5 in a tenth of all recordings; over a second an error of a
+fifth of a standard deviation is systematic, for independent ones would cancel in the estimate."""
+BACK, AHEAD = 10, 6
+"""Steps before an alarm and after it in which a hand may move the object."""
+SPREAD = 0.012
+"""[m] by which it slides over the sensor more or less."""
+_SLIDES = 0.0, 0.018, -0.018, 0.036, -0.036  # [m] by which it slides
+
+STILL_GOING_ON = Knock(0.0, SPREAD / np.sqrt(BACK))
+"""What may happen in a step in which a hand moves the object on."""
+
+
+def is_contradicted(estimator: Estimator, steps: int) -> bool:
+    """Return whether touch and pushing contradict each other, so many steps after a contact began."""
+    error = estimator.mean_square
+    return any(steps >= count and error(name, count) > limit for name, count, limit in _ALARMS)
+
+
+def disturbed(one: Hypothesis, steps: int, priors: Priors) -> list[Hypothesis]:
+    """Return the hypotheses that something else moved the object in the last steps, of so many in this contact."""
+    found: list[Hypothesis] = []
+    first = max(steps - BACK, 1)
+    grips = (None,) if one.slippery or priors.grip[1] <= SLIPPERY[1] else (None, SLIPPERY)
+    for grip in grips:
+        for slid in _SLIDES:
+            try:
+                estimator = one.estimator.knocked(steps - first, (slid, SPREAD), grip)
+            except EstimationError:
+                continue
+            earned = one.earned - UNLIKELY - np.log(len(grips))
+            broken, slippery = [*one.broken, (first, steps)], one.slippery or grip is not None
+            found.append(Hypothesis(estimator, earned, broken, AHEAD, slippery))
+    return found
