@@ -48,10 +48,10 @@ def recording():
     return simulate_recording(SHAPES["rectangle"], "rectangle-edges", 71, 3.0)
 
 
-@pytest.mark.parametrize("after", [5, None, 70], ids=["gathering", "untouched", "contact"])
+@pytest.mark.parametrize("after", ["gathering", "untouched", "which way images lie", "contact"])
 def test_learnt_touch_goes_on(recording, after, tmp_path):
     touched = int(np.argmax(recording.contact))
-    at = {5: 5, None: touched - 3, 70: touched + 45}[after]
+    at = {"gathering": 5, "untouched": touched - 3, "which way images lie": touched + 8}.get(after, touched + 45)
     tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0])
     loaded = goes_on(tracker, [recording[k] for k in range(at + 15)], at, tmp_path / "state.npz")
     assert loaded.tactile == "learnt"
