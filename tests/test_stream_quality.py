@@ -12,7 +12,7 @@ LIGHT = np.ones(3)
 def reasons(times, poses):
     quality, said = StreamQuality(RATE, DEVIATION), []
     for time, pose in zip(times, poses, strict=True):
-        quality.see(time, pose, LIGHT)
+        quality.see(time, pose, LIGHT, False)
         said.append(quality.reason)
     return said
 
@@ -69,7 +69,23 @@ def test_another_light_is_told_while_it_is_another():
     quality = StreamQuality(RATE, DEVIATION)
     said = []
     for frame, blue in enumerate((1.0, 0.8, 0.74, 1.24, 1.26, 1.0)):
-        quality.see(frame / RATE, np.zeros(3), np.array([1.0, 1.1, blue]))
+        quality.see(frame / RATE, np.zeros(3), np.array([1.0, 1.1, blue]), False)
         said.append(quality.reason)
     assert [bool(each) for each in said] == [False, False, True, False, True, False]
     assert said[2] == "red, green and blue light are at 100, 110 and 74 % of what they were"
+
+
+@pytest.mark.parametrize(("angle", "way"), [(0, ""), (60, ""), (80, "+y"), (-80, "-y"), (100, "+y"), (180, "-x")])
+@pytest.mark.parametrize("yaw", [0.0, 3.0])
+def test_a_sensor_that_touches_and_goes_along_another_axis_than_x_is_told(angle, way, yaw, caplog):
+    """A millimetre a frame, at an angle [deg] to x of a sensor of any yaw."""
+    quality, step = StreamQuality(RATE, DEVIATION), np.radians(angle) + yaw
+    said = []
+    for frame in range(60):
+        place = 1e-3 * frame * np.array([np.cos(step), np.sin(step)])
+        quality.see(frame / RATE, np.array([*place, yaw]), LIGHT, frame >= 10)
+        said.append(quality.reason)
+    assert set(said[:30]) == {""}  # 20 mm in touch
+    expected = f"the sensor goes along {way} of its own frame while it touches" if way else ""
+    assert all(each.split(";")[0] == expected for each in said[32:])
+    assert [record.getMessage().split(": ")[1] for record in caplog.records] == [said[-1]] * bool(way)

@@ -1,5 +1,6 @@
 """What of a stream is worse than the tracker takes it to be: nothing is wrong, but the estimate is worse for it."""
 
+import logging
 import math
 from collections import deque
 from statistics import median
@@ -7,6 +8,9 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.geometry import se2
+
+logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 _LATELY = 15  # usual intervals, half a second at 30 Hz
@@ -14,11 +18,12 @@ _LONGEST = 3.0  # usual intervals that a gap counts as at most, so that one gap 
 _SELDOM = 1.5  # usual intervals between frames, in the mean, from which they come seldom
 _TREMBLES = 3.0  # times the stated deviation from which poses are noisier than that
 _MIDDLE = 1.1774  # length in the median of a vector of two, in standard deviations of each
+_FAR, _ASIDE = 0.02, math.radians(70.0)  # [m] gone in touch from which its direction counts, and off +x at most
 _OTHER_LIGHT = 0.25  # share of the untouched gel's light by which another is told; presses of real gels make 0.03
 
 
 class StreamQuality:
-    """Follows how often the frames of one stream come, how much the sensor's place trembles, and the light."""
+    """Follows how often the frames of one stream come, how the sensor's place trembles and goes on, and the light."""
 
     def __init__(self, rate: float, deviation: float) -> None:
         """Take how many frames should come in a second [Hz], and how well x and y of the sensor are measured [m]."""
@@ -26,11 +31,20 @@ class StreamQuality:
         self._intervals: deque[float] = deque(maxlen=_LATELY)  # [s]
         self._last: deque[tuple[float, Array]] = deque(maxlen=4)  # time [s] and place (2,) [m]
         self._light: Array = np.ones(3)
+        self._touched = False  # at the last frame
+        self._pushed: Array = np.zeros(2)  # [m] how far the sensor went while it touched, in its own frame
+        self._is_aside_told = False
         self._off: deque[float] = deque(maxlen=_LATELY)  # [m] that a place is off a smooth way, scaled to its own noise
 
-    def see(self, time: float, pose: Array, light: Array) -> None:
-        """Take the time [s], the sensor's pose (3,) and the light (3,) of the next frame; see ContactDetector.light."""
+    def see(self, time: float, pose: Array, light: Array, touched: bool) -> None:
+        """Take the next frame: time [s], the sensor's pose (3,), light (3,), see ContactDetector.light, and contact."""
         self._light = light
+        if self._last and touched and self._touched:
+            self._pushed = self._pushed + (pose[:2] - self._last[-1][1]) @ se2.rotation(pose[2])
+            if not self._is_aside_told and (aside := self._aside()):
+                logger.warning("frame at %.3f s: %s", time, aside)
+                self._is_aside_told = True
+        self._touched = touched
         if self._last:
             self._intervals.append(time - self._last[-1][0])
         self._last.append((time, pose[:2]))
@@ -40,7 +54,7 @@ class StreamQuality:
     @property
     def reason(self) -> str:
         """What is worse than it should be, in a sentence; nothing where all is well."""
-        return self._too_seldom() or self._too_noisy() or self._other_light()
+        return self._too_seldom() or self._too_noisy() or self._other_light() or self._aside()
 
     def _too_seldom(self) -> str:
         shares, lately = 0.0, 0
@@ -70,6 +84,17 @@ class StreamQuality:
             return ""
         red, green, blue = 100.0 * self._light
         return f"red, green and blue light are at {red:.0f}, {green:.0f} and {blue:.0f} % of what they were"
+
+    def _aside(self) -> str:
+        x, y = self._pushed
+        angle = math.atan2(y, x)
+        if math.hypot(x, y) < _FAR or abs(angle) < _ASIDE:
+            return ""
+        way = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
+        return (
+            f"the sensor goes along {way} of its own frame while it touches; x of it is taken to point out of the gel, "
+            "along the push"
+        )
 
 
 def _off_the_way(*last: tuple[float, Array]) -> float:
