@@ -37,7 +37,10 @@ class StreamQuality:
         self._off: deque[float] = deque(maxlen=_LATELY)  # [m] that a place is off a smooth way, scaled to its own noise
 
     def see(self, time: float, pose: Array, light: Array, touched: bool) -> None:
-        """Take the next frame: time [s], the sensor's pose (3,), light (3,), see ContactDetector.light, and contact."""
+        """Take the time [s], pose (3,) and light (3,), see ContactDetector.light, of a frame, and whether it touches.
+
+        Touches that no image shows do not count: a tip may be round, and its frame lie as one likes.
+        """
         self._light = light
         if self._last and touched and self._touched:
             self._pushed = self._pushed + (pose[:2] - self._last[-1][1]) @ se2.rotation(pose[2])

@@ -139,7 +139,8 @@ class Tracker:
         if self._last is not None:
             self._interval = max(1.0 / self._sensor.rate, frame.time - self._last.time)
         self._last = frame
-        self._quality.see(frame.time, frame.sensor_pose, self._detector.light, bool(frame.contact))
+        felt = bool(frame.contact) and frame.image is not None
+        self._quality.see(frame.time, frame.sensor_pose, self._detector.light, felt)
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
         return self._estimate(frame.time)
