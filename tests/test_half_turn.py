@@ -153,6 +153,9 @@ def test_a_stream_that_comes_turned_is_tracked_as_one_that_does_not(view):
     touched = [one for one in found if one.contact]
     assert all("only if images are turned by half a turn or mirrored" in one.reason for one in touched[50:])
     assert not any(one.reason for one in expected)
+    turned.reset(first)
+    again = [turned.update(replace(frame, image=view.of(upright(frame)))) for frame in recording]
+    assert all("only if images are turned" in one.reason for one in again if one.contact)
     ends = [se2.between(last, poses[-1].pose) for poses in (expected, found)]
     assert np.hypot(*ends[1][:2]) < 0.002 + np.hypot(*ends[0][:2])
     assert nees(found[-1:], last[None])[0] < 7.8

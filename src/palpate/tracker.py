@@ -76,6 +76,8 @@ class Tracker:
         self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._tactile: TactileChoice = settings.tactile
         self._tactile_reason = ""
+        calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
+        self._half_turn = HalfTurn(looks=settings.smoother in IN_A_WINDOW and not calibrated)
         self._is_touch_given = touch is not None
         # Networks are opened now and not in a robot's loop, where images may come to them.
         self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
@@ -84,6 +86,7 @@ class Tracker:
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel, at whatever time the next frame has.
 
+        Images that were found to lie turned still do.
         `pose` (3,) is world_T_object [m, m, rad] then, with standard deviations `sigma` (3,); by default the first pose
         of this tracker again, as well known as it was.
         """
@@ -99,8 +102,6 @@ class Tracker:
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._guard = StreamGuard(self._sensor.rate)
         self._quality = StreamQuality(self._sensor.rate, math.hypot(*noise.sensor_pose.deviation[:2]) / math.sqrt(2.0))
-        calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
-        self._half_turn = HalfTurn(looks=settings.smoother in IN_A_WINDOW and not calibrated)
         self._unfelt = UnfeltTouch(is_doubtful=self._detector.background is None)
         self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
         self._last: Frame | None = None
