@@ -7,14 +7,12 @@ The reported one: `palpate simulate` of 12 pushes of each class, seed 15001, 6 s
 
 import json
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from statistics import fmean, median
 
 from palpate import Tracker, load_recording
 from palpate.estimation.settings import NoiseSettings
-from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.touch.view import AS_IT_IS, CameraView
 from palpate.tracking.run import first_pose_of
@@ -22,20 +20,14 @@ from palpate.tracking.run import first_pose_of
 VIEWS = {"as it is": AS_IT_IS, "turned by half a turn": CameraView(2), "mirrored": CameraView(0, mirrored=True)}
 
 
-def seen(recording: Recording, view: CameraView) -> Iterator[Frame]:
-    """The frames with images that lie otherwise."""
-    for frame in recording:
-        assert frame.image is not None
-        yield replace(frame, image=view.of(frame.image))
-
-
 def found_after(recording: Recording, view: CameraView) -> float | None:
     """Time from the first contact until images are taken for turned [s]; None where they never are."""
     first, sigma = first_pose_of(recording, NoiseSettings())
     tracker = Tracker(recording.shape, recording.sensor, first, first_pose_sigma=sigma)
     touched: float | None = None
-    for frame in seen(recording, view):
-        estimate = tracker.update(frame)
+    for frame in recording:
+        assert frame.image is not None
+        estimate = tracker.update(replace(frame, image=view.of(frame.image)))
         if touched is None and estimate.contact:
             touched = frame.time
         if touched is not None and "half a turn" in estimate.reason:

@@ -45,8 +45,9 @@ def followed(
     """The estimator in the end, and whether images are taken to be turned, after each frame."""
     one, turned = estimator(first), []
     for frame, angle in zip(seen, angles, strict=True):
-        one, told = half_turn.see(one, frame, [ContactDirection(float(angle), SAID)])
-        one.touch(frame.sensor_pose, told, frame.time)
+        told = [ContactDirection(float(angle), SAID)]
+        one = half_turn.see(one, frame, told)
+        one.touch(frame.sensor_pose, half_turn.believed(told), frame.time)
         turned.append(half_turn.is_turned)
     return one, turned
 
@@ -102,8 +103,9 @@ def test_of_an_object_that_is_known_roughly_nothing_is_asked():
     rough = Hypotheses(MODEL, NOISE, "fixed-lag", np.zeros(3), np.array([0.02, 0.02, 0.5]), 9)
     half_turn = HalfTurn(looks=True)
     for frame, angle in zip(seen, angles, strict=True):
-        rough, told = half_turn.see(rough, frame, [ContactDirection(-float(angle), SAID)])
-        rough.touch(frame.sensor_pose, told, frame.time)
+        told = [ContactDirection(-float(angle), SAID)]
+        rough = half_turn.see(rough, frame, told)
+        rough.touch(frame.sensor_pose, half_turn.believed(told), frame.time)
     assert not half_turn.is_turned
 
 
@@ -116,8 +118,9 @@ def test_with_several_answers_nothing_is_asked():
     assert len(rough.answers) > 1
     half_turn = HalfTurn(looks=True)
     for frame, angle in zip(seen, angles, strict=True):
-        found, told = half_turn.see(rough, frame, [ContactDirection(-float(angle), SAID)])
-        found.touch(frame.sensor_pose, told, 10.0 + frame.time)
+        told = [ContactDirection(-float(angle), SAID)]
+        found = half_turn.see(rough, frame, told)
+        found.touch(frame.sensor_pose, half_turn.believed(told), 10.0 + frame.time)
     assert not half_turn.is_turned
 
 

@@ -38,16 +38,17 @@ class HalfTurn:
         """What was found, in a sentence; nothing where images lie as they should, as far as is known."""
         return _REASON if self.is_turned else ""
 
-    def see(
-        self, estimator: Hypotheses, frame: Frame, told: Sequence[Measurement]
-    ) -> tuple[Hypotheses, Sequence[Measurement]]:
-        """Take what touch tells of a frame, before the estimator does; return what to go on with and to believe."""
-        if not self._is_settled:
-            estimator = self._followed(estimator, frame, told)
-        return estimator, [mirrored(one) for one in told] if self.is_turned else told
+    def believed(self, told: Sequence[Measurement]) -> Sequence[Measurement]:
+        """Return what to believe of what touch tells."""
+        return [mirrored(one) for one in told] if self.is_turned else told
 
-    def _followed(self, estimator: Hypotheses, frame: Frame, told: Sequence[Measurement]) -> Hypotheses:
-        """The estimator to go on with: the other one where images turn out to be mirrored."""
+    def see(self, estimator: Hypotheses, frame: Frame, told: Sequence[Measurement]) -> Hypotheses:
+        """Take what touch tells of a frame, before the estimator does; return the one to go on with.
+
+        That is another one, which has taken all frames so far, where images turn out to be mirrored.
+        """
+        if self._is_settled:
+            return estimator
         if not estimator.in_contact:
             can_tell = estimator.is_sure and any(isinstance(one, ContactDirection) for one in told)
             self._other = estimator.copied() if can_tell else None

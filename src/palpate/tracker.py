@@ -76,9 +76,10 @@ class Tracker:
         self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._tactile: TactileChoice = settings.tactile
         self._tactile_reason = ""
-        calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
-        self._half_turn = HalfTurn(looks=settings.smoother in IN_A_WINDOW and not calibrated)
         self._is_touch_given = touch is not None
+        calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
+        is_open = not (calibrated or self._is_touch_given)
+        self._half_turn = HalfTurn(looks=is_open and settings.smoother in IN_A_WINDOW)
         # Networks are opened now and not in a robot's loop, where images may come to them.
         self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
         self._begin()
@@ -128,13 +129,14 @@ class Tracker:
             estimator.end_contact(self._moved_unseen(frame))
             touch.end_contact()
         if frame.contact:
-            said = self._measured(frame)
-            estimator = self._estimator
+            told = self._told(frame)
+            estimator = self._estimator = self._half_turn.see(estimator, frame, told)
             try:
-                estimator.touch(frame.sensor_pose, said, frame.time)
+                estimator.touch(frame.sensor_pose, self._measured(frame, told), frame.time)
             except EstimationError as error:
                 touch.end_contact()
-                estimator.begin_anew(frame.sensor_pose, self._measured(frame), frame.time, error)
+                said = self._measured(frame, self._told(frame))
+                estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
         else:
             estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
         if self._last is not None:
@@ -224,14 +226,15 @@ class Tracker:
         assert self.background is not None
         return self.background
 
-    def _measured(self, frame: Frame) -> Sequence[Measurement]:
-        """All that is measured at a frame of contact."""
+    def _told(self, frame: Frame) -> Sequence[Measurement]:
+        """What touch tells of a frame of contact; nothing where it has not felt it begin."""
         if self._unfelt.now and self._tactile.startswith("learnt") and not self._is_touch_given:
-            return frame.measurements
-        told = self._touch.measure(frame)
-        if not self._is_touch_given:
-            self._estimator, told = self._half_turn.see(self._estimator, frame, told)
-        return (*told, *frame.measurements)
+            return ()
+        return self._touch.measure(frame)
+
+    def _measured(self, frame: Frame, told: Sequence[Measurement]) -> Sequence[Measurement]:
+        """All that is measured at a frame of which touch tells this."""
+        return (*self._half_turn.believed(told), *frame.measurements)
 
     def _paused(self, frame: Frame) -> bool:
         """Whether so much is missing before a frame that its contact is another one."""
