@@ -122,6 +122,9 @@ def _clear(folder: Path, keep: str) -> None:
 
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:
     """`value` as an array of the given kind and shape, "N" for any length; FileError if it is not."""
+    kinds, words = kind
+    if _holds_text(value):  # of which NumPy would make as many characters for each number as the longest text has
+        raise FileError(f"{name}: found text, expected {words}")
     try:
         array = np.asarray(value)
     except ValueError as error:
@@ -131,7 +134,6 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
     )
     if not fits:
         raise FileError(f"{name}: found shape {_written(array.shape)}, expected {_written(shape)}")
-    kinds, words = kind
     if array.dtype.kind not in kinds:
         raise FileError(f"{name}: found values of type {array.dtype}, expected {words}")
     return array
@@ -214,6 +216,18 @@ def json_object(text: str | bytes, name: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise FileError(f"{name}: found a JSON {type(value).__name__}, expected an object")
     return value
+
+
+def _holds_text(value: Any) -> bool:
+    """Whether there is text among the values of a list, however deep."""
+    values = [value]
+    while values:
+        each = values.pop()
+        if isinstance(each, str | bytes):
+            return True
+        if isinstance(each, list | tuple):
+            values.extend(each)
+    return False
 
 
 def _written(shape: tuple[int | str, ...]) -> str:

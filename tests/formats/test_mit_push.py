@@ -111,7 +111,7 @@ def test_mit_tip_that_stands_still_points_along_x(tmp_path):
         (lambda d: d["q_sliderJSON"].pop(), r"q_sliderJSON: found shape \(2, 2000\), expected \(3, 2000\)"),
         (lambda d: d["q_sliderJSON"][0].pop(), "q_sliderJSON: rows have different lengths"),
         (lambda d: d["timeJSON"].__setitem__(3, float("nan")), "timeJSON: frame 3 is nan"),
-        (lambda d: d["timeJSON"].__setitem__(3, "x"), "timeJSON: found values of type"),
+        (lambda d: d["timeJSON"].__setitem__(3, "x"), "timeJSON: found text, expected numbers"),
         (
             lambda d: d["q_pusher_sensedJSON"][0].__setitem__(7, float("inf")),
             "q_pusher_sensedJSON: frame 7 is",
@@ -126,6 +126,15 @@ def test_mit_bad_content(tmp_path, edit, message):
     with pytest.raises(FileError, match=message) as caught:
         mit_push.read(path)
     assert str(path) in str(caught.value)
+
+
+def test_one_long_text_among_numbers_asks_for_no_memory(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(
+        json.dumps({"timeJSON": ["a" * 1_000_000, *[1] * 60_000], "q_sliderJSON": [], "q_pusher_sensedJSON": []})
+    )
+    with pytest.raises(FileError, match="timeJSON: found text, expected numbers"):  # 224 GiB, as an array of NumPy
+        mit_push.read(path)
 
 
 def test_mit_damaged_files(tmp_path):

@@ -50,13 +50,26 @@ def test_theseus_is_read(tmp_path, nested, width):
     np.testing.assert_allclose(derived.gaps(found.sensor_pose, found.object_pose, found.shape, POINT)[0], 0, atol=1e-12)
 
 
+def test_theseus_episodes_may_be_empty(tmp_path):
+    path = tmp_path / "a.json"
+    data = theseus(nested=True, width=0)
+    path.write_text(json.dumps(data))
+    whole = load(path)
+    for key in ("contact_episode", "contact_flag", "ee_poses_2d", "obj_poses_2d"):
+        data[key] = [data[key][0], [], data[key][1], [], []]
+    path.write_text(json.dumps(data))
+    found = load(path)
+    np.testing.assert_array_equal(found.object_pose, whole.object_pose)
+    np.testing.assert_array_equal(found.time, whole.time)
+
+
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
         (lambda d: d.pop("contact_flag"), "lacks contact_flag"),
         (lambda d: d.update(params={"block_size_x": 1}), "block_size_x and block_size_y; found block_size_x"),
         (lambda d: d.pop("params"), "params tells no shape: expected obj_radius.*found nothing"),
-        (lambda d: d.update(params={"obj_radius": "big"}), "params.obj_radius: found values of type"),
+        (lambda d: d.update(params={"obj_radius": "big"}), "params.obj_radius: found text, expected numbers"),
         (lambda d: d.update(obj_poses_2d=[]), "obj_poses_2d: found no frames"),
         (lambda d: d.update(ee_poses_2d=[[0, 0, 0]]), "lengths differ: obj_poses_2d 6, ee_poses_2d 1"),
         (

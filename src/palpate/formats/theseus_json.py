@@ -129,7 +129,7 @@ def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
     anew = number[1:] != number[:-1]
     if nested:
         ends = np.cumsum([len(episode) for episode in data["obj_poses_2d"]])
-        anew[ends[:-1] - 1] = True
+        anew[ends[ends < len(number)] - 1] = True  # the last one, and empty ones after it, end with the frames
     bounds = [0, *(np.flatnonzero(anew) + 1).tolist(), len(number)]
     for start, end in pairwise(bounds[1:]):
         move = se2.compose(truth[start - 1], se2.inverse(truth[start]))
