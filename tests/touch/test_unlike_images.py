@@ -73,6 +73,25 @@ def test_pictures_without_noise_may_be_the_same():
     assert not any(detector.update(image) for _ in range(40))
 
 
+def test_a_black_frame_is_no_noise_of_a_camera_without():
+    image = np.random.default_rng(0).integers(90, 110, (ROWS, COLUMNS, 3)).astype(np.uint8)
+    detector = ContactDetector()
+    for _ in range(20):
+        detector.update(image)
+    with pytest.raises(SettingError, match="unlike the untouched gel"):
+        detector.update(np.zeros_like(image))
+    assert not any(detector.update(image) for _ in range(10))
+
+
+def test_an_image_that_is_refused_at_first_says_no_size():
+    rng = np.random.default_rng(0)
+    detector = ContactDetector()
+    with pytest.raises(SettingError, match=r"found uint8 \(3, 60, 60\)"):
+        detector.update(np.zeros((3, 60, 60), np.uint8))
+    assert not any(detector.update(gel(rng)) for _ in range(20))
+    assert detector.background is not None
+
+
 def test_what_was_forgotten_is_learnt_from_the_next_images():
     rng = np.random.default_rng(0)
     detector = settled(rng)

@@ -112,7 +112,6 @@ class ContactDetector:
         if not self._checked:
             check_channel_order(image, background)
             self._checked = True
-        self._check_alive(image)
         cells = cells_of(image)
         light = light_of(cells, self._cells)
         is_blind = _is_flat(image) and not _is_flat(background.mean)
@@ -123,6 +122,7 @@ class ContactDetector:
                 f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is what was seen in "
                 "the first half second or is in the calibration: is the camera covered, turned, or its light out?"
             )
+        self._check_alive(image)
         self._share, self._light = share, light[:, 0]
         self._touched = self._share > (END if self._touched else START)
         if self._share <= END:
@@ -149,9 +149,9 @@ class ContactDetector:
             )
 
     def _gather(self, image: Image) -> None:
-        if self._image_size is None:
-            self._image_size = np.atleast_2d(image).shape[:2]
-        check_image(image, *self._image_size)
+        size = self._image_size or np.atleast_2d(image).shape[:2]
+        check_image(image, *size)
+        self._image_size = size
         found = self._first.add(image)
         if found is not None:
             self._compare_with(found)
