@@ -107,11 +107,18 @@ def test_recordings_without_images_are_refused(tmp_path):
 def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
     (tmp_path / "recordings").mkdir()
     write_recording(pushed(20), tmp_path / "recordings" / "disc-1.h5")
-    monkeypatch.setattr(bench, "run_faults", lambda *_, **__: [made("none", 2.0), made("x", 4.0)])
+    asked: list[Any] = []
+
+    def found(*_: Any, **options: Any) -> list[FaultRun]:
+        asked.append(options)
+        return [made("none", 2.0), made("x", 4.0)]
+
+    monkeypatch.setattr(bench, "run_faults", found)
     words = ["evaluate", str(tmp_path / "recordings"), "--faults", "--out", str(tmp_path / "out")]
     assert main.main([*words, "--tactile", "none"]) == 2
     assert "--tactile cannot go with it" in capsys.readouterr().err
     assert main.main([*words, "--json"]) == 0
+    assert asked[0]["model"] is None  # that of each recording's sensor
     said = json.loads(capsys.readouterr().out)
     assert [row["final_mm"] for row in said["faults"]] == [2.0, 4.0]
     assert Path(said["report"], "faults.csv").exists()

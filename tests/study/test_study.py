@@ -22,7 +22,6 @@ from palpate.study.job import StudySettings, do_job, slid, trial_of
 from palpate.study.results import ALL, flat, recovered, results_of, table, write_results
 from palpate.study.study import DIED, run_study
 from palpate.study.trial import Method, Trial, read_trial
-from palpate.touch.model import SHIPPED, TouchModel
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import track
 
@@ -422,7 +421,7 @@ def test_results_hold_everything_as_plain_data():
     settings = StudySettings((NONE, LEARNT))
     found = study(settings)
     found.trials[0].summary["final_translation_error_mm"] = 51.0
-    results = results_of(found, settings, TouchModel(SHIPPED), Path("recordings"), 1, "palpate evaluate")
+    results = results_of(found, settings, None, Path("recordings"), 1, "palpate evaluate")
     write_results(Path("out"), results, found.trials)
     read = json.loads(Path("out/results.json").read_text())
     assert read == json.loads(json.dumps(results))
@@ -483,7 +482,7 @@ def test_scores_are_those_that_a_study_wrote():
     found = study()
     with pytest.raises(FileError, match="out: holds a study that is not done"):
         read_scores(Path("out"))
-    results = results_of(found, SETTINGS, TouchModel(SHIPPED), Path("recordings"), 1, "")
+    results = results_of(found, SETTINGS, None, Path("recordings"), 1, "")
     write_results(Path("out"), results, found.trials)
     scores = read_scores(Path("out"))
     assert len(scores) == 8

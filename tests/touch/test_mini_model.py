@@ -1,5 +1,6 @@
 """The model of the GelSight Mini that ships: chosen by the profile's name, and what it reads."""
 
+import json
 import math
 
 import numpy as np
@@ -62,3 +63,8 @@ def test_simulated_and_tracked_by_the_commands(tmp_path, capsys):
     assert main([*made, "--seconds", "3"]) == 0
     assert main(["track", str(tmp_path / "pushes/disc-000000.h5"), "--out", str(tmp_path / "run")]) == 0
     assert "GelSight Mini" in capsys.readouterr().out
+    study = ["evaluate", str(tmp_path / "pushes"), "--out", str(tmp_path / "study"), "--tactile", "learnt"]
+    assert main(study) == 0
+    assert json.loads((tmp_path / "study/results.json").read_text())["study"]["trials"] == 1
+    tuned = ["tune", str(tmp_path / "pushes"), "--out", str(tmp_path / "noise.json"), "--evaluations", "2"]
+    assert main(tuned) == 0

@@ -118,7 +118,7 @@ def evaluate(
     from palpate.study.results import results_of, write_results
     from palpate.study.study import run_study
     from palpate.study.trial import Method
-    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.model import TouchModel
 
     tactiles = dict.fromkeys(mode for given in tactile for mode in given) or dict.fromkeys(TACTILES)
     smoothers = dict.fromkeys(name for given in smoother for name in given) or {"fixed-lag": None}
@@ -127,7 +127,7 @@ def evaluate(
     if shard is not None and against is not None:
         raise SettingError("--shard: a part of a study is compared with nothing; say --against when it is whole")
     settings = StudySettings(methods, noise_of(noise), pressure_of(pressure), first_pose)
-    learnt = TouchModel(model or SHIPPED)
+    learnt = TouchModel(model) if model else None
     files = find_recordings(folder, leave_out=out)
     before = None if against is None else read_scores(against)
     if against is not None and before is not None:

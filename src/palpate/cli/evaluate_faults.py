@@ -21,7 +21,7 @@ def evaluate_faults(
     from palpate.study.faults.bench import run_faults
     from palpate.study.faults.table import TABLE, rows_of, write_table
     from palpate.study.files import find_recordings
-    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.model import TouchModel
 
     if other_options:
         raise SettingError(f"--faults tracks by learnt touch as it ships; {', '.join(other_options)} cannot go with it")
@@ -32,8 +32,9 @@ def evaluate_faults(
         raise FileError(f"{out}: cannot be the folder of a report ({error.strerror})") from error
     if (out / TABLE).exists():
         raise FileError(f"{out / TABLE}: already exists; take another folder")
+    touch_model = TouchModel(model) if model else None
     with progress_bar("tracking", len(files)) as progress:
-        runs = run_faults(files, model=TouchModel(model or SHIPPED), workers=workers, progress=progress)
+        runs = run_faults(files, model=touch_model, workers=workers, progress=progress)
     write_table(out, runs)
     rows = rows_of(runs)
     if json:

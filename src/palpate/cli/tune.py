@@ -66,7 +66,7 @@ def tune(
     from palpate.estimation.settings_file import noise_of, write_noise
     from palpate.locks import only_writer
     from palpate.study.files import find_recordings
-    from palpate.touch.model import SHIPPED, TouchModel
+    from palpate.touch.model import TouchModel
     from palpate.tracker_settings import TrackerSettings
     from palpate.tuning.parameters import check_parameters
     from palpate.tuning.recorded_touch import record_touch_of_files
@@ -74,14 +74,13 @@ def tune(
     from palpate.tuning.tuning import tune as tune_settings
 
     begin = time.perf_counter()
-    learnt = tactile == "auto" or tactile.startswith("learnt")
     check_model(model, ["learnt" if tactile == "auto" else tactile])
     settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(start))
     check_parameters(settings, parameters, evaluations)
     _check_out(out, start)
     with only_writer(out):
         files = find_recordings(folder)
-        touch_model = TouchModel(model or SHIPPED) if learnt else None
+        touch_model = TouchModel(model) if model else None
         with progress_bar("reading touch", len(files)) as progress:
             recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
         for why in left_out.values():

@@ -30,7 +30,7 @@ class StudyFolder:
         self,
         path: Path,
         settings: StudySettings,
-        model: TouchModel,
+        model: TouchModel | None,
         resume: bool = False,
         shard: Shard | None = None,
     ) -> None:
@@ -46,7 +46,7 @@ class StudyFolder:
             "noise": asdict(settings.noise),
             "pressure": settings.pressure,
             "first_pose": settings.first_pose,
-            "model": model.hash,
+            "model": None if model is None else model.hash,
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
         self._recordings: dict[str, dict[str, Any]] = {}

@@ -71,7 +71,7 @@ class Outcome:
     """Why the recording cannot be read."""
 
 
-def do_job(job: Job, settings: StudySettings, model: TouchModel) -> Outcome:
+def do_job(job: Job, settings: StudySettings, model: TouchModel | None) -> Outcome:
     """Track one recording in its ways; what goes wrong is told and not raised, so that the study goes on."""
     try:
         recording = load_recording(job.path)

@@ -49,7 +49,7 @@ SOON = 2.0
 
 
 def results_of(
-    study: Study, settings: StudySettings, model: TouchModel, folder: Path, workers: int, command: str
+    study: Study, settings: StudySettings, model: TouchModel | None, folder: Path, workers: int, command: str
 ) -> dict[str, Any]:
     """Return the content of `results.json`, but `against`."""
     return {
@@ -59,7 +59,7 @@ def results_of(
             "noise_preset": next((name for name, preset in PRESETS.items() if preset == settings.noise), None),
             "noise": asdict(settings.noise),
             "pressure": settings.pressure,
-            "model": {"folder": str(model.folder), "hash": model.hash},
+            "model": None if model is None else {"folder": str(model.folder), "hash": model.hash},
             "first_pose": settings.first_pose,
         },
         "study": {

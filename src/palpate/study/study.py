@@ -19,7 +19,7 @@ from palpate.shards import Shard, part_of_work
 from palpate.study.folder import StudyFolder
 from palpate.study.job import Job, Outcome, StudySettings, do_job
 from palpate.study.trial import Method, Trial
-from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.model import TouchModel
 
 logger = logging.getLogger(__name__)
 DIED = "the process that tracked it died, which a lack of memory may explain"
@@ -58,7 +58,7 @@ def run_study(
 ) -> Study:
     """Track recordings, by name as `files.find_recordings` gives them, and write each trial to a folder.
 
-    `model` is that of learnt touch, by default the one that comes with palpate. `workers` and `dask` are those of
+    `model` is that of learnt touch, by default the one of each recording's sensor. `workers` and `dask` are those of
     `parallel.spread`; a cluster has to see the files under the same paths. Trials that are there are kept if `resume`,
     and otherwise an error. `progress` is called with the number of trials that are done, of one for each recording and
     method. Of a shard only its own recordings are tracked; other processes may be at the others meanwhile, and one
@@ -70,7 +70,6 @@ def run_study(
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
     if settings.first_pose is not None and not all(map(math.isfinite, settings.first_pose)):
         raise SettingError(f"first pose is {settings.first_pose}; it must be three finite numbers [m, m, rad]")
-    model = model or TouchModel(SHIPPED)
     files = dict(part_of_work(tuple(files.items()), shard))
     with held_folder(out, "the folder of a study", shard):
         folder = StudyFolder(out, settings, model, resume, shard)

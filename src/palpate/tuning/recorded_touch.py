@@ -50,7 +50,7 @@ class RecordedTouch:
 
 
 def record_touch(recording: Recording, tactile: TactileChoice, model: TouchModel | None = None) -> RecordedTouch:
-    """Record what all frames say, by default with the model that comes with palpate.
+    """Record what all frames say, by default with the model of its sensor.
 
     With `auto` that is learnt where there are images, and else the oracle's. Raises SettingError where ground truth, or
     what tells contact or the mode needs, is missing, or where nothing is touched while truth is known; EstimationError
