@@ -1,6 +1,7 @@
 """Bags whose headers claim absurd sizes, whose chunks unpack to more than they should, and worse databases."""
 
 import bz2
+import re
 import sqlite3
 import struct
 import tracemalloc
@@ -184,6 +185,38 @@ def test_a_database_that_computes_is_refused(database, statements):
     edited(database, *statements)
     with pytest.raises(FileError, match="has a table that is none of a bag's"):
         contents(database)
+
+
+ENDLESS = (
+    "drop table schema",
+    "create view schema(schema_version) as with recursive n(i) as (select 1 union all select i + 1 from n) "
+    "select i from n where i < 0",
+)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_no_database_of_a_folder_computes_whatever_its_name(database, packed):
+    edited(database, *ENDLESS)
+    folder, metadata = database.parent, database.parent / "metadata.yaml"
+    name = "bag.db3.zstd" if packed else "bag.sqlite"
+    data = database.read_bytes()
+    (folder / name).write_bytes(zstandard.ZstdCompressor().compress(data) if packed else data)
+    database.unlink()
+    mode = "compression_mode: FILE\n  compression_format: zstd\n" if packed else ""
+    metadata.write_text(re.sub(r"  compression_\w+:.*\n", "", metadata.read_text()).replace("bag.db3", name) + mode)
+    with pytest.raises(FileError, match="has a table that is none of a bag's" if packed else "no .mcap or .db3 file"):
+        contents(folder)
+
+
+def test_chunks_are_bounded_in_folders_too(tmp_path, monkeypatch):
+    folder = write_bag(tmp_path / "bag", "mcap", push_messages()).parent
+    (file,) = folder.glob("*.mcap")
+    file.write_bytes(MAGIC + chunk("zstd", BOMBS["zstd"](bytes(50_000_000)), 50_000_000))
+    text = (folder / "metadata.yaml").read_text()
+    (folder / "metadata.yaml").write_text(re.sub("compression_mode:.*", "compression_mode: MESSAGE", text))
+    monkeypatch.setenv("PALPATE_MAX_CHUNK_MB", "2")
+    with pytest.raises(FileError, match=r"bag\.mcap: holds a chunk of 2 MB"):
+        count_within(folder, 12_000_000)
 
 
 @pytest.mark.parametrize("change", ["data = 3000000000", "data = 'words'", "timestamp = '9now'"])

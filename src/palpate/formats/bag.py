@@ -39,7 +39,7 @@ def read_own(path: Path) -> Recording | Trajectory | None:
     from palpate.formats.bags.recording_mcap import read_recording_mcap
 
     check_installed()
-    if container_of(path) != "mcap" or path.is_dir():
+    if container_of(path) != "mcap":
         return None
     return read_recording_mcap(path) or read_live_mcap(path) or read_estimates_mcap(path)
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from bag_samples import (
     CONTAINERS,
     ROS1,
@@ -290,11 +291,23 @@ def test_a_ros1_bag_that_a_killed_recorder_left(tmp_path):
     assert found == sent[: len(found)]
 
 
-def test_a_database_that_is_cut(tmp_path):
-    folder = write_bag(tmp_path / "bag", "ros2", push_messages())
-    (file,) = folder.glob("*.db3")
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    with pytest.raises(FileError, match=r"cannot be opened \("):
+@pytest.mark.parametrize("mode", ["NONE", "FILE"])
+def test_a_database_that_is_cut(tmp_path, caplog, mode):
+    compression = rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD
+    folder = write_bag(tmp_path / "bag", "ros2", push_messages(), set_compression=compression)
+    (file,) = folder.glob("*.db3*")
+    if mode == "FILE":
+        database = zstandard.ZstdDecompressor().stream_reader(file.read_bytes()).read()
+        file.write_bytes(zstandard.ZstdCompressor().compress(database[: len(database) // 2]))
+    else:
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert contents(folder).cut
+    assert f"{file}: is cut off or damaged after" in caplog.text
+    file.write_bytes(b"")
+    with pytest.raises(FileError, match=r"bag\.db3.*: is empty"):
+        contents(folder)
+    file.unlink()
+    with pytest.raises(FileError, match=r"bag: has a metadata\.yaml and no \.mcap or \.db3 file"):
         contents(folder)
 
 

@@ -1,6 +1,5 @@
 """The three containers of bags, told by their first bytes, and the messages in them."""
 
-import re
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,13 +8,14 @@ from typing import Literal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file
 from palpate.formats.bags.mcap_file import MAGIC, mcap_messages
-from palpate.formats.bags.raw import CutShort, RawMessage
+from palpate.formats.bags.raw import RawMessage
 from palpate.formats.bags.ros1_file import FIRST_LINE, ros1_messages
-from palpate.formats.bags.ros2_file import bag_metadata, ros2_messages
+from palpate.formats.bags.ros2_folder import bag_files, folder_messages
+from palpate.formats.bags.sqlite_file import database_messages
 from palpate.limits import MESSAGES
 
 Container = Literal["mcap", "ros2", "ros1"]
-"""MCAP; SQLite or a compressed folder of ROS 2; a bag of ROS 1."""
+"""MCAP; SQLite or a folder of ROS 2; a bag of ROS 1."""
 
 FIRST_BYTES: dict[Container, bytes] = {"mcap": MAGIC, "ros2": b"SQLite format 3\x00", "ros1": FIRST_LINE}
 
@@ -27,7 +27,7 @@ LATEST = 2**62
 def container_of(path: Path) -> Container | None:
     """Which container a file or the folder of a ROS 2 bag is, or None."""
     if (path / "metadata.yaml").is_file():
-        return "ros2" if _compressed(path) or not _parts(path) else "mcap"
+        return "ros2"
     try:
         with path.open("rb") as file:
             start = file.read(16)
@@ -41,7 +41,7 @@ def existing_bag(path: Path | str) -> Path:
     path = Path(path)
     if (path / "metadata.yaml").is_file():
         return path
-    if path.is_dir() and (parts := [*_parts(path), *path.glob("*.db3")]):
+    if path.is_dir() and (parts := bag_files(path)):
         raise FileError(
             f"{path}: is a folder without metadata.yaml, as a recorder leaves it that was killed; give {parts[0]}"
         )
@@ -58,12 +58,10 @@ def raw_messages(path: Path) -> Iterator[RawMessage]:
     container = container_of(path)
     if container is None:
         raise FileError(f"{path}: is no bag; known are MCAP, ROS 2 .db3 or its folder, and ROS 1 .bag")
-    if container == "mcap":
-        messages = _parts_in_turn(path)
-    elif container == "ros1":
-        messages = ros1_messages(path)
+    if path.is_dir():
+        messages = folder_messages(path)
     else:
-        messages = ros2_messages(path)
+        messages = {"mcap": mcap_messages, "ros1": ros1_messages, "ros2": database_messages}[container](path)
     most = MESSAGES.value
     for count, raw in enumerate(messages, 1):
         if count > most:
@@ -81,24 +79,3 @@ def check_installed() -> None:
             raise SettingError(
                 f"reading and writing bags needs {name}, which is not installed: pip install palpate[ros]"
             )
-
-
-def _compressed(folder: Path) -> bool:
-    """Whether messages, or the files themselves, were compressed by the recorder."""
-    return bool(re.search(r"compression_mode:\W*(message|file)", bag_metadata(folder), re.IGNORECASE))
-
-
-def _parts(folder: Path) -> list[Path]:
-    """The MCAP files of a folder, which a recorder numbers where it splits a bag."""
-    return sorted(folder.glob("*.mcap"), key=lambda file: [int(digits) for digits in re.findall(r"\d+", file.stem)])
-
-
-def _parts_in_turn(path: Path) -> Iterator[RawMessage]:
-    cut: CutShort | None = None
-    for file in _parts(path) if path.is_dir() else [path]:
-        try:
-            yield from mcap_messages(file)
-        except CutShort as error:  # the parts after it may be whole
-            cut = error
-    if cut is not None:
-        raise cut

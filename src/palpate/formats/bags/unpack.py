@@ -1,7 +1,9 @@
 """Unpacking what a bag keeps packed, within bounds that no header of it can move."""
 
 import bz2
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -39,17 +41,26 @@ def unpacked(compression: str, data: bytes) -> bytes:
     return plain
 
 
-def check_unpacked(files: Iterable[Path]) -> None:
-    """FileError where files packed by Zstandard hold more than `limits.BAG`, all together, or are damaged."""
+@contextmanager
+def unpacked_files(files: list[Path]) -> Iterator[list[Path]]:
+    """Files packed by Zstandard as plain ones in a temporary folder, their names without the last suffix.
+
+    Raises FileError where they hold more than `limits.BAG`, all together, or are damaged.
+    """
     import zstandard
 
     size = 0
-    for path in files:
-        try:
-            with path.open("rb") as file:
-                reader = zstandard.ZstdDecompressor(max_window_size=WINDOW).stream_reader(file, read_across_frames=True)
-                while part := reader.read(PART):
-                    size += len(part)
-                    BAG.check(size, f"{path}: holds messages")
-        except (OSError, zstandard.ZstdError) as error:
-            raise FileError(f"{path}: is truncated or damaged ({error})") from error
+    with tempfile.TemporaryDirectory() as folder:
+        plain = [Path(folder) / path.stem for path in files]
+        for path, copy in zip(files, plain, strict=True):
+            decompressor = zstandard.ZstdDecompressor(max_window_size=WINDOW)
+            try:
+                with path.open("rb") as file, copy.open("wb") as whole:
+                    reader = decompressor.stream_reader(file, read_across_frames=True)
+                    while part := reader.read(PART):
+                        size += len(part)
+                        BAG.check(size, f"{path}: holds messages")
+                        whole.write(part)
+            except (OSError, zstandard.ZstdError) as error:
+                raise FileError(f"{path}: is truncated or damaged ({error})") from error
+        yield plain
