@@ -177,7 +177,7 @@ def bank(push: Push) -> Case:
                 windows[0].add(frame.sensor_pose, said, frame.time)
             else:
                 windows.append(Window(factors, push.model, priors, frame.sensor_pose, said, frame.time))
-            return windows[0].beliefs()
+            return windows[0].belief()
 
         return update
 

@@ -12,16 +12,19 @@ SCALE = 2.0  # of the kernels [standard deviations]
 
 
 def rows(of_terms: list[list[float]]) -> Array:
-    """(B, T, R) of two smoothers, of which the second one is not asked for."""
-    mine = np.array(of_terms, np.float64)
-    return np.stack([mine, np.full_like(mine, 1e6)])
+    """(B, T, R) of one smoother."""
+    return np.array([of_terms], np.float64)
 
 
 def costs(residual: Array, information: Array, weight: Array, places: list[list[int]], steps: int = 1) -> list[float]:
-    both = np.zeros((steps, 2))
-    add_costs(residual, information, weight, np.array(places, np.int64), both[:, 1])
-    assert not both[:, 0].any()
-    return both[:, 1].tolist()
+    both = np.zeros((2, steps, 2))
+    # Beside another smoother that is twice as far off, which changes nothing.
+    off, known, counts = (np.concatenate([one, one]) for one in (residual, information, weight))
+    off[1] *= 2.0
+    add_costs(off, known, counts, np.array(places, np.int64), both[..., 1])
+    assert not both[..., 0].any()
+    assert all(both[1, :, 1] >= both[0, :, 1])
+    return both[0, :, 1].tolist()
 
 
 def cauchy(square: float) -> float:
@@ -66,10 +69,10 @@ def test_a_term_costs_its_last_step():
     information = rows([[1.0], [1.0], [1.0], [1.0]])
     given = rows([[1.0], [2.0], [3.0], [4.0]])
     assert costs(given, information, information, [[0, 1], [1, 2], [0, 2], [2, 3]], 4) == [0.0, 0.5, 6.5, 8.0]
-    found = np.zeros((3, 2))
-    found[:, 0] = (10.0, 20.0, 30.0)
-    add_costs(given, information, information, np.array([[0], [1], [1], [2]], np.int64), found[:, 0])
-    assert found[:, 0].tolist() == [10.5, 20.0 + 2.0 + 4.5, 38.0]
+    found = np.zeros((1, 3, 2))
+    found[0, :, 0] = (10.0, 20.0, 30.0)
+    add_costs(given, information, information, np.array([[0], [1], [1], [2]], np.int64), found[..., 0])
+    assert found[0, :, 0].tolist() == [10.5, 20.0 + 2.0 + 4.5, 38.0]
 
 
 def test_mean_square_of_the_last_terms():
@@ -79,6 +82,6 @@ def test_mean_square_of_the_last_terms():
     places = np.array([[0, 1], [0, 2], [2, 3]], np.int64)
     squares = (2.0 * 9.0 + 1.0, 1.0 + 4.0 * 4.0, 4.0 * 0.25)
     for first, wanted in ((0, sum(squares) / 3), (1, sum(squares) / 3), (2, sum(squares[1:]) / 2), (3, squares[2])):
-        np.testing.assert_allclose(mean_square(given, information, places, first), wanted, rtol=1e-12)
-    assert mean_square(given, information, places, 4) == 0.0
-    assert mean_square(given[:, :0], information[:, :0], places[:0], 0) == 0.0
+        np.testing.assert_allclose(mean_square(given[0], information[0], places, first), wanted, rtol=1e-12)
+    assert mean_square(given[0], information[0], places, 4) == 0.0
+    assert mean_square(given[0, :0], information[0, :0], places[:0], 0) == 0.0

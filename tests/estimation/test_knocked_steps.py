@@ -10,12 +10,12 @@ from test_factors import STEP, numeric_jacobian, spread_jacobian
 from palpate.estimation.belief import Prior
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.factors.balance import Balance, BalanceSettings
-from palpate.estimation.factors.factor import Factor, Knock, Step, Terms
+from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.friction_cone import FrictionCone, FrictionConeSettings
 from palpate.estimation.factors.sticking import Sticking, StickingSettings
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.unknowns import GRIP, IN_OBJECT, SENSOR_IN_OBJECT
-from palpate.estimation.values import Values
+from palpate.estimation.unknowns import GRIP, IN_OBJECT, OF_STEP, SENSOR_IN_OBJECT
+from palpate.estimation.values import Knock, Values
 from palpate.estimation.window import Window
 from palpate.recording.measurements import ContactDirection
 
@@ -25,10 +25,17 @@ KNOCK = Knock(slid=4e-3, spread=6e-3)
 STEPS = 30
 
 
-def terms_with(factor: Factor, at: Values, knock: Knock | None) -> Terms:
-    arrived = factor.terms(Step(np.zeros(3), np.array([-1e-3, 0.0, 0.0]), (), [0.0, 1.0], knock=knock))
+def terms_of(factor: Factor) -> Terms:
+    arrived = factor.terms(Step(np.zeros(3), np.array([-1e-3, 0.0, 0.0]), (), [0.0, 1.0]))
     assert arrived is not None
     return Terms(arrived.places + 1, arrived.data)
+
+
+def knocked(at: Values) -> Values:
+    """The values with a knock in the last step."""
+    knocks = np.zeros((at.smoothers, at.steps, 2))
+    knocks[:, -1] = KNOCK.slid, KNOCK.spread
+    return Values(at.model, {one: at[one] for one in OF_STEP}, at.shared, knocks)
 
 
 def touching_left_side(y: float) -> np.ndarray:
@@ -44,7 +51,7 @@ def two_steps(y0: float, y1: float) -> Values:
 def test_a_slide_along_the_outline_less_what_is_expected():
     """Counter-clockwise is down the left side, where the sensor goes, so that the object slides the other way."""
     factor, at = Sticking(StickingSettings(), MODEL), two_steps(0.01, 0.003)
-    rows = factor.linearise(at, terms_with(factor, at, KNOCK))
+    rows = factor.linearise(knocked(at), terms_of(factor))
     np.testing.assert_allclose(rows.residual[0, 0], [-0.007 - KNOCK.slid, 0.0], atol=1e-9)
     np.testing.assert_allclose(rows.information[0, 0], [KNOCK.spread**-2, 2e-3**-2])
     np.testing.assert_array_equal(rows.weight, rows.information)
@@ -57,9 +64,9 @@ def test_the_jacobian_of_a_knocked_step(shape, radius):
     g = np.stack(
         [np.array([-0.07, 0.01, 0.2]) + random.normal(0, [4e-3, 4e-3, 0.1], (20, 3)) for _ in range(2)], axis=1
     )
-    at = values_at(model, g)
+    at = knocked(values_at(model, g))
     factor = Sticking(StickingSettings(), model)
-    terms = terms_with(factor, at, KNOCK)
+    terms = terms_of(factor)
     difference = numeric_jacobian(factor, at, terms) - spread_jacobian(factor, at, terms)
     assert np.abs(difference).max() < 1e-6 + STEP
 
@@ -67,8 +74,8 @@ def test_the_jacobian_of_a_knocked_step(shape, radius):
 def test_nothing_of_pushing_holds_in_a_knocked_step():
     at = two_steps(0.01, 0.03)
     for factor in (Balance(BalanceSettings(), MODEL), FrictionCone(FrictionConeSettings(), MODEL)):
-        assert (factor.linearise(at, terms_with(factor, at, None)).information > 0.0).all()
-        rows = factor.linearise(at, terms_with(factor, at, KNOCK))
+        assert (factor.linearise(at, terms_of(factor)).information > 0.0).all()
+        rows = factor.linearise(knocked(at), terms_of(factor))
         assert not rows.weight.any() and not rows.information.any()
 
 
@@ -104,7 +111,7 @@ def along(window: Window) -> float:
 
 
 def deviation_along(window: Window) -> float:
-    covariance = window.beliefs()[0].prior.pose_covariance
+    covariance = window.belief().prior.pose_covariance
     return math.sqrt(covariance[1, 1])
 
 
@@ -129,7 +136,7 @@ def test_a_knocked_window_and_the_one_it_comes_from_go_their_own_ways():
         for each in (window, alone, other):
             each.add(pose, [ContactDirection(0.0, 1e-4)], (STEPS + index) / 30)
     np.testing.assert_array_equal(window.values[SENSOR_IN_OBJECT], alone.values[SENSOR_IN_OBJECT])
-    assert len(window.costs()) == len(other.costs()) == STEPS + 5
+    assert window.costs().shape == other.costs().shape == (1, STEPS + 5, 2)
 
 
 def test_the_balance_tells_after_a_knock_how_far_it_slid():
@@ -145,8 +152,8 @@ def test_the_balance_tells_after_a_knock_how_far_it_slid():
 def test_grip_is_believed_to_be_another_one():
     window, _ = window_of()
     other = window.knocked(8, (0.0, 0.01), (NOISE.priors.grip, (0.15, 0.05)))
-    assert window.beliefs()[0].values[IN_OBJECT[GRIP]] == pytest.approx(NOISE.priors.grip[0], abs=0.02)
-    assert other.beliefs()[0].values[IN_OBJECT[GRIP]] == pytest.approx(0.15, abs=0.02)
+    assert window.belief().values[IN_OBJECT[GRIP]] == pytest.approx(NOISE.priors.grip[0], abs=0.02)
+    assert other.belief().values[IN_OBJECT[GRIP]] == pytest.approx(0.15, abs=0.02)
 
 
 def test_a_tip_that_is_moved_aside_costs_pushing_and_not_what_is_measured():
@@ -155,6 +162,6 @@ def test_a_tip_that_is_moved_aside_costs_pushing_and_not_what_is_measured():
         window.add(
             way[-1] + np.array([0.0, 4e-3 * (index + 1), 0.0]), [ContactDirection(0.0, 1e-4)], (STEPS + index) / 30
         )
-    measured, pushing = window.costs()[-3:].sum(axis=0)
+    measured, pushing = window.costs()[0, -3:].sum(axis=0)
     assert pushing > 10 * measured
     assert window.mean_square("sticking", 3) > 10 * window.mean_square("sticking", STEPS + 3) / 3

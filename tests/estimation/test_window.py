@@ -25,11 +25,12 @@ from smoother_samples import (
     without_relative,
 )
 
-from palpate.errors import SettingError
+from palpate.errors import EstimationError, SettingError
 from palpate.estimation.belief import Prior
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.unknowns import OBJECT_SIZE, SENSOR, SENSOR_IN_OBJECT, TURN_OFFSET
+from palpate.estimation.values import Knock
 from palpate.estimation.window import Window
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement, ObjectPose, RelativePoses, Turn
@@ -57,7 +58,7 @@ def test_the_first_turn_of_a_contact_says_the_offset(angle):
     given, noise = contact(3, ROBUST), with_settings(ROBUST, turn={"kernel": 0.1})
     window = Window(make_factors(noise, given.model), given.model, [given.prior], given.sensor[0])
     window.add(given.sensor[1], [Turn(angle, FELT**2)], 1 / RATE)
-    assert se2.wrap(offset_of(window) + angle - float(window.beliefs()[0].g[2])) == pytest.approx(0.0, abs=1e-3)
+    assert se2.wrap(offset_of(window) + angle - float(window.belief().g[2])) == pytest.approx(0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("said", [(0, 1, 2, 28, 29, 30), (15, 16, 29, 30)])
@@ -160,7 +161,7 @@ def test_a_bank_of_smoothers_is_each_as_alone(what):
     assert together.values.smoothers == 4
     for k, prior in enumerate(priors):
         alone = window_of(given, ROBUST, 100, [prior])
-        mine, belief = alone.beliefs()[0], together.beliefs()[k]
+        mine, belief = alone.belief(), together.belief(k)
         for name in ("g", "e", "values"):
             np.testing.assert_allclose(getattr(belief, name), getattr(mine, name), atol=1e-9)
         assert scaled_difference(belief, mine)[1] < 1e-6
@@ -177,14 +178,54 @@ def test_a_bank_of_smoothers_on_a_window_that_moves_on(what):
     given = BANKS[what]()
     priors = bank_of(given, 3)
     together = window_of(given, ROBUST, 6, priors)
-    for prior, belief in zip(priors, together.beliefs(), strict=True):
-        assert max(scaled_difference(belief, window_of(given, ROBUST, 6, [prior]).beliefs()[0])) < 0.05
+    for k, prior in enumerate(priors):
+        assert max(scaled_difference(together.belief(k), window_of(given, ROBUST, 6, [prior]).belief())) < 0.05
     # The same three times is the same.
     together = window_of(given, ROBUST, 6, [given.prior] * 3)
-    alone = window_of(given, ROBUST, 6).beliefs()[0]
-    for belief in together.beliefs():
-        np.testing.assert_allclose(belief.g, alone.g, atol=1e-9)
-        assert scaled_difference(belief, alone)[1] < 1e-6
+    alone = window_of(given, ROBUST, 6).belief()
+    for k in range(3):
+        np.testing.assert_allclose(together.belief(k).g, alone.g, atol=1e-9)
+        assert scaled_difference(together.belief(k), alone)[1] < 1e-6
+
+
+@pytest.mark.parametrize("what", BANKS)
+def test_smoothers_go_on_together_or_apart(what):
+    # Taken out of one bank and another, and given one more frame with a knock for one of them, each is as it was alone.
+    given = BANKS[what]()
+    priors = bank_of(given, 3)
+    first, second = (window_of(given, ROBUST, 6, some) for some in ([priors[0], priors[1]], [priors[2], priors[0]]))
+    bank = Window.bank([(second, 0), (first, 1)])
+    alone = [Window.bank([(second, 0)]), Window.bank([(first, 1)])]
+    knocks = Knock(2e-3, 5e-3), None
+    for one, knock in zip(alone, knocks, strict=True):
+        one.add(given.sensor[-1], given.said(12), 13 / RATE, [knock])
+    before = first.belief(1).g.copy()
+    bank.add(given.sensor[-1], given.said(12), 13 / RATE, knocks)
+    np.testing.assert_array_equal(first.belief(1).g, before)
+    for k, one in enumerate(alone):
+        np.testing.assert_allclose(bank.belief(k).g, one.belief().g, atol=1e-4)
+        assert scaled_difference(bank.belief(k), one.belief())[1] < 0.02
+        for path, wanted in zip(bank.path(), one.path(), strict=True):
+            assert path[k].shape == (14, 3)
+            np.testing.assert_allclose(path[k], wanted[0], atol=1e-4)
+        np.testing.assert_allclose(bank.costs()[k, :-1], one.costs()[0, :-1], atol=0.1)
+    # What is asked for of one of them is its own.
+    knocked, other = (window.values.knocks[0, -1] for window in alone)
+    assert knocked.tolist() == [2e-3, 5e-3] and not other.any()
+
+
+def test_a_smoother_without_a_solution_leaves_the_others_theirs():
+    given = without_relative(felt(contact(6, ROBUST)))
+    priors = bank_of(given, 2)
+    together, alone = window_of(given, ROBUST, 6, priors), window_of(given, ROBUST, 6, priors[1:])
+    together._past.information[0] = np.nan
+    for window in (together, alone):
+        window.add(given.sensor[-1], given.said(6), 7 / RATE)
+    assert together.is_lost.tolist() == [True, False]
+    assert max(scaled_difference(together.belief(1), alone.belief())) < 1e-3
+    alone._past.information[:] = np.nan
+    with pytest.raises(EstimationError, match="the linear system of the window is indeterminate"):
+        alone.add(given.sensor[-1], given.said(6), 8 / RATE)
 
 
 def object_poses(given: Contact) -> Array:
@@ -221,14 +262,14 @@ def watched(given: Contact, noise: NoiseSettings, lag: int, backs: tuple[int, ..
 def test_a_late_measurement_is_of_the_step_of_its_time(backs):
     # A window from which steps leave, against one that holds them all: what comes late is not in the order of steps.
     given = without_relative(felt(contact(40, SURE_OF_FRICTION), turn=False))
-    short, whole = (watched(given, SURE_OF_FRICTION, lag, backs).beliefs()[0] for lag in (8, 100))
+    short, whole = (watched(given, SURE_OF_FRICTION, lag, backs).belief() for lag in (8, 100))
     assert max(scaled_difference(short, whole)) < 0.05
 
 
 def test_a_measurement_that_comes_later_says_the_same_in_the_end():
     given = without_relative(contact(30, PLAIN))
     # By the last frame those that are late lack what was seen in the last four frames; they get the rest.
-    late = watched(given, PLAIN, 100, (0,), delay=4).beliefs()[0]
+    late = watched(given, PLAIN, 100, (0,), delay=4).belief()
     last = len(given.sensor)
     window = None
     for t in range(last):
@@ -239,7 +280,7 @@ def test_a_measurement_that_comes_later_says_the_same_in_the_end():
         else:
             window.add(given.sensor[t], said, t / RATE)
     assert window is not None
-    assert max(scaled_difference(late, window.beliefs()[0])) < 0.02
+    assert max(scaled_difference(late, window.belief())) < 0.02
 
 
 @pytest.mark.parametrize("time", [-5.0, float("nan"), 99.0])

@@ -7,9 +7,9 @@ import math
 from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.compiled import Array, Places, compiled
-from palpate.errors import EstimationError
 from palpate.estimation.factors.factor import Columns, Rows
 from palpate.estimation.normal_equations import LAST_SIZE, Gaussian, Solution, cholesky_root, divide_by_root
 from palpate.estimation.unknowns import SHARED_SIZE, STEP_SIZE
@@ -49,12 +49,12 @@ class BandedEquations:
         self._edge += gradient[:, end:]
 
     def solve(self) -> Solution:
-        """Return the solution; raises EstimationError where there is none."""
+        """Return the solution."""
         covariance = np.empty((len(self._edge), LAST_SIZE, LAST_SIZE))
+        is_found = np.empty(len(self._edge), np.bool_)
         parts = self._own, self._next, self._border, self._corner, self._gradient, self._edge
-        if not _solve_banded(*parts, covariance):
-            raise EstimationError("the linear system of the window is indeterminate")
-        return Solution(self._gradient, self._edge, covariance)
+        _solve_banded(*parts, covariance, is_found)
+        return Solution(self._gradient, self._edge, covariance, is_found)
 
 
 @compiled
@@ -105,86 +105,103 @@ def _add_banded(
 
 @compiled
 def _solve_banded(
+    own: Array,
+    nearby: Array,
+    border: Array,
+    corner: Array,
+    gradient: Array,
+    edge: Array,
+    covariance: Array,
+    is_found: NDArray[np.bool_],
+) -> None:
+    """Solve in place for each smoother: gradient and edge become the changes, 0 where there is no solution."""
+    for b in range(len(is_found)):
+        is_found[b] = _solve_one(own[b], nearby[b], border[b], corner[b], gradient[b], edge[b], covariance[b])
+        if not is_found[b]:
+            gradient[b], edge[b] = 0.0, 0.0
+
+
+@compiled
+def _solve_one(
     own: Array, nearby: Array, border: Array, corner: Array, gradient: Array, edge: Array, covariance: Array
 ) -> bool:
     """Solve in place: gradient and edge become the changes, covariance that of the last step and what is shared.
 
     A block Cholesky factorisation from the oldest step to the newest, what is shared last. False where there is none.
     """
-    smoothers, steps = gradient.shape[:2]
+    steps = len(gradient)
     last = np.zeros((LAST_SIZE, LAST_SIZE))
     inverse = np.zeros((LAST_SIZE, LAST_SIZE))
-    for b in range(smoothers):
-        for k in range(steps):
-            root, y = own[b, k], gradient[b, k]
-            if not cholesky_root(root, STEP_SIZE):
-                return False
-            for i in range(STEP_SIZE):
-                for j in range(i):
-                    y[i] -= root[i, j] * y[j]
-                y[i] /= root[i, i]
-            divide_by_root(border[b, k], root)
-            for i in range(SHARED_SIZE):
+    for k in range(steps):
+        root, y = own[k], gradient[k]
+        if not cholesky_root(root, STEP_SIZE):
+            return False
+        for i in range(STEP_SIZE):
+            for j in range(i):
+                y[i] -= root[i, j] * y[j]
+            y[i] /= root[i, i]
+        divide_by_root(border[k], root)
+        for i in range(SHARED_SIZE):
+            for c in range(STEP_SIZE):
+                edge[i] -= border[k, i, c] * y[c]
+            for j in range(i + 1):
                 for c in range(STEP_SIZE):
-                    edge[b, i] -= border[b, k, i, c] * y[c]
+                    corner[i, j] -= border[k, i, c] * border[k, j, c]
+        if k + 1 < steps:
+            ahead = nearby[k]
+            divide_by_root(ahead, root)
+            for i in range(STEP_SIZE):
+                for c in range(STEP_SIZE):
+                    gradient[k + 1, i] -= ahead[i, c] * y[c]
                 for j in range(i + 1):
                     for c in range(STEP_SIZE):
-                        corner[b, i, j] -= border[b, k, i, c] * border[b, k, j, c]
-            if k + 1 < steps:
-                ahead = nearby[b, k]
-                divide_by_root(ahead, root)
-                for i in range(STEP_SIZE):
+                        own[k + 1, i, j] -= ahead[i, c] * ahead[j, c]
+            for i in range(SHARED_SIZE):
+                for j in range(STEP_SIZE):
                     for c in range(STEP_SIZE):
-                        gradient[b, k + 1, i] -= ahead[i, c] * y[c]
-                    for j in range(i + 1):
-                        for c in range(STEP_SIZE):
-                            own[b, k + 1, i, j] -= ahead[i, c] * ahead[j, c]
-                for i in range(SHARED_SIZE):
-                    for j in range(STEP_SIZE):
-                        for c in range(STEP_SIZE):
-                            border[b, k + 1, i, j] -= border[b, k, i, c] * ahead[j, c]
-        if not cholesky_root(corner[b], SHARED_SIZE):
-            return False
-        for i in range(LAST_SIZE):
-            for j in range(i + 1):
-                if i < STEP_SIZE:
-                    last[i, j] = own[b, steps - 1, i, j]
-                elif j < STEP_SIZE:
-                    last[i, j] = border[b, steps - 1, i - STEP_SIZE, j]
-                else:
-                    last[i, j] = corner[b, i - STEP_SIZE, j - STEP_SIZE]
+                        border[k + 1, i, j] -= border[k, i, c] * ahead[j, c]
+    if not cholesky_root(corner, SHARED_SIZE):
+        return False
+    for i in range(LAST_SIZE):
+        for j in range(i + 1):
+            if i < STEP_SIZE:
+                last[i, j] = own[steps - 1, i, j]
+            elif j < STEP_SIZE:
+                last[i, j] = border[steps - 1, i - STEP_SIZE, j]
+            else:
+                last[i, j] = corner[i - STEP_SIZE, j - STEP_SIZE]
+    for j in range(LAST_SIZE):
+        for i in range(j, LAST_SIZE):
+            total = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                total -= last[i, k] * inverse[k, j]
+            inverse[i, j] = total / last[i, i]
+    for i in range(LAST_SIZE):
         for j in range(LAST_SIZE):
-            for i in range(j, LAST_SIZE):
-                total = 1.0 if i == j else 0.0
-                for k in range(j, i):
-                    total -= last[i, k] * inverse[k, j]
-                inverse[i, j] = total / last[i, i]
-        for i in range(LAST_SIZE):
-            for j in range(LAST_SIZE):
-                total = 0.0
-                for k in range(max(i, j), LAST_SIZE):
-                    total += inverse[k, i] * inverse[k, j]
-                covariance[b, i, j] = total
-        for i in range(SHARED_SIZE):
-            for j in range(i):
-                edge[b, i] -= corner[b, i, j] * edge[b, j]
-            edge[b, i] /= corner[b, i, i]
-        for i in range(SHARED_SIZE - 1, -1, -1):
-            for j in range(i + 1, SHARED_SIZE):
-                edge[b, i] -= corner[b, j, i] * edge[b, j]
-            edge[b, i] /= corner[b, i, i]
-        for k in range(steps - 1, -1, -1):
-            root, y = own[b, k], gradient[b, k]
-            for c in range(STEP_SIZE):
-                for i in range(SHARED_SIZE):
-                    y[c] -= border[b, k, i, c] * edge[b, i]
-                if k + 1 < steps:
-                    for i in range(STEP_SIZE):
-                        y[c] -= nearby[b, k, i, c] * gradient[b, k + 1, i]
-            for i in range(STEP_SIZE - 1, -1, -1):
-                for j in range(i + 1, STEP_SIZE):
-                    y[i] -= root[j, i] * y[j]
-                y[i] /= root[i, i]
-                if not math.isfinite(y[i]):
-                    return False
+            total = 0.0
+            for k in range(max(i, j), LAST_SIZE):
+                total += inverse[k, i] * inverse[k, j]
+            covariance[i, j] = total
+    for i in range(SHARED_SIZE):
+        for j in range(i):
+            edge[i] -= corner[i, j] * edge[j]
+        edge[i] /= corner[i, i]
+    for i in range(SHARED_SIZE - 1, -1, -1):
+        for j in range(i + 1, SHARED_SIZE):
+            edge[i] -= corner[j, i] * edge[j]
+        edge[i] /= corner[i, i]
+    for k in range(steps - 1, -1, -1):
+        root, y = own[k], gradient[k]
+        for c in range(STEP_SIZE):
+            for i in range(SHARED_SIZE):
+                y[c] -= border[k, i, c] * edge[i]
+            if k + 1 < steps:
+                for i in range(STEP_SIZE):
+                    y[c] -= nearby[k, i, c] * gradient[k + 1, i]
+        for i in range(STEP_SIZE - 1, -1, -1):
+            for j in range(i + 1, STEP_SIZE):
+                y[i] -= root[j, i] * y[j]
+            y[i] /= root[i, i]
+            if not math.isfinite(y[i]):
+                return False
     return True

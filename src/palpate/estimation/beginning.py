@@ -104,6 +104,6 @@ def log_sum(logs: Sequence[float]) -> float:
     return float(np.logaddexp.reduce(logs))
 
 
-def are_near(pose: Array, other: Array) -> bool:
-    """Return whether two poses are much the same."""
-    return bool((np.abs(se2.log(se2.between(pose, other))) < _SAME).all())
+def are_near(pose: Array, others: Array) -> NDArray[np.bool_]:
+    """Return whether a pose (3,) and each of others (..., 3) are much the same."""
+    return np.all(np.abs(se2.log(se2.between(pose, others))) < _SAME, axis=-1)

@@ -7,7 +7,6 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from palpate.compiled import Array, Places, compiled
-from palpate.errors import EstimationError
 from palpate.estimation.factors.factor import Columns, Rows
 from palpate.estimation.normal_equations import LAST_SIZE, Gaussian, Solution, cholesky_root, divide_by_root
 from palpate.estimation.unknowns import SHARED_SIZE, STEP_SIZE
@@ -40,32 +39,34 @@ class DenseEquations:
         _add_gaussian(gaussian.information, gaussian.gradient, STEP_SIZE * gaussian.steps, self._matrix, self._vector)
 
     def solve(self) -> Solution:
-        """Return the solution; raises EstimationError where there is none."""
+        """Return the solution."""
         from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
         covariance = np.empty((len(self._vector), LAST_SIZE, LAST_SIZE))
-        change = np.empty_like(self._vector)
-        for matrix, vector, end, solved in zip(self._matrix, self._vector, covariance, change, strict=True):
+        change = np.zeros_like(self._vector)
+        is_found = np.zeros(len(change), np.bool_)
+        for b, (matrix, vector) in enumerate(zip(self._matrix, self._vector, strict=True)):
             try:
                 # Transposed, the matrix is in LAPACK's order and need not be copied.
                 root, _ = factor = cho_factor(matrix.T, overwrite_a=True, check_finite=False)
             except LinAlgError:
-                raise EstimationError("the linear system of the window is indeterminate") from None
-            solved[:] = cho_solve(factor, vector, check_finite=False)
-            last = np.linalg.inv(np.triu(root[-LAST_SIZE:, -LAST_SIZE:]))
-            end[:] = last @ last.T
-        if not np.isfinite(change).all():
-            raise EstimationError("the solution of the window is not finite")
+                continue
+            solved = cho_solve(factor, vector, check_finite=False)
+            if np.isfinite(solved).all():
+                last = np.linalg.inv(np.triu(root[-LAST_SIZE:, -LAST_SIZE:]))
+                change[b], covariance[b], is_found[b] = solved, last @ last.T, True
         return Solution(
-            change[:, : self._size].reshape(len(change), -1, STEP_SIZE), change[:, self._size :], covariance
+            change[:, : self._size].reshape(len(change), -1, STEP_SIZE), change[:, self._size :], covariance, is_found
         )
 
     def without_oldest(self) -> Gaussian:
-        """Return what remains on the other steps and what is shared when the oldest step is eliminated."""
+        """Return what remains on the other steps and what is shared when the oldest step is eliminated.
+
+        It is NaN where that step is indeterminate, and no solution is found then.
+        """
         smoothers, rest = len(self._vector), self._size + SHARED_SIZE - STEP_SIZE
         left, gradient = np.empty((smoothers, rest, rest)), np.empty((smoothers, rest))
-        if not _eliminate_first(self._matrix, self._vector, left, gradient):
-            raise EstimationError("the step that leaves the window is indeterminate")
+        _eliminate_first(self._matrix, self._vector, left, gradient)
         return Gaussian(self._size // STEP_SIZE - 1, left, gradient)
 
 
@@ -125,12 +126,13 @@ def _add_gaussian(information: Array, gradient: Array, steps_end: int, matrix: A
 
 
 @compiled
-def _eliminate_first(matrix: Array, vector: Array, left: Array, gradient: Array) -> bool:
-    """Put what is left of the equations without the first step into left and gradient; False where it has no root."""
+def _eliminate_first(matrix: Array, vector: Array, left: Array, gradient: Array) -> None:
+    """Put what is left of the equations without the first step into left and gradient; NaN where it has no root."""
     size = STEP_SIZE
     for b in range(len(vector)):
         if not cholesky_root(matrix[b], size):
-            return False
+            left[b], gradient[b] = np.nan, np.nan
+            continue
         root, y = matrix[b, :size, :size], vector[b]
         for i in range(size):
             for j in range(i):
@@ -148,4 +150,3 @@ def _eliminate_first(matrix: Array, vector: Array, left: Array, gradient: Array)
                 for c in range(size):
                     total -= rest[i, c] * rest[j, c]
                 left[b, i, j] = left[b, j, i] = total
-    return True

@@ -9,8 +9,8 @@ import numpy as np
 from palpate.errors import EstimationError
 from palpate.estimation.beginning import UNLIKELY
 from palpate.estimation.estimator import Estimator
-from palpate.estimation.factors.factor import Knock
 from palpate.estimation.unknowns import Priors
+from palpate.estimation.values import Knock
 from palpate.estimation.weighing import SLIPPERY, Hypothesis
 
 _ALARMS = (("relative_pose", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))

@@ -13,13 +13,13 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import Diagnosis, Status
 from palpate.estimation.factor_list import make_factors
-from palpate.estimation.factors.factor import Knock
-from palpate.estimation.fixed_lag import FixedLag
+from palpate.estimation.fixed_lag import FixedLag, add_to_all
 from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
 from palpate.estimation.touched import Touched, touched
 from palpate.estimation.unknowns import Normal
+from palpate.estimation.values import Knock
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
@@ -154,22 +154,18 @@ class Estimator:
         """What is known of the object if nothing moved it since it was last touched."""
         return self.known.loosened(np.diag(np.square(self._settings.first_pose.rest)))
 
-    def touch(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, knock: Knock | None = None
-    ) -> None:
-        """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost.
-
-        `knock` is what else may have moved the object since the last frame.
-        """
+    def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+        """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost."""
         if self._contact is None:
             self.known = self.expected(sensor_pose, measurements) if self._start is None else self._start
             self._start = None
             self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
-        elif knock is not None and isinstance(self._contact, FixedLag):
-            self._contact.add(sensor_pose, measurements, time, knock)
         else:
             self._contact.add(sensor_pose, measurements, time)
-        self._believe(self._contact, sensor_pose, knock is not None)
+        self._take_touch(self._contact, sensor_pose, time)
+
+    def _take_touch(self, contact: Smoother, sensor_pose: Array, time: float, knocked: bool = False) -> None:
+        self._believe(contact, sensor_pose, knocked)
         self._touched = sensor_pose, time
         self.status = self._diagnosis.in_contact(self.known)
 
@@ -234,6 +230,27 @@ class Estimator:
             self.known = known
             self._diagnosis.forget_displacement()
             self._touched = None  # it may have been found elsewhere
+
+
+def touch_on(
+    estimators: Sequence[Estimator],
+    sensor_pose: Array,
+    measurements: Sequence[Measurement],
+    time: float,
+    knocks: Sequence[Knock | None],
+) -> list[bool]:
+    """Let estimators of one contact take its next frame, their windows in one call; return which graphs are solved.
+
+    `knocks` are what each thinks may have moved the object since the last frame besides. Raises EstimationError where
+    no graph is solved.
+    """
+    contacts = [one._contact for one in estimators if isinstance(one._contact, FixedLag)]
+    add_to_all(contacts, sensor_pose, measurements, time, knocks)
+    is_solved = [contact.is_solved for contact in contacts]
+    for one, contact, knock, solved in zip(estimators, contacts, knocks, is_solved, strict=True):
+        if solved:
+            one._take_touch(contact, sensor_pose, time, knock is not None)
+    return is_solved
 
 
 def _object_path(contact: Smoother) -> Array:

@@ -26,7 +26,7 @@ from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.disturbed import AHEAD, BACK, SPREAD, STILL_GOING_ON, disturbed, is_contradicted
-from palpate.estimation.estimator import Estimator
+from palpate.estimation.estimator import Estimator, touch_on
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places
@@ -137,8 +137,7 @@ class Hypotheses:
         if len(self._all) == 1:
             return self._best.estimator.covariance
         total = np.zeros((3, 3))
-        for one in self._all:
-            apart = self._from_best(one)
+        for one, apart in zip(self._all, self._from_best, strict=True):
             total += one.weight * (one.estimator.covariance + np.outer(apart, apart))
         return total
 
@@ -146,8 +145,9 @@ class Hypotheses:
     def status(self) -> Status:
         """What to make of it."""
         if sum(one.weight > 0.0 for one in self._all) > 1:
-            far = any(one.weight > _TOLD and (np.abs(self._from_best(one)) > _APART).any() for one in self._all)
-            if far or (np.diagonal(self.covariance) > _APART**2).any():
+            is_likely = np.array([one.weight > _TOLD for one in self._all])
+            is_far = (np.abs(self._from_best) > _APART).any(axis=1)
+            if (is_likely & is_far).any() or (np.diagonal(self.covariance) > _APART**2).any():
                 return "ambiguous"
         return self._best.estimator.status
 
@@ -156,7 +156,7 @@ class Hypotheses:
         """Why the status is what it is, in words; nothing where all is well."""
         if self.status != "ambiguous":
             return REASONS[self.status]
-        apart = np.array([np.abs(self._from_best(one)) for one in self._all if one.weight > 0.5 * POOR])
+        apart = np.abs(self._from_best[[one.weight > 0.5 * POOR for one in self._all]])
         far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
         return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 
@@ -190,7 +190,13 @@ class Hypotheses:
                 self._untouched = []
             if self._most > 1 and self._model.tips == 1:
                 self._all = self._begun(sensor_pose, measurements)
-        self._all = self._touched(sensor_pose, measurements, time)
+            self._all = self._solved(lambda one: one.estimator.touch(sensor_pose, measurements, time), time)
+        elif self._most > 1:
+            self._all = self._touched(sensor_pose, measurements, time)
+        else:
+            self._best.estimator.touch(sensor_pose, measurements, time)
+        for one in self._all:
+            one.age += 1
         self._steps += 1
         if self._most > 1:
             if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self.is_contradicted:
@@ -232,18 +238,17 @@ class Hypotheses:
         share_out(self._all)
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[Hypothesis]:
-        """All hypotheses that can be solved with one more frame; the last error where none can."""
-
-        def touch(one: Hypothesis) -> None:
-            knock = None
-            if one.open and self._steps:
-                knock = STILL_GOING_ON
+        """All hypotheses that can be solved with one more frame of the contact; EstimationError where none can."""
+        estimators, knocks = (
+            [one.estimator for one in self._all],
+            [STILL_GOING_ON if one.open else None for one in self._all],
+        )
+        is_solved = touch_on(estimators, sensor_pose, measurements, time, knocks)
+        for one in self._all:
+            if one.open:
                 one.open -= 1
                 one.broken = [*one.broken, (self._steps, self._steps + 1)]
-            one.estimator.touch(sensor_pose, measurements, time, knock)
-            one.age += 1
-
-        return self._solved(touch, time)
+        return [one for one, solved in zip(self._all, is_solved, strict=True) if solved]
 
     def _solved(self, take: Callable[[Hypothesis], None], time: float) -> list[Hypothesis]:
         """All hypotheses that can take a frame; the last error where none can."""
@@ -281,5 +286,8 @@ class Hypotheses:
         self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
         self._is_found |= not is_rough(self.known)
 
-    def _from_best(self, one: Hypothesis) -> Array:
-        return se2.log(se2.between(self._best.estimator.known.pose, one.estimator.known.pose))
+    @property
+    def _from_best(self) -> Array:
+        """How far the pose of each is from that of the best (H, 3), tangent space there."""
+        poses = np.array([one.estimator.known.pose for one in self._all])
+        return se2.log(se2.between(poses[0], poses))

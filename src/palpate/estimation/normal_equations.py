@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.compiled import Array, compiled
 from palpate.estimation.unknowns import SHARED_SIZE, STEP_SIZE, Normal
@@ -27,6 +28,8 @@ class Solution(NamedTuple):
     """Change of what they share, (B, SHARED_SIZE)."""
     covariance: Array
     """Joint covariance of the last step and what is shared, (B, LAST_SIZE, LAST_SIZE)."""
+    is_found: NDArray[np.bool_]
+    """Whether there is one (B,); nothing changes where there is none."""
 
 
 @dataclass(frozen=True, eq=False)

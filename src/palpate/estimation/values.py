@@ -1,6 +1,7 @@
 """Values of all unknowns, and what follows from them that several factors need."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.compiled import Array, compiled
 from palpate.estimation.contact_model import TOUCHING, ContactModel, pushing_angles
-from palpate.estimation.planar import between, exp_onto, log
+from palpate.estimation.planar import between, exp_onto, log, position, rotation, wrap
 from palpate.estimation.unknowns import (
     FRICTION_CENTER,
     IN_SHARED,
@@ -21,9 +22,23 @@ from palpate.estimation.unknowns import (
     Unknown,
 )
 
-State = tuple[Array, Array, Array, Any, Array, float, complex]
+State = tuple[Array, Array, Array, Any, Array, float, complex, Array]
 """What a kernel takes of values: g and e (B, N, 3), what is shared (SHARED_SIZE, B), TOUCHING (B, N, tips), the angle
-of the pushing force (B, N, tips) [rad], c [m] of the model and its centre of friction [m]."""
+of the pushing force (B, N, tips) [rad], c [m] of the model and its centre of friction [m], and knocks (B, N, 2)."""
+
+
+@dataclass(frozen=True)
+class Knock:
+    """That something else than the sensor may move the object in a step, so that nothing of pushing holds in it."""
+
+    slid: float
+    """How far the object is thought to slide over the sensor, counter-clockwise along the outline [m]."""
+    spread: float
+    """Standard deviation of that [m]."""
+
+
+SLID, SPREAD = 0, 1
+"""Places of `Knock`'s numbers among knocks; the spread is 0 in a step in which only the sensor moves the object."""
 
 _NO_TOUCHING, _NO_ANGLE = np.empty((0, 0, 0), TOUCHING), np.empty((0, 0, 0))
 ANGLE_STEPS = 3
@@ -33,13 +48,20 @@ ANGLE_STEPS = 3
 class Values:
     """Values of all unknowns of B smoothers at N steps of a contact, by unknown.
 
-    Of an unknown of a step they are (B, N, dimension), of one that steps share (dimension, B).
+    Of an unknown of a step they are (B, N, dimension), of one that steps share (dimension, B). Beside them stand the
+    knocks that each smoother takes to have happened.
     """
 
-    def __init__(self, model: ContactModel, of_steps: Mapping[Unknown, Array], shared: Array) -> None:
-        """Take what touches what, arrays of the steps' unknowns and what they share, (SHARED_SIZE, B)."""
+    def __init__(
+        self, model: ContactModel, of_steps: Mapping[Unknown, Array], shared: Array, knocks: Array | None = None
+    ) -> None:
+        """Take what touches what, arrays of the steps' unknowns, what they share, (SHARED_SIZE, B), and knocks.
+
+        These are (B, N, 2), see SLID; by default there is none.
+        """
         self.model, self.shared = model, shared
         self._of_steps = of_steps
+        self.knocks = np.zeros((*of_steps[SENSOR].shape[:2], 2)) if knocks is None else knocks
 
     def __getitem__(self, unknown: Unknown) -> Array:
         place = IN_SHARED.get(unknown)
@@ -71,31 +93,65 @@ class Values:
 
     @cached_property
     def state(self) -> State:
-        """What kernels of factors take: g, e, what is shared, how tips touch, the force's angle, c and its centre."""
-        g, e, model = self[SENSOR_IN_OBJECT], self[SENSOR], self.model
-        return g, e, self.shared, self.touching, self.pushing_angle, model.friction_radius, model.friction_center
+        """What kernels of factors take."""
+        g, e, c, center = self[SENSOR_IN_OBJECT], self[SENSOR], self.model.friction_radius, self.model.friction_center
+        return g, e, self.shared, self.touching, self.pushing_angle, c, center, self.knocks
 
     @cached_property
     def poses(self) -> State:
         """The same without what follows from the outline, for kernels that do not read it."""
         c, center = self.model.friction_radius, self.model.friction_center
-        return self[SENSOR_IN_OBJECT], self[SENSOR], self.shared, _NO_TOUCHING, _NO_ANGLE, c, center
+        return self[SENSOR_IN_OBJECT], self[SENSOR], self.shared, _NO_TOUCHING, _NO_ANGLE, c, center, self.knocks
+
+    @staticmethod
+    def bank(chosen: Sequence[tuple["Values", int]]) -> "Values":
+        """Return those of smoothers side by side; each is values and which of them, all at the same steps."""
+        first = chosen[0][0]
+        of_steps = {one: np.stack([at[one][b] for at, b in chosen]) for one in first._of_steps}
+        shared = np.stack([at.shared[:, b] for at, b in chosen], axis=1)
+        return Values(first.model, of_steps, shared, np.stack([at.knocks[b] for at, b in chosen]))
+
+    def continued(self, sensor_pose: Array, knocks: Sequence[Knock | None]) -> "Values":
+        """Return the values with one more step: the sensor, now here (3,), goes on turning on the object as it did.
+
+        `knocks` are what each smoother thinks may have moved the object besides.
+        """
+        new = np.array([(one.slid, one.spread) if one else (0.0, 0.0) for one in knocks])
+        g, e = (np.empty((self.smoothers, self.steps + 1, 3)) for _ in range(2))
+        _put_continued(self[SENSOR_IN_OBJECT], self[SENSOR], sensor_pose, g, e)
+        known = np.concatenate([self.knocks, new[:, None]], axis=1)
+        return Values(self.model, {SENSOR_IN_OBJECT: g, SENSOR: e}, self.shared, known)
+
+    def slid(self, first: int, knock: Knock) -> "Values":
+        """Return the values with the object knocked in each step from `first` on."""
+        g, knocks = self[SENSOR_IN_OBJECT].copy(), self.knocks.copy()
+        knocks[:, first:, SLID], knocks[:, first:, SPREAD] = knock.slid, knock.spread
+        # Seen from the object, the sensor goes the other way.
+        lengths = -knock.slid * np.arange(1.0, self.steps - first + 1)
+        for poses in g:
+            poses[first:] = self.model.moved_along(poses[first:], lengths)
+        return Values(self.model, {SENSOR_IN_OBJECT: g, SENSOR: self[SENSOR]}, self.shared, knocks)
+
+    def without_oldest(self) -> "Values":
+        """Return the values of all steps but the oldest."""
+        return self.with_steps(lambda value: value[:, 1:])
 
     def with_steps(self, change: Callable[[Array], Array]) -> "Values":
         """Return the values at other steps: what `change` makes of the array (B, N, dimension) of each unknown."""
         of_steps = {one: np.ascontiguousarray(change(value)) for one, value in self._of_steps.items()}
-        return Values(self.model, of_steps, self.shared)
+        return Values(self.model, of_steps, self.shared, np.ascontiguousarray(change(self.knocks)))
 
     def with_value(self, unknown: Unknown, value: Array) -> "Values":
         """Return the values with another one (dimension, B) of what steps share."""
         shared = self.shared.copy()
         shared[IN_SHARED[unknown]] = value
-        return Values(self.model, self._of_steps, shared)
+        return Values(self.model, self._of_steps, shared, self.knocks)
 
     def moved(self, by_step: Array, by_shared: Array) -> "Values":
         """Return the values moved by changes of the steps (B, N, STEP_SIZE) and of what they share (B, SHARED_SIZE)."""
         of_steps = {one: _step_moved(value, by_step, one) for one, value in self._of_steps.items()}
-        return Values(self.model, of_steps, np.add(self.shared, by_shared.T, out=np.empty_like(self.shared)))
+        shared = np.add(self.shared, by_shared.T, out=np.empty_like(self.shared))
+        return Values(self.model, of_steps, shared, self.knocks)
 
     def apart_from(self, before: "Values", steps: int) -> Array:
         """Return how far the first steps and what is shared moved from where they were.
@@ -139,3 +195,17 @@ def _put_apart(before: Array, now: Array, steps: int, first: int, is_pose: bool,
             else:
                 for c in range(now.shape[2]):
                     out[b, start + c] = now[b, k, c] - before[b, k, c]
+
+
+@compiled
+def _put_continued(g: Array, e: Array, sensor_pose: Array, g_out: Array, e_out: Array) -> None:
+    steps = g.shape[1]
+    turned = np.empty(3)
+    for b in range(len(g)):
+        g_out[b, :steps], e_out[b, :steps] = g[b], e[b]
+        last = g[b, steps - 1]
+        between(g[b, max(steps - 2, 0)], last, turned)
+        ahead = position(last) + rotation(last[2]) * position(turned)
+        g_out[b, steps, 0], g_out[b, steps, 1] = ahead.real, ahead.imag
+        g_out[b, steps, 2] = wrap(last[2] + turned[2])
+        e_out[b, steps] = sensor_pose

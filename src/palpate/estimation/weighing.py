@@ -87,12 +87,17 @@ class Weighing:
         lost = np.array([_is_lost(one) for one in hypotheses])
         if not lost.all():
             scores[lost] = -np.inf  # they may come back
+        poses = np.array([one.estimator.known.pose for one in hypotheses])
+        is_compared = np.zeros(len(hypotheses), np.bool_)  # with those that are worse
         kept: list[Hypothesis] = []
         for index in np.argsort(-scores):
             one = hypotheses[index]
             one.weight = float(np.exp(scores[index] - scores.max()))
             is_poor = one.age > _GRACE and one.weight < POOR
-            if not is_poor and not any(_are_same(one, other) for other in kept):
+            is_new = one.open or one.age < _NEW
+            is_same = not is_new and are_near(poses[index], poses[is_compared]).any()
+            if not is_poor and not is_same:
+                is_compared[index] = not one.open
                 kept.append(one)
         is_young = all(one.age <= _YOUNG for one in kept)
         kept = kept[: max(most, MOST_YOUNG) if is_young else most]
@@ -113,10 +118,3 @@ def share_out(hypotheses: Sequence[Hypothesis]) -> None:
 def _is_lost(one: Hypothesis) -> bool:
     """Whether the graph of a hypothesis holds on to nothing."""
     return bool((np.diagonal(one.estimator.known.pose_covariance)[:2] > _LOST**2).any())
-
-
-def _are_same(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses have come to the same pose."""
-    if one.open or other.open or one.age < _NEW:
-        return False
-    return are_near(one.estimator.known.pose, other.estimator.known.pose)

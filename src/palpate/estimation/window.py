@@ -5,27 +5,28 @@ leaves the window leaves behind a Gaussian on the steps it was tied to (Schur co
 before the last Gauss-Newton step, and on what all steps share. With an endless window this is the batch solution.
 
 It loops over factors and knows none of them. Several smoothers that differ in what they know when the contact begins
-go through one call side by side, as a bank.
+or in what else they think moved the object go through one call side by side, as a bank: that takes far less time than
+one after the other.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.compiled import compiled
+from palpate.errors import EstimationError
 from palpate.estimation.banded_equations import BandedEquations
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.dense_equations import DenseEquations
-from palpate.estimation.evidence import add_costs, mean_square
-from palpate.estimation.factors.factor import Factor, Knock, Step, Terms
+from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.first_pose import FirstPose
 from palpate.estimation.growing_terms import GrowingTerms
+from palpate.estimation.linearised import Linearised
 from palpate.estimation.normal_equations import Gaussian
-from palpate.estimation.planar import between, position, rotation, wrap
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     GRIP,
@@ -39,7 +40,7 @@ from palpate.estimation.unknowns import (
     Normal,
     Priors,
 )
-from palpate.estimation.values import ANGLE_STEPS, Values
+from palpate.estimation.values import ANGLE_STEPS, Knock, Values
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
@@ -70,7 +71,7 @@ class Window:
         sensor_pose (3,) is the measured world_T_sensor [m, m, rad]. What belongs to the object may change in a step as
         is `usual`, by default not at all; within the window it is taken not to.
         """
-        self._lag = lag
+        self._lag, self._priors = lag, priors
         self._changes = np.zeros(SHARED_SIZE)  # variances in a step
         if usual is not None:
             self._changes[CONTACT_SIZE:] = usual.changes(1)
@@ -88,8 +89,12 @@ class Window:
         self._values = Values(model, of_steps, shared)
         self._past, self._past_at = _nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
-        self._left_costs = np.empty((0, 2))
-        self._left: list[tuple[Array, Array]] = []  # g and e (B, 3) of the steps that left
+        self._left_costs = np.empty((len(priors), 0, 2))
+        self._left: list[Array] = []  # g and e (B, 2, 3) of the steps that left
+        self.is_lost = np.zeros(len(priors), np.bool_)
+        """Whether the graph of a smoother has no solution (B,)."""
+        self._costs: Array | None = None  # as they were asked for since the last frame, and below errors
+        self._errors: dict[str, Array] | None = None
         self._take(Step(sensor_pose, None, measurements, self._times))
         self._solve()
 
@@ -98,14 +103,17 @@ class Window:
         sensor_pose: Array,
         measurements: Sequence[Measurement] = (),
         time: float = 0.0,
-        knock: Knock | None = None,
+        knocks: Sequence[Knock | None] | None = None,
     ) -> None:
-        """Add the next frame: the measured sensor pose (3,), what touch and others say, and what else may push."""
-        step = Step(sensor_pose, self._measured, measurements, [*self._times, time], knock=knock)
+        """Add the next frame: the measured sensor pose (3,), what touch and others say, and what else may push.
+
+        The last is one a smoother. Raises EstimationError where no graph has a solution.
+        """
+        step = Step(sensor_pose, self._measured, measurements, [*self._times, time])
         new = [factor.terms(step) for factor in self._factors]  # before anything changes: they may refuse
         if self._values.steps == self._lag:
             self._marginalise()
-        self._values = self._continued(sensor_pose)
+        self._values = self._values.continued(sensor_pose, knocks or [None] * self.smoothers)
         self._measured = sensor_pose
         self._times.append(time)
         self._join(new)
@@ -118,17 +126,10 @@ class Window:
         standard deviation [m]; `grip` what was believed of GRIP at first and what is to be believed of it instead, the
         more certain. Raises EstimationError where that has no solution.
         """
-        other = copy(self)
-        other._times, other._left = [*self._times], [*self._left]
-        other._terms = [grown.copy() for grown in self._terms]
+        other = self._copied()
         first = max(self._values.steps - steps, 1)
         count = max(self._values.steps - first, 1)
-        for factor, grown in zip(self._factors, other._terms, strict=True):
-            if factor.is_of_pushing and grown:
-                places, data = grown.terms
-                late = places[:, -1] >= first
-                data["slid"][late], data["spread"][late] = slide[0] / count, slide[1] / math.sqrt(count)
-        other._values = _slid(self._values, first, slide[0] / count)
+        other._values = self._values.slid(first, Knock(slide[0] / count, slide[1] / math.sqrt(count)))
         if grip is not None:
             other._past = self._past.believing(IN_SHARED[GRIP].start, self._past_at[GRIP][0], *grip)
             other._values = other._values.with_value(GRIP, np.full_like(self._values[GRIP], grip[1][0]))
@@ -136,78 +137,98 @@ class Window:
         other._solve()
         return other
 
+    @staticmethod
+    def bank(chosen: Sequence[tuple["Window", int]]) -> "Window":
+        """Return smoothers of windows side by side in one, which goes its own way; each is a window and which of it.
+
+        The windows are of one contact and have taken the same frames.
+        """
+
+        def joined(of: Callable[[Window], NDArray[Any]], axis: int = 0) -> NDArray[Any]:
+            return np.concatenate([of(window).take([b], axis) for window, b in chosen], axis)
+
+        def joined_values(of: Callable[[Window], Values]) -> Values:
+            return Values.bank([(of(window), b) for window, b in chosen])
+
+        first = chosen[0][0]
+        other = first._copied()
+        other._priors = [window._priors[b] for window, b in chosen]
+        other._factors = [FirstPose(other._priors), *first._factors[1:]]
+        other._values = joined_values(lambda one: one._values)
+        other._past_at = joined_values(lambda one: one._past_at)
+        information, gradient = joined(lambda one: one._past.information), joined(lambda one: one._past.gradient)
+        other._past = Gaussian(first._past.steps, information, gradient)
+        other._covariance = joined(lambda one: one._covariance)
+        other._left_costs = joined(lambda one: one._left_costs)
+        other._left = list(joined(lambda one: np.array(one._left), 1)) if first._left else []
+        other.is_lost = joined(lambda one: one.is_lost)
+        other._gather()
+        other._linearised.linearise(joined_values(lambda one: one._linearised.at))
+        return other
+
+    def _copied(self) -> "Window":
+        other = copy(self)
+        other._costs = other._errors = None
+        other._times, other._left = [*self._times], [*self._left]
+        other._terms = [grown.copy() for grown in self._terms]
+        return other
+
+    @property
+    def smoothers(self) -> int:
+        """How many there are."""
+        return self._values.smoothers
+
     @property
     def values(self) -> Values:
         """The estimate: all steps in the window and what they share."""
         return self._values
 
-    def beliefs(self) -> list[Belief]:
-        """Return what each smoother says of the last step."""
-        values = self._values
-        g, e, objects = values[SENSOR_IN_OBJECT][:, -1], values[SENSOR][:, -1], values.shared[CONTACT_SIZE:].T
-        covariance = self._covariance[:, _REPORTED[:, None], _REPORTED]
-        return [Belief(*each) for each in zip(g, e, objects, covariance, strict=True)]
+    def belief(self, smoother: int = 0) -> Belief:
+        """Return what a smoother says of the last step."""
+        g, e = (self._values[one][smoother, -1] for one in (SENSOR_IN_OBJECT, SENSOR))
+        covariance = self._covariance[smoother][_REPORTED[:, None], _REPORTED]
+        return Belief(g, e, self._values.shared[CONTACT_SIZE:, smoother], covariance)
 
     def path(self) -> tuple[Array, Array]:
         """Return all steps of this contact, g and e (B, N, 3); those that left the window as they last were in it."""
         g, e = self._values[SENSOR_IN_OBJECT], self._values[SENSOR]
         if not self._left:
             return g, e
-        left_g, left_e = (np.stack(poses, axis=1) for poses in zip(*self._left, strict=True))
-        return np.concatenate([left_g, g], axis=1), np.concatenate([left_e, e], axis=1)
+        left = np.stack(self._left, axis=1)
+        return np.concatenate([left[:, :, 0], g], axis=1), np.concatenate([left[:, :, 1], e], axis=1)
 
-    def pushing_angle(self) -> float:
-        """Return the angle of the pushing force from the outline's inward normal at the last step [rad].
+    def pushing_angle(self) -> Array:
+        """Return the angle of the pushing force from the outline's inward normal at the last step (B,) [rad].
 
-        It is that of the first smoother; NaN at the first step and with several tips, of which each bears an unknown
-        share of the force.
+        NaN at the first step and with several tips, of which each bears an unknown share of the force.
         """
-        values = self._values.with_steps(lambda value: value[:1, -ANGLE_STEPS - 1 :])
-        return math.nan if values.steps < 2 or values.model.tips > 1 else float(values.pushing_angle[0, -1, 0])
+        values = self._values.with_steps(lambda value: value[:, -ANGLE_STEPS - 1 :])
+        known = values.steps > 1 and values.model.tips == 1
+        return values.pushing_angle[:, -1, 0] if known else np.full(self.smoothers, math.nan)
 
-    def mean_square(self, name: str, steps: int) -> float:
-        """Return the mean square error of a factor's terms in the last steps [variances], kernels left out.
-
-        It is that of the first smoother.
-        """
+    def mean_square(self, name: str, steps: int, smoother: int = 0) -> float:
+        """Return the mean square error of a factor's terms in the last steps [variances], kernels left out."""
         first = max(self._values.steps - steps, 0)
-        for factor, terms, rows in self._linearised:
-            if factor.name == name:
-                return mean_square(rows.residual, rows.information, terms.places, first)
-        return 0.0
+        return self._linearised.mean_square(name, first, smoother)
 
     def costs(self) -> Array:
-        """Return what each of the last steps costs (N, 2): minus the log of how likely it is, but for a constant.
+        """Return what each of the last steps costs (B, N, 2): minus the log of how likely it is, but for a constant.
 
         They are all of the contact, or a thousand. First what is measured in it, then pushing, which holds only where
-        nothing but the sensor moves the object. They are those of the first smoother. A term costs its step what its
-        kernel leaves of half the square.
+        nothing but the sensor moves the object. A term costs its step what its kernel leaves of half the square.
         """
-        return np.concatenate([self._left_costs, self._costs()])
-
-    def _costs(self) -> Array:
-        costs = np.zeros((self._values.steps, 2))
-        for factor, terms, rows in self._linearised:
-            if factor.name != "first_pose":
-                add_costs(
-                    rows.residual, rows.information, rows.weight, terms.places, costs[:, int(factor.is_of_pushing)]
-                )
-        return costs
+        if self._costs is None:
+            self._costs = np.concatenate([self._left_costs, self._linearised.costs()], axis=1)
+        return self._costs
 
     def last_errors(self) -> dict[str, Array]:
         """Return the errors of the last step by factor, of those that tell strain: (B, rows) [standard deviations].
 
         Kernels are left out; of several terms, as of several tips, it is the one worst off.
         """
-        steps = self._values.steps
-        values = self._values.with_steps(lambda value: value[:, -ANGLE_STEPS - 1 :])
-        errors = {}
-        for factor, (places, data), _ in self._linearised:
-            if factor.tells_strain:
-                mine = places[:, -1] == steps - 1
-                rows = factor.linearise(values, Terms(places[mine] + values.steps - steps, data[mine]))
-                errors[factor.name] = np.abs(rows.residual * np.sqrt(rows.information)).max(axis=1)
-        return errors
+        if self._errors is None:
+            self._errors = self._linearised.last_errors(self._values)
+        return self._errors
 
     def _take(self, step: Step) -> None:
         self._join([factor.terms(step) for factor in self._factors])
@@ -227,39 +248,31 @@ class Window:
 
     def _gather(self) -> None:
         """Make room for all terms linearised."""
-        self._linearised = [
-            (factor, grown.terms, factor.empty_rows(self._values.smoothers, len(grown)))
-            for factor, grown in zip(self._factors, self._terms, strict=True)
-            if grown
-        ]
+        self._linearised = Linearised(self._factors, self._terms, self.smoothers)
         banded = self._past.steps <= 1 and all(grown.span <= 1 for grown in self._terms)
         self._equations = BandedEquations if banded else DenseEquations
 
-    def _continued(self, sensor_pose: Array) -> Values:
-        """The values with one more step: the sensor goes on turning on the object as it did."""
-        values = self._values
-        g, e = (np.empty((values.smoothers, values.steps + 1, 3)) for _ in range(2))
-        _put_continued(values[SENSOR_IN_OBJECT], values[SENSOR], sensor_pose, g, e)
-        return Values(values.model, {SENSOR_IN_OBJECT: g, SENSOR: e}, values.shared)
-
     def _solve(self) -> None:
+        self._costs = self._errors = None
         with self._equations.threads():
             for _ in range(_ITERATIONS):
                 if self._improve() < _CONVERGED:
                     break
+        if self.is_lost.all():
+            raise EstimationError("the linear system of the window is indeterminate")
 
     def _improve(self) -> float:
         """Take a Gauss-Newton step and return its largest change of a pose [m], [rad]."""
         at = self._values
-        self._linearised_at = at
+        self._linearised.linearise(at)
         equations = self._equations(at.smoothers, at.steps)
         for factor, terms, rows in self._linearised:
-            factor.linearise_into(rows, at, terms)
             equations.add(rows, terms.places, factor.columns)
         equations.add_gaussian(self._past_seen_from(at))
         solution = equations.solve()
         self._values = at.moved(solution.by_step, solution.by_shared)
         self._covariance = solution.covariance
+        self.is_lost = self.is_lost | ~solution.is_found
         return max(float(solution.by_step.max()), -float(solution.by_step.min()))
 
     def _past_seen_from(self, at: Values) -> Gaussian:
@@ -269,7 +282,7 @@ class Window:
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others and what is shared, as its terms were last linearised."""
-        at = self._linearised_at
+        at = self._linearised.at
         reach = 1
         for _, terms, _ in self._linearised:
             if terms.places.shape[1] > 1:
@@ -280,12 +293,12 @@ class Window:
             equations.add(rows, terms.places, factor.columns, of_oldest=True)
         equations.add_gaussian(self._past_seen_from(at))
         self._past = equations.without_oldest().loosened(self._changes)
-        self._past_at = _without_oldest(at)
-        self._left_costs = np.concatenate([self._left_costs, self._costs()[:1]])[-_REMEMBERED:]
+        self._past_at = at.without_oldest()
+        self._left_costs = np.concatenate([self._left_costs, self._linearised.costs()[:, :1]], axis=1)[:, -_REMEMBERED:]
         for grown in self._terms:
             grown.drop_oldest()
-        self._left.append((self._values[SENSOR_IN_OBJECT][:, 0].copy(), self._values[SENSOR][:, 0].copy()))
-        self._values = _without_oldest(self._values)
+        self._left.append(np.stack([self._values[one][:, 0] for one in (SENSOR_IN_OBJECT, SENSOR)], axis=1))
+        self._values = self._values.without_oldest()
         del self._times[0]
 
 
@@ -296,30 +309,3 @@ def _nothing_past(smoothers: int) -> Gaussian:
     deviations = [one.prior[1] for one in OF_CONTACT if one.prior for _ in range(one.dimension)]
     information[:, range(CONTACT_SIZE), range(CONTACT_SIZE)] = np.square(deviations) ** -1.0
     return Gaussian(0, information, gradient)
-
-
-@compiled
-def _put_continued(g: Array, e: Array, sensor_pose: Array, g_out: Array, e_out: Array) -> None:
-    steps = g.shape[1]
-    turned = np.empty(3)
-    for b in range(len(g)):
-        g_out[b, :steps], e_out[b, :steps] = g[b], e[b]
-        last = g[b, steps - 1]
-        between(g[b, max(steps - 2, 0)], last, turned)
-        ahead = position(last) + rotation(last[2]) * position(turned)
-        g_out[b, steps, 0], g_out[b, steps, 1] = ahead.real, ahead.imag
-        g_out[b, steps, 2] = wrap(last[2] + turned[2])
-        e_out[b, steps] = sensor_pose
-
-
-def _slid(values: Values, first: int, each: float) -> Values:
-    """The values with the object slid over the sensor by so much [m] in every step from the first one named on."""
-    g = values[SENSOR_IN_OBJECT].copy()
-    lengths = -each * np.arange(1.0, values.steps - first + 1)  # seen from the object, the sensor goes the other way
-    for poses in g:
-        poses[first:] = values.model.moved_along(poses[first:], lengths)
-    return Values(values.model, {SENSOR_IN_OBJECT: g, SENSOR: values[SENSOR]}, values.shared)
-
-
-def _without_oldest(values: Values) -> Values:
-    return values.with_steps(lambda value: value[:, 1:])

@@ -23,7 +23,7 @@ from palpate.estimation.factors.pushing import (
 from palpate.estimation.planar import cauchy, cross, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO, IN_SHARED, SENSOR, SENSOR_IN_OBJECT
-from palpate.estimation.values import State
+from palpate.estimation.values import SPREAD, State
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, e, shared, touching, _angle, c, model_center = state
+    g, e, shared, touching, _angle, c, model_center, knocks = state
     still, share, kernel = given
     by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(len(g)):
@@ -78,7 +78,7 @@ def _linearise(
             row[12] = -c_squared * omega
             row[13] = c * ((lever * by_center).imag - way.imag)
             row[14] = c * ((lever * by_center).real + way.real)
-            holds = data[t].spread == 0.0
+            holds = knocks[b, now, SPREAD] == 0.0
             inverse_variance = math.hypot(still, share * data[t].moved * c) ** -2.0 if holds else 0.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)

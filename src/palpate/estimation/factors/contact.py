@@ -43,7 +43,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, _e, shared, touching, _angle, _c, _model_center = state
+    g, _e, shared, touching, _angle, _c, _model_center, _knocks = state
     inverse_variance, kernel = given
     for b in range(len(g)):
         for t in range(len(places)):

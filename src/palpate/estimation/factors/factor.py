@@ -28,16 +28,6 @@ M = TypeVar("M", bound=Measurement)
 _SLACK = 0.02  # [s] by which a measurement may be of another time than the only step there is
 
 
-@dataclass(frozen=True)
-class Knock:
-    """That something else than the sensor may move the object in a step, so that nothing of pushing holds in it."""
-
-    slid: float
-    """How far the object is thought to slide over the sensor, counter-clockwise along the outline [m]."""
-    spread: float
-    """Standard deviation of that [m]."""
-
-
 @dataclass(frozen=True, eq=False)
 class Step:
     """What arrives with a step of a contact."""
@@ -52,8 +42,6 @@ class Step:
     """Times of the steps that are still at hand, this one last [s]."""
     at_rest: bool = False
     """Whether nothing touches the object: its pose is all there is."""
-    knock: Knock | None = None
-    """What else may move the object in it."""
 
     @cached_property
     def moved(self) -> float:
@@ -148,7 +136,7 @@ class Factor(ABC):
     is_motion: ClassVar[bool] = False
     """Whether it says how object and sensor move and not what is measured of them: a filter draws it."""
     is_of_pushing: ClassVar[bool] = False
-    """Whether it holds only where nothing but the sensor moves the object; its data then have `Knock`'s fields."""
+    """Whether it holds only where nothing but the sensor moves the object; see `Knock`."""
     holds_at_rest: ClassVar[bool] = False
     """Whether its terms hold while nothing touches the object, too."""
 

@@ -66,7 +66,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, e, shared, _touching, _angle, _c, _model_center = state
+    g, e, shared, _touching, _angle, _c, _model_center, _knocks = state
     known_pose, known_values, root = given
     off, by_poses = np.empty(3 + OBJECT_SIZE), np.empty((3, 6))
     for b in range(len(g) if len(places) else 0):

@@ -24,7 +24,7 @@ from palpate.estimation.factors.pushing import (
 from palpate.estimation.planar import cauchy, dot
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import FRICTION_CENTER, GRIP, IN_SHARED, SENSOR, SENSOR_IN_OBJECT
-from palpate.estimation.values import State
+from palpate.estimation.values import SPREAD, State
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, e, shared, touching, angle, c, model_center = state
+    g, e, shared, touching, angle, c, model_center, knocks = state
     still, share, width, kernel = given
     by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(len(g)):
@@ -77,7 +77,7 @@ def _linearise(
             row[12] = c * (lever * by_center).imag
             row[13] = c * (lever * by_center).real
             row[14] = dot(touch.normal, way)
-            outside = beyond(force, math.atan(grip), width) if data[t].spread == 0.0 else 0.0
+            outside = beyond(force, math.atan(grip), width) if knocks[b, now, SPREAD] == 0.0 else 0.0
             inverse_variance = outside * math.hypot(still, share * data[t].moved) ** -2.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)

@@ -24,7 +24,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, e, _shared, _touching, _angle, _c, _model_center = state
+    g, e, _shared, _touching, _angle, _c, _model_center, _knocks = state
     error, by_g_and_e = np.empty(3), np.empty((3, 6))
     for b in range(len(g)):
         for t in range(len(places)):

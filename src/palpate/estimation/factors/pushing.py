@@ -12,8 +12,8 @@ from palpate.compiled import Array, Complex, compiled
 from palpate.estimation.factors.factor import NOW_AND_BEFORE, Step, Terms
 from palpate.estimation.planar import position, rotation
 
-DATA = np.dtype([("tip", np.int64), ("moved", np.float64), ("slid", np.float64), ("spread", np.float64)])
-"""The tip, how far the sensor moved in the step [m], and the step's `Knock`; its spread is 0 where there is none."""
+DATA = np.dtype([("tip", np.int64), ("moved", np.float64)])
+"""The tip, and how far the sensor moved in the step [m]."""
 
 
 def pushing_terms(step: Step, tips: int) -> Terms | None:
@@ -22,7 +22,6 @@ def pushing_terms(step: Step, tips: int) -> Terms | None:
         return None
     data = np.empty(tips, DATA)
     data["tip"], data["moved"] = range(tips), step.moved
-    data["slid"], data["spread"] = (step.knock.slid, step.knock.spread) if step.knock else (0.0, 0.0)
     return Terms(NOW_AND_BEFORE[:tips], data)
 
 

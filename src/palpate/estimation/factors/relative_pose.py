@@ -47,7 +47,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, _e, _shared, _touching, _angle, _c, _model_center = state
+    g, _e, _shared, _touching, _angle, _c, _model_center, _knocks = state
     relative, apart, error, back = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     by_later, turned = np.empty((3, 3)), np.empty((3, 3))
     for b in range(len(g)):

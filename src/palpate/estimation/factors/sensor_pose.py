@@ -37,7 +37,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    _g, e, _shared, _touching, _angle, _c, _model_center = state
+    _g, e, _shared, _touching, _angle, _c, _model_center, _knocks = state
     apart = np.empty(3)
     for b in range(len(e)):
         for t in range(len(places)):

@@ -21,7 +21,7 @@ from palpate.estimation.factors.pushing import DATA, beyond, pushing_terms
 from palpate.estimation.planar import cauchy, position, rotation
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import GRIP, IN_SHARED, SENSOR_IN_OBJECT
-from palpate.estimation.values import State
+from palpate.estimation.values import SLID, SPREAD, State
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, _e, shared, touching, angle, _c, _model_center = state
+    g, _e, shared, touching, angle, _c, _model_center, knocks = state
     still, share, sliding_share, margin, width, kernel, may_slide = given
     for b in range(len(g)):
         edge = math.atan(shared[_GRIP, b])
@@ -88,9 +88,9 @@ def _linearise(
             for k in range(3):
                 by_g1 = turn0 * touch.material_by_g[k] - touch.point_by_g[k]
                 jacobian[b, t, 0, 3 + k], jacobian[b, t, 1, 3 + k] = by_g1.real, by_g1.imag
-            if data[t].spread > 0.0:
-                _put_knocked(slid, touch, data[t].slid, residual[b, t], jacobian[b, t])
-                information[b, t, 0] = weight[b, t, 0] = data[t].spread ** -2.0
+            if knocks[b, now, SPREAD] > 0.0:
+                _put_knocked(slid, touch, knocks[b, now, SLID], residual[b, t], jacobian[b, t])
+                information[b, t, 0] = weight[b, t, 0] = knocks[b, now, SPREAD] ** -2.0
                 information[b, t, 1] = weight[b, t, 1] = _ACROSS**-2.0
                 continue
             deviation = math.hypot(still, share * moved)

@@ -45,7 +45,7 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, _e, shared, _touching, _angle, _c, _model_center = state
+    g, _e, shared, _touching, _angle, _c, _model_center, _knocks = state
     (kernel,) = given
     for b in range(len(g)):
         for t in range(len(places)):
