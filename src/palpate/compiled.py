@@ -1,6 +1,6 @@
 """Compiling numerical functions with Numba, once for each version of the code and each machine's cache.
 
-`compiled` is what every compiled function is decorated with. What it makes is kept in a folder of the
+`compiled` is what compiled functions are decorated with. What it makes is kept in a folder of the
 user's cache that is named after the sources, so that a new version never runs old machine code and a package that is
 installed read-only works like any other.
 """
@@ -32,9 +32,18 @@ F = TypeVar("F", bound=Callable[..., object])
 
 def compiled(function: F) -> F:
     """Compile a function with Numba at its first call, or load what was compiled before."""
+    return _compiled(function)
+
+
+def compiled_to_sum(function: F) -> F:
+    """Compile likewise a function whose sums may be taken in any order, and so several terms at a time."""
+    return _compiled(function, fastmath={"reassoc"})
+
+
+def _compiled(function: F, **options: Any) -> F:
     with _numba_keeps_its_files_in(cache_folder()):
         # Division by zero gives inf as in NumPy; a check would cost time in every loop.
-        return numba.njit(cache=True, error_model="numpy")(function)  # pyright: ignore[reportReturnType]
+        return numba.njit(cache=True, error_model="numpy", **options)(function)  # pyright: ignore[reportReturnType]
 
 
 @cache

@@ -7,7 +7,7 @@ It is told by cells, the means over areas of an image, 30 across: they have less
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.compiled import Records, compiled
+from palpate.compiled import Records, compiled, compiled_to_sum
 from palpate.touch.area import area_means
 
 Levels = NDArray[np.float32]
@@ -30,9 +30,7 @@ def cell_width(height: int, width: int) -> float:
 
 def cells_of(image: NDArray[np.uint8] | Levels) -> Levels:
     """Return the means over the cells of an image (height, width, 3): (rows, columns, 3)."""
-    height, width = image.shape[:2]
-    pixels = cell_width(height, width)
-    return area_means(image, round(height / pixels), round(width / pixels))
+    return area_means(image, *_cells(*image.shape[:2]))
 
 
 def wide_cells_of(image: NDArray[np.uint8]) -> Levels:
@@ -46,9 +44,14 @@ def wide_cells_of(image: NDArray[np.uint8]) -> Levels:
     thinned = cell_width(height, width) / _SAMPLES
     if thinned < 1.0:
         return cells_of(image)
-    size = round(width / thinned), round(height / thinned)
-    samples = cv2.medianBlur(cv2.resize(image, size, interpolation=cv2.INTER_AREA), _NEIGHBOURS)
-    return area_means(np.asarray(samples, np.uint8), *(round(count / _SAMPLES) for count in size[::-1]))
+    samples = np.rint(area_means(image, round(height / thinned), round(width / thinned))).astype(np.uint8)
+    return area_means(np.asarray(cv2.medianBlur(samples, _NEIGHBOURS), np.uint8), *_cells(height, width))
+
+
+def _cells(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns of the cells of an image."""
+    pixels = cell_width(height, width)
+    return round(height / pixels), round(width / pixels)
 
 
 def light_of(cells: Levels, untouched: Levels) -> Light:
@@ -62,10 +65,9 @@ def light_of(cells: Levels, untouched: Levels) -> Light:
 
 def lit(untouched: Levels, light: Light) -> Levels:
     """Return the untouched gel's levels (height, width, 3), of any size, in another light."""
-    height, width = untouched.shape[:2]
-    right, down = ((np.arange(count) * 2.0 + 1.0) / count - 1.0 for count in (width, height))
-    plane = light[:, 0] + right[:, None] * light[:, 1] + down[:, None, None] * light[:, 2]
-    return untouched * np.clip(plane, _DIMMEST, _BRIGHTEST).astype(np.float32)
+    out = np.empty(untouched.shape, np.float32)
+    _put_lit(untouched, light, out)
+    return out
 
 
 def share_unlike(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
@@ -79,36 +81,51 @@ def share_off(cells: Levels, untouched: Levels, light: Light, tolerance: Levels 
 
 
 @compiled
+def _put_lit(untouched: Records, light: Light, out: Levels) -> None:
+    rows, columns, channels = untouched.shape
+    for row in range(rows):
+        down = 2.0 * (row + 0.5) / rows - 1.0
+        for column in range(columns):
+            right = 2.0 * (column + 0.5) / columns - 1.0
+            for channel in range(channels):
+                part = light[channel, 0] + light[channel, 1] * right + light[channel, 2] * down
+                part = np.float32(min(max(part, _DIMMEST), _BRIGHTEST))
+                out[row, column, channel] = part * untouched[row, column, channel]
+
+
+@compiled_to_sum
 def _planes(cells: Records, untouched: Records) -> Records:
     """See light_of. By reweighted least squares: what is off the plane by more than _FLAT counts for little."""
     rows, columns, channels = cells.shape
     planes = np.zeros((channels, 3))
-    ratio = np.empty(rows * columns)
     for channel in range(channels):
-        for row in range(rows):
-            for column in range(columns):
-                level = max(untouched[row, column, channel], 1.0)
-                ratio[row * columns + column] = cells[row, column, channel] / level
-        middle, right, down = np.median(ratio), 0.0, 0.0
+        seen, known = np.ascontiguousarray(cells[:, :, channel]), np.ascontiguousarray(untouched[:, :, channel])
+        middle, right, down = np.median(seen / np.maximum(known, np.float32(1.0))), 0.0, 0.0
         for _ in range(_FITS):
             square, pull = np.eye(3), np.zeros(3)  # with ones, so that a black channel has a fit
             for row in range(rows):
                 y = 2.0 * (row + 0.5) / rows - 1.0
+                at, total, along, along_twice, off_total, off_along = middle + down * y, 0.0, 0.0, 0.0, 0.0, 0.0
                 for column in range(columns):
                     x = 2.0 * (column + 0.5) / columns - 1.0
-                    level = np.float64(untouched[row, column, channel])
-                    off = cells[row, column, channel] - (middle + right * x + down * y) * level
+                    level = np.float64(known[row, column])
+                    off = seen[row, column] - (at + right * x) * level
                     part = level / (1.0 + (off / _FLAT) ** 2)
                     weight, part = part * level, part * off
-                    square[0, 0] += weight
-                    square[0, 1] += weight * x
-                    square[0, 2] += weight * y
-                    square[1, 1] += weight * x * x
-                    square[1, 2] += weight * x * y
-                    square[2, 2] += weight * y * y
-                    pull[0] += part
-                    pull[1] += part * x
-                    pull[2] += part * y
+                    total += weight
+                    along += weight * x
+                    along_twice += weight * x * x
+                    off_total += part
+                    off_along += part * x
+                square[0, 0] += total
+                square[0, 1] += along
+                square[0, 2] += total * y
+                square[1, 1] += along_twice
+                square[1, 2] += along * y
+                square[2, 2] += total * y * y
+                pull[0] += off_total
+                pull[1] += off_along
+                pull[2] += off_total * y
             square[1, 0], square[2, 0], square[2, 1] = square[0, 1], square[0, 2], square[1, 2]
             step = np.linalg.solve(square, pull)
             middle, right, down = middle + step[0], right + step[1], down + step[2]
