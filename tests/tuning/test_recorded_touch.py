@@ -16,8 +16,14 @@ from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.simulation.recordings import simulate_recording
 from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.run import track
-from palpate.tuning.recorded_touch import RecordedTouch, record_touch, record_touch_of_files, track_recorded
+from palpate.tracking.run import Run, track
+from palpate.tuning.recorded_touch import (
+    RecordedTouch,
+    _Remembered,
+    record_touch,
+    record_touch_of_files,
+    track_recorded,
+)
 
 Tactile = Any
 
@@ -32,15 +38,65 @@ def seen() -> Recording:
 
 @pytest.mark.parametrize("tactile", ["learnt", "learnt-pairs", "none"])
 def test_what_images_say_is_said_again_without_them(seen, tactile: Tactile):
-    settings = TrackerSettings(tactile=tactile)
-    recorded, run = record_touch(seen, tactile), track(seen, settings)
-    online = track_recorded(recorded, settings)
+    recorded, _ = both_ways(seen, tactile)
     assert recorded.recording.image is None and (recorded.measurements is None) == (tactile == "none")
+
+
+def test_a_frame_that_is_refused_is_left_out(seen):
+    touched = begun_at(seen)
+    poses = seen.sensor_pose.copy()
+    poses[touched + 20] += (0.0, 0.3, 0.0)
+    _, run = both_ways(replace(seen, sensor_pose=poses), "learnt")
+    assert (run.online.status or ())[touched + 20] == "faulty"
+
+
+def test_a_recording_that_begins_in_contact_is_felt_with_the_gel_after_it(seen):
+    touched = begun_at(seen)
+    order = [*range(touched + 3, len(seen)), *range(len(seen) - 2, len(seen) - 22, -1)]  # to rest for longer
+    late = replace(
+        seen,
+        time=seen.time[0] + np.arange(len(order)) / 30,
+        sensor_pose=seen.sensor_pose[order],
+        object_pose=seen.object_pose[order],
+        contact=np.zeros(len(order), np.bool_),
+        image=tuple(seen.image[index] for index in order),
+        first_pose=None,
+        first_pose_sigma=None,
+        extra={},
+    )
+    _, run = both_ways(late, "learnt")
+    assert "untouched_from_s" in run.summary
+
+
+def begun_at(recording: Recording) -> int:
+    """The first frame of which images show a contact."""
+    return int(np.argmax(np.asarray(track(recording).online.contact)))
+
+
+def both_ways(recording: Recording, tactile: Tactile) -> tuple[RecordedTouch, Run]:
+    """Record touch and track by it, and track as `palpate track` does: the same comes of both."""
+    settings = TrackerSettings(tactile=tactile)
+    recorded, run = record_touch(recording, tactile), track(recording, settings)
+    online = track_recorded(recorded, settings)
     assert online.contact is not None and online.contact.any()
     assert np.array_equal(online.contact, run.online.contact)  # pyright: ignore[reportArgumentType]
     assert np.array_equal(online.pose, run.online.pose)
     assert np.array_equal(online.covariance, run.online.covariance)  # pyright: ignore[reportArgumentType]
     assert online.status == run.online.status
+    return recorded, run
+
+
+def test_pairs_with_a_frame_that_was_refused_are_not_said():
+    recording, refused = pushed(), 11  # in contact from frame 5 to 19
+    said: list[tuple[Measurement, ...]] = [() for _ in recording.time]
+    for index in range(5, 20):
+        back = np.arange(1, index - 4)
+        said[index] = (RelativePoses(back, np.zeros((len(back), 3)), np.tile(np.eye(3), (len(back), 1, 1))),)
+    remembered = _Remembered(recording.time, tuple(said))
+    for index in (*range(5, refused), refused + 1):
+        (pairs,) = remembered.measure(recording[index])
+        assert isinstance(pairs, RelativePoses)
+        assert pairs.back.tolist() == list(range(1, min(index, refused) - 4))
 
 
 def test_modes_without_images_feel_anew_with_the_noise_of_the_settings():

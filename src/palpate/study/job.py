@@ -1,8 +1,5 @@
 """One recording of a study, tracked in every way that is asked for."""
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -21,6 +18,7 @@ from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile
 from palpate.tracker_settings import TrackerSettings
+from palpate.tracking.quiet import quiet
 from palpate.tracking.run import Run, track
 from palpate.tracking.truth import trusted_truth
 
@@ -147,14 +145,3 @@ def _said(error: Exception, job: Job) -> str:
     """What an error says, on one line, without the name of the file."""
     words = " ".join(str(error).split()).removeprefix(f"{job.path}: ")
     return words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keep warnings of the tracker back: its statuses, which the summary counts, say the same."""
-    before = logging.root.manager.disable
-    logging.disable(logging.WARNING)
-    try:
-        yield
-    finally:
-        logging.disable(before)

@@ -23,6 +23,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.lift import Lift, lift_of
 from palpate.touch.model import TouchModel, shipped_model
+from palpate.touch.modes import TactileChoice
 from palpate.touch.steady import first_frames
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
@@ -104,7 +105,7 @@ def track(
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     _check(recording, settings)
-    lift = None if calibration else _lift(recording, first, sigma, settings)
+    lift = None if calibration else lift_of_beginning(recording, first, sigma, settings.tactile)
     if lift:
         calibration = Calibration(lift.background)
     sensor = turned_as(recording.sensor, calibration)
@@ -207,9 +208,14 @@ def _with_left_out(smoothed: Trajectory, taken: NDArray[np.bool_], time: Array) 
     return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])
 
 
-def _lift(recording: Recording, first_pose: Array, first_pose_sigma: Array, settings: TrackerSettings) -> Lift | None:
-    """The first moment without contact, where the sensor may touch the object in the first images and does so."""
-    if recording.image is None or not settings.tactile.startswith(("auto", "learnt")):
+def lift_of_beginning(
+    recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: TactileChoice
+) -> Lift | None:
+    """Return the first moment without contact where the sensor touches the object in the first images; else None.
+
+    It may do so where it is at the first pose (3,), which is known as well as its sigma (3,) says.
+    """
+    if recording.image is None or not tactile.startswith(("auto", "learnt")):
         return None
     count = min(first_frames(recording.sensor.rate), len(recording))
     gap = gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape, recording.sensor)

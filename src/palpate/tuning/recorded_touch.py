@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError
+from palpate.estimation.settings import NoiseSettings
 from palpate.formats import load_recording
 from palpate.parallel import spread
 from palpate.recording.frame import Frame
@@ -20,12 +21,14 @@ from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.study.files import group_of
 from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, TactileChoice, make_touch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.run import first_pose_of
+from palpate.tracking.run import first_pose_of, gathered, lift_of_beginning
+from palpate.tracking.steps import Steps
 from palpate.tracking.truth import trusted_truth
 
 Array = NDArray[np.float64]
@@ -69,9 +72,8 @@ def record_touch(recording: Recording, tactile: TactileChoice, model: TouchModel
         raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
     contact, measurements = recording.contact, None
     if recording.image is not None:
-        frames = list(
-            _frame_by_frame(recording, tactile, (model or shipped_model(recording.sensor.name)) if learnt else None)
-        )
+        felt_by = (model or shipped_model(recording.sensor.name)) if learnt else None
+        frames = list(_frame_by_frame(recording, tactile, felt_by))
         contact = np.array([touched for touched, _ in frames])
         measurements = tuple(said for _, said in frames) if learnt else None
     assert contact is not None
@@ -122,7 +124,8 @@ def _record_touch_of_file(
 def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
     """Track from the first pose as `first_pose_of` finds it, and return the online estimates, as `run.track` has them.
 
-    Only where the tracker begins anew within a contact may they differ: no pairs with its new first frame are recorded.
+    They may differ where the tracker begins anew or refuses a frame within a contact, for other pairs are recorded
+    then, where a recording that begins in contact never lets go, and where images are found to lie turned.
     Raises EstimationError where the estimator cannot go on.
     """
     recording = recorded.recording
@@ -130,43 +133,45 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     touch = None if recorded.measurements is None else _Remembered(recording.time, recorded.measurements)
     settings = settings if recorded.tactile is None else replace(settings, tactile=recorded.tactile)
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
-    estimates = [tracker.update(frame) for frame in recording]
-    return Trajectory(
-        time=recording.time,
-        pose=np.array([estimate.pose for estimate in estimates]),
-        covariance=np.array([estimate.covariance for estimate in estimates]),
-        contact=recording.contact,
-        status=tuple(estimate.status for estimate in estimates),
-    )
+    steps = Steps(tracker)
+    for frame in recording:
+        steps.take(frame)
+    return gathered(steps.estimates)[0]
 
 
 class _Remembered:
     """Says again what was recorded."""
 
     def __init__(self, time: Array, measurements: tuple[Said, ...]) -> None:
-        self._said = dict(zip(time.tolist(), measurements, strict=True))
-        self._age = -1
+        self._said = dict(zip(time.tolist(), enumerate(measurements), strict=True))
+        self._frames: list[int] = []  # of this contact that were taken, by their numbers in the recording
 
     def measure(self, frame: Frame) -> Said:
         """See Touch."""
-        self._age += 1
-        return tuple(self._of_this_contact(said) for said in self._said[frame.time])
+        number, measurements = self._said[frame.time]
+        self._frames.append(number)
+        return tuple(self._of_this_contact(said) for said in measurements)
 
     def end_contact(self) -> None:
         """See Touch."""
-        self._age = -1
+        self._frames = []
 
     def _of_this_contact(self, said: Measurement) -> Measurement:
-        """Without what is relative to frames before the contact, within which the tracker began anew."""
-        if not isinstance(said, RelativePoses) or (said.back <= self._age).all():
+        """Without what is relative to frames that were refused, or before the contact as the tracker began it anew."""
+        if not isinstance(said, RelativePoses):
             return said
-        kept = said.back <= self._age
-        return RelativePoses(said.back[kept], said.pose[kept], said.covariance[kept])
+        taken = np.array(self._frames)
+        earlier = taken[-1] - said.back
+        kept = np.isin(earlier, taken)
+        back = len(taken) - 1 - np.searchsorted(taken, earlier[kept])
+        return RelativePoses(back, said.pose[kept], said.covariance[kept])
 
 
 def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | None) -> Iterator[tuple[bool, Said]]:
     """Whether each frame is in contact, and what it says if the mode reads images."""
-    detector = detector_for(recording.sensor)
+    first, sigma = first_pose_of(recording, NoiseSettings())
+    lift = lift_of_beginning(recording, first, sigma, tactile)
+    detector = detector_for(recording.sensor, lift and Calibration(lift.background))
 
     def background() -> Background:
         assert detector.background is not None  # known before any contact is

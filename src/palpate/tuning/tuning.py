@@ -20,10 +20,9 @@ An evaluation tracks all recordings anew, which takes seconds; COBYQA, which mod
 region of trust, gets by with few of them. On logarithms, for noise is a matter of factors.
 """
 
-import logging
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -34,6 +33,7 @@ from palpate.errors import EstimationError, FileError, SettingError
 from palpate.parallel import spread
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.metrics import inside_95, nees, rms, rotation_errors, translation_errors
+from palpate.tracking.quiet import quiet
 from palpate.tuning.likelihood import negative_log_likelihood
 from palpate.tuning.parameters import PRESSURE, check_parameters, tunable, value_of, values_of, with_value
 from palpate.tuning.recorded_touch import RecordedTouch, track_recorded
@@ -209,7 +209,7 @@ class _One:
 def _judged(numbered: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[int, _One | None]:
     index, recorded = numbered
     try:
-        with _quiet():
+        with quiet():  # settings that are tried may be bad ones
             online = track_recorded(recorded, settings)
     except (EstimationError, FileError):  # the latter where an estimate is not finite
         return index, None
@@ -223,18 +223,6 @@ def _judged(numbered: tuple[int, RecordedTouch], settings: TrackerSettings) -> t
     rotation = rms(rotation_errors(online.pose, recorded.truth))
     assert translation is not None and rotation is not None
     return index, _One(min(float(both), LOST), translation, rotation, inside)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Settings that are tried may be bad ones; nobody needs to hear what the tracker says of each."""
-    logger = logging.getLogger("palpate.estimation")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _with_radius(settings: TrackerSettings, recordings: Sequence[RecordedTouch]) -> TrackerSettings:

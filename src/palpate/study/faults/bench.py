@@ -18,11 +18,11 @@ from palpate.geometry.shapes import Disc
 from palpate.parallel import spread
 from palpate.study.faults.faults import FAULTS, is_of
 from palpate.study.faults.stream import Stream, stream_of
-from palpate.study.job import quiet
 from palpate.touch.model import TouchModel
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.metrics import CONTENT, inside_95, nees, rotation_errors, translation_errors
+from palpate.tracking.quiet import quiet
 from palpate.tracking.recovery import is_far
 
 SECOND = 1.0
