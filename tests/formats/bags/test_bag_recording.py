@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from bag_samples import (
     CONTAINERS,
+    ROS2,
     START,
     Message,
+    build_message,
     compressed_message,
     header,
     image_message,
@@ -22,6 +24,7 @@ from bag_samples import (
     true_pose,
     write_bag,
 )
+from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import FileError, SettingError
@@ -96,6 +99,26 @@ def test_raw_images_that_are_refused(tmp_path, changes, message):
     images = [image_message(image_times()[0], touch_images(1)[0], **changes)]
     with pytest.raises(FileError, match=message):
         read(tmp_path, images + poses())
+
+
+def test_channels_of_another_type_on_a_topic_are_left_alone(tmp_path):
+    path = tmp_path / "a.mcap"
+    messages = [*few_images(), *poses()]
+    strangers = [replace(each, topic="/ee_pose") for each in few_images(2)]
+    strangers += [replace(each, topic="/digit/image/compressed") for each in poses()[:2]]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        channels: dict[tuple[str, str], int] = {}
+        for each in [*messages, *strangers]:
+            if (each.topic, each.type) not in channels:
+                schema = writer.register_schema(each.type, "ros2msg", b"")
+                channels[each.topic, each.type] = writer.register_channel(each.topic, "cdr", schema)
+            data = bytes(ROS2.serialize_cdr(build_message(ROS2, each.type, each.content), each.type))
+            writer.add_message(channels[each.topic, each.type], each.log_time, data, each.log_time)
+        writer.finish()
+    choices = BagChoices(images="/digit/image/compressed", sensor_poses="/ee_pose")
+    assert len(read_bag(path, SHAPE, choices).recording) == 6
 
 
 def test_compressed_images_that_are_refused(tmp_path):

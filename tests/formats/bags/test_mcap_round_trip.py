@@ -13,13 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from palpate import formats
 from palpate.errors import FileError
+from palpate.formats.bags import live_mcap
 from palpate.formats.bags.bag_recording import read_bag
 from palpate.formats.bags.choices import BagChoices
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
-from palpate.formats.palpate_h5 import write_recording
+from palpate.formats.bags.mcap_writer import new_mcap
+from palpate.formats.palpate_h5 import recording_to_bytes, write_recording
 from palpate.geometry import se2
 from palpate.recording.images import encode_image
 from palpate.recording.plane import flat, out_of_plane, plane_across, spatial_covariance
+from palpate.recording.sensor import DIGIT
 from palpate.recording.trajectory import Trajectory
 
 ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")
@@ -218,6 +221,51 @@ def test_a_recording_whose_writing_was_cut_off(tmp_path, caplog):
         same(found, recording, len(found))
     assert 30 < lengths[0] < lengths[1] < lengths[2] < 120
     assert f"the {lengths[2]} frames before it are read" in caplog.text
+
+
+IMAGE_TOPIC, IMAGE_TYPE = "/sensor/image/compressed", "sensor_msgs/msg/CompressedImage"
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+
+def own_mcap(path: Any, attachment: tuple[str, str, bytes], truth: Any = None, image_type: str = IMAGE_TYPE) -> Any:
+    """An MCAP as palpate's own of three frames, with messages that are none of its own."""
+    image = np.frombuffer(encode_image(np.zeros((320, 240, 3), np.uint8)), np.uint8)
+    with new_mcap(path) as file:
+        file.attach(*attachment)
+        for stamp in (10**9, 2 * 10**9, 3 * 10**9):
+            header, pose = file.header(stamp, "world"), file.pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+            if image_type == IMAGE_TYPE:
+                file.add(IMAGE_TOPIC, IMAGE_TYPE, stamp, header=header, format="jpeg", data=image)
+            else:
+                file.add(IMAGE_TOPIC, image_type, stamp, header=header, pose=pose)
+            file.add("/sensor/pose", POSE_TYPE, stamp, header=header, pose=pose)
+            if truth is not None:
+                truth(file, stamp, header)
+    return path
+
+
+def test_messages_of_an_unexpected_type_are_named_in_our_own_files(tmp_path):
+    bare = tiny_recording(3, image=None, codec="jpeg")
+    attachment = ("palpate-recording.h5", "application/x-hdf5", recording_to_bytes(bare))
+    with pytest.raises(FileError, match=rf"a\.mcap: {IMAGE_TOPIC} holds {POSE_TYPE}, expected {IMAGE_TYPE}"):
+        formats.read(own_mcap(tmp_path / "a.mcap", attachment, image_type=POSE_TYPE))
+    attachment = (live_mcap.ATTACHMENT, "application/json", live_mcap.live_attachment(bare.shape, DIGIT))
+
+    def other(file: Any, stamp: int, header: Any) -> None:
+        pose = file.pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        file.add("/object/pose", POSE_TYPE, stamp, header=header, pose=pose)
+
+    with pytest.raises(FileError, match=rf"b\.mcap: /object/pose holds {POSE_TYPE}, expected {COVARIANCE_TYPE}"):
+        formats.read(own_mcap(tmp_path / "b.mcap", attachment, other))
+
+    def zero(file: Any, stamp: int, header: Any) -> None:
+        pose = file.pose(np.zeros(3), np.zeros(4))
+        told = file.make(COVARIANCE_TYPE.replace("Stamped", ""), pose=pose, covariance=np.eye(6).ravel())
+        file.add("/object/pose", COVARIANCE_TYPE, stamp, header=header, pose=told)
+
+    with pytest.raises(FileError, match=r"c\.mcap: /object/pose: pose 0 at 1\.0+ s is .*a quaternion of length 1"):
+        formats.read(own_mcap(tmp_path / "c.mcap", attachment, zero))
 
 
 def test_times_that_are_no_stamps(tmp_path):

@@ -18,10 +18,11 @@ from palpate.formats.bags.bag_recording import read_bag
 from palpate.formats.bags.choices import BagChoices
 from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.mcap_file import leading_attachments
-from palpate.formats.bags.messages import decoded, poses_of
+from palpate.formats.bags.messages import POSE_WITH_COVARIANCE, decoded_as, poses_of
 from palpate.formats.bags.raw import CutShort
 from palpate.formats.bags.recording_mcap import IMAGES, OBJECT_POSES, SENSOR_POSES
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
+from palpate.recording.motion import poses_in_time
 from palpate.recording.plane import flat, into_plane
 from palpate.recording.recording import Recording
 from palpate.recording.seen_poses import SIGMA, poses_at
@@ -50,22 +51,26 @@ def read_live_mcap(path: Path) -> Recording | None:
     # By the log's clock, which is the headers': a replay may begin at 0 s, a stamp that stands for none.
     choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
     reading = read_bag(path, shape, choices, sensor)
-    return _with_truth(reading.recording, path) if OBJECT_POSES in reading.mapping.unused else reading.recording
+    if OBJECT_POSES not in reading.mapping.unused:
+        return reading.recording
+    try:
+        return _with_truth(reading.recording, path)
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
 
 
 def _with_truth(recording: Recording, path: Path) -> Recording:
     """The recording with the true poses between those of the file, which are in the plane of the sensor's."""
-    times, numbers, sigmas = list[float](), list[tuple[float, ...]](), list[Array]()
+    plane = flat()
+    told: dict[int, tuple[tuple[float, ...], Array]] = {}
     with suppress(CutShort):  # which reading the rest has told
         for raw in raw_messages(path):
             if raw.channel.topic == OBJECT_POSES:
-                message = decoded(raw)
-                times.append(raw.log_time / 1e9)
-                numbers.append(poses_of(message)[0].numbers)
-                sigmas.append(np.sqrt(message.pose.covariance[[0, 7, 35]]))
-    order = np.argsort(times)
-    seen = np.array(numbers)[order]
-    pose, _, _ = into_plane(flat(), seen[:, :3], seen[:, 3:])
-    found, sigma = poses_at(recording.time, np.array(times)[order], pose, np.array(sigmas)[order])
+                message = decoded_as(POSE_WITH_COVARIANCE, raw)
+                told[raw.log_time] = poses_of(message)[0].numbers, np.sqrt(message.pose.covariance[[0, 7, 35]])
+    numbers, sigmas = (np.array([told[time][part] for time in sorted(told)]) for part in (0, 1))
+    poses = poses_in_time(OBJECT_POSES, plane.frame, np.array(sorted(told)), numbers)
+    pose, _, _ = into_plane(plane, poses.position, poses.rotation)
+    found, sigma = poses_at(recording.time, poses.time / 1e9, pose, sigmas)
     frames = recording.frames | {"object_pose": f"{OBJECT_POSES}, as an overhead camera told it meanwhile"}
     return replace(recording, object_pose=found, extra={**recording.extra, SIGMA: sigma}, frames=frames)

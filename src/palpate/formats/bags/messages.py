@@ -56,6 +56,13 @@ def decoded(raw: RawMessage) -> Any:
         ) from error
 
 
+def decoded_as(type_: str, raw: RawMessage) -> Any:
+    """The message, which has to be of this type. Raises FileError that names the topic."""
+    if raw.channel.type != type_:
+        raise FileError(f"{raw.channel.topic} holds {raw.channel.type or 'messages of no type'}, expected {type_}")
+    return decoded(raw)
+
+
 def stamp_of(message: Any) -> int | None:
     """The time in a message's header [ns], of several transforms the first; None where there is none."""
     if hasattr(message, "transforms"):

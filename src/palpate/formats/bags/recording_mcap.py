@@ -15,7 +15,7 @@ from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.contents import warn_of_cut
 from palpate.formats.bags.mcap_file import leading_attachments
 from palpate.formats.bags.mcap_writer import nanoseconds, new_mcap
-from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE, decoded
+from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE, decoded_as
 from palpate.formats.bags.raw import CutShort
 from palpate.formats.palpate_h5 import recording_from_bytes, recording_to_bytes
 from palpate.recording.images import Codec
@@ -75,7 +75,7 @@ def _read_frames(path: Path) -> tuple[SpooledImages, Codec, int]:
     try:
         for raw in raw_messages(path):
             if raw.channel.topic == IMAGES:
-                message = decoded(raw)
+                message = decoded_as(COMPRESSED_IMAGE, raw)
                 places.append(spool.add(message.data.tobytes()))
                 codec = message.format
             frames += raw.channel.topic == SENSOR_POSES

@@ -12,7 +12,17 @@ from palpate.formats.bags.choices import BagChoices, Mapping, PoseSource, topics
 from palpate.formats.bags.containers import raw_messages
 from palpate.formats.bags.contents import Contents
 from palpate.formats.bags.frames import chain, compose_chain
-from palpate.formats.bags.messages import TRANSFORM_TYPES, Pose, decoded, image_of, is_read, poses_of, stamp_of
+from palpate.formats.bags.messages import (
+    IMAGE_TYPES,
+    POSE_TYPES,
+    TRANSFORM_TYPES,
+    Pose,
+    decoded,
+    image_of,
+    is_read,
+    poses_of,
+    stamp_of,
+)
 from palpate.formats.bags.raw import CutShort
 from palpate.recording.images import Codec
 from palpate.recording.motion import Placed, Poses, always, at_times, poses_in_time
@@ -47,7 +57,9 @@ def read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> Strea
     try:
         for raw in raw_messages(found.path):
             topic = topics.get(raw.channel)
-            if topic is None or not is_read(raw.channel):
+            types = IMAGE_TYPES if raw.channel.topic == chosen.images else (*POSE_TYPES, *TRANSFORM_TYPES)
+            # A topic may have several channels, of several types.
+            if topic is None or raw.channel.type not in types or not is_read(raw.channel):
                 continue
             message = decoded(raw)
             log_time = raw.log_time if choices.clock == "log" else None
