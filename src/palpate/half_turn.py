@@ -1,7 +1,7 @@
 """Whether images lie turned by half a turn or mirrored, which nothing but the object can tell.
 
-Touch is then felt on the other side of the tip's middle. So in the first contact of a stream a second estimator follows
-that is told all of it mirrored. Of the two, the wrong one is soon contradicted by how the object is pushed.
+Touch is then felt on the other side of the tip's middle. So in each contact, until it is settled, a second estimator
+follows that is told all of it mirrored. Of the two, the wrong one is soon contradicted by how the object is pushed.
 """
 
 import logging
@@ -49,10 +49,8 @@ class HalfTurn:
         """
         if self._is_settled:
             return estimator
-        if not estimator.in_contact:
-            can_tell = estimator.is_sure and any(isinstance(one, ContactDirection) for one in told)
-            self._other = estimator.copied() if can_tell else None
-            self._contradicted, self._since = (False, False), 0
+        if not estimator.in_contact and estimator.is_sure and any(isinstance(one, ContactDirection) for one in told):
+            self._other = estimator.copied()
         other = self._other
         if other is None:
             return estimator
@@ -63,6 +61,10 @@ class HalfTurn:
         if self.is_turned:
             logger.warning("frame at %.3f s: %s", frame.time, _REASON)
         return other if self.is_turned else estimator
+
+    def end_contact(self) -> None:
+        """Forget this contact: the next frame begins another."""
+        self._other, self._contradicted, self._since = None, (False, False), 0
 
     def _compare(self, as_told: Hypotheses, other: Hypotheses) -> None:
         """Settle it where one was contradicted and the other is not for a while, or both were."""

@@ -55,6 +55,11 @@ class StreamQuality:
             self._off.append(_off_the_way(*self._last))
 
     @property
+    def interval(self) -> float:
+        """The usual interval of late [s]; sensors may be slower than they say, and a gap is no lower rate."""
+        return max(1.0 / self._rate, median(self._intervals)) if self._intervals else 1.0 / self._rate
+
+    @property
     def reason(self) -> str:
         """What is worse than it should be, in a sentence; nothing where all is well."""
         return self._too_seldom() or self._too_noisy() or self._other_light() or self._aside()

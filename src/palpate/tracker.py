@@ -93,7 +93,9 @@ class Tracker:
         """
         if pose is not None or sigma is not None:
             self._first = _first_pose(self._first[0] if pose is None else pose, sigma, self._settings)
-        self._touch.end_contact()
+        self._forget_contact()
+        if self._unfelt.is_doubtful:
+            self._detector.forget()  # its images may have shown a touch
         self._begin()
 
     def _begin(self) -> None:
@@ -106,7 +108,6 @@ class Tracker:
         self._unfelt = UnfeltTouch(is_doubtful=self._detector.background is None)
         self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
         self._last: Frame | None = None
-        self._interval = 1.0 / self._sensor.rate  # [s] between the last frames; sensors may be slower than they say
         self._touched_at = -math.inf  # [s] time of the last frame of contact
         self._times: list[float] = []
         self._contacts: list[bool] = []
@@ -119,30 +120,30 @@ class Tracker:
 
         Raises FrameError where the frame cannot be used: a time not after the last frame's, a pose that is not finite,
         neither image nor contact flag, an image of another size, a measurement of a wrong kind. The frame is left out
-        then, and all is as if it had not come. Raises EstimationError, of which FrameError is a kind, where the graph
+        then, and all is as if it had not come; of a pose that leaps in a contact, what its image shows of the gel is
+        kept. Raises EstimationError, of which FrameError is a kind, where the graph
         cannot be solved even anew: the contact is over, and the next frame begins another.
         """
         frame, estimator = self._checked(frame, measurements), self._estimator
         self._choose_touch(frame)
-        touch = self._touch
-        if estimator.in_contact and (not frame.contact or self._paused(frame)):
-            estimator.end_contact(self._moved_unseen(frame))
-            touch.end_contact()
+        paused = self._paused(frame)
+        if estimator.in_contact and (paused or not frame.contact):
+            estimator.end_contact(self._moved_unseen(paused))
+        if not estimator.in_contact:  # since now, or since a graph could not be solved even anew
+            self._forget_contact()
         if frame.contact:
             told = self._told(frame)
             estimator = self._estimator = self._half_turn.see(estimator, frame, told)
             try:
                 estimator.touch(frame.sensor_pose, self._measured(frame, told), frame.time)
             except EstimationError as error:
-                touch.end_contact()
+                self._touch.end_contact()
                 said = self._measured(frame, self._told(frame))
                 estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
         else:
             estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
-        if self._last is not None:
-            self._interval = max(1.0 / self._sensor.rate, frame.time - self._last.time)
         self._last = frame
-        felt = bool(frame.contact) and frame.image is not None
+        felt = bool(frame.contact) and frame.image is not None and not paused
         self._quality.see(frame.time, frame.sensor_pose, self._detector.light, felt)
         self._times.append(frame.time)
         self._contacts.append(estimator.in_contact)
@@ -226,6 +227,11 @@ class Tracker:
         assert self.background is not None
         return self.background
 
+    def _forget_contact(self) -> None:
+        """Forget what touch told in a contact that is over."""
+        self._touch.end_contact()
+        self._half_turn.end_contact()
+
     def _told(self, frame: Frame) -> Sequence[Measurement]:
         """What touch tells of a frame of contact; nothing where it has not felt it begin."""
         if self._unfelt.now and self._tactile.startswith("learnt") and not self._is_touch_given:
@@ -238,17 +244,19 @@ class Tracker:
 
     def _paused(self, frame: Frame) -> bool:
         """Whether so much is missing before a frame that its contact is another one."""
-        return self._last is not None and (self._gone or frame.time - self._last.time > _PAUSE * self._interval)
+        if self._last is None:
+            return False
+        return self._gone or frame.time - self._last.time > _PAUSE * self._quality.interval
 
-    def _moved_unseen(self, frame: Frame) -> float:
+    def _moved_unseen(self, paused: bool) -> float:
         """How far the object may have been moved as nobody looked [m], where a contact is over."""
         guard = self._guard
-        return guard.pushed if self._paused(frame) else max(guard.unseen, DRAWN_BACK if guard.drawn_back else 0.0)
+        return guard.pushed if paused else max(guard.unseen, DRAWN_BACK if guard.drawn_back else 0.0)
 
     def _checked(self, frame: Frame, measurements: Sequence[Measurement]) -> Frame:
         """The frame as it is taken: its image as the profile's lie, contact as the image tells, all that is measured.
 
-        Raises FrameError, with nothing changed, where it cannot be used.
+        Raises FrameError where it cannot be used; see update.
         """
         last = -np.inf if self._last is None else self._last.time
         frame = checked_frame(frame, measurements, last, len(self._sensor.tips))

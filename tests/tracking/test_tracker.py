@@ -18,6 +18,7 @@ from push_samples import (
 )
 from tracker_samples import CALIBRATED, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
 
+from palpate.errors import EstimationError
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.settings import PUBLISHED, NoiseSettings
 from palpate.estimation.unknowns import DEPTH, IN_OBJECT
@@ -201,6 +202,41 @@ def test_a_gap_in_time_ends_a_contact(smoother):
         assert len(tracker.smoothed()) == len(sequence)
         assert translation_errors(poses(found), o).max() < 1.5e-3  # the step across the gap is a rest of 1 mm
     assert compared == [2, 1]
+
+
+def test_a_gap_is_told_by_the_usual_interval_and_not_by_the_gap_before_it():
+    o, e = pushed("rectangle", 40)
+    late = {20: 0.3, 21: 2.3}
+    seen = [
+        dataclasses.replace(frame, time=frame.time + late.get(min(k, 21), 0.0)) for k, frame in enumerate(frames(o, e))
+    ]
+    touch = CountedTouch()
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), touch=touch)
+    for frame in seen:
+        tracker.update(frame)
+    assert touch.begun == 2
+
+
+def test_after_a_graph_that_could_not_be_solved_even_anew_touch_begins_anew(monkeypatch):
+    o, e = pushed("rectangle", 10)
+    touch = CountedTouch()
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), touch=touch)
+    seen = frames(o, e)
+    for frame in seen[:5]:
+        tracker.update(frame)
+
+    def fail(self: Estimator, *_: object) -> None:
+        self._contact = None
+        raise EstimationError("for the test")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("palpate.estimation.hypotheses.Hypotheses.touch", fail)
+        patch.setattr(Estimator, "begin_anew", fail)
+        with pytest.raises(EstimationError, match="for the test"):
+            tracker.update(seen[5])
+    assert touch.begun == 2
+    tracker.update(seen[6])
+    assert touch.begun == 3
 
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)

@@ -1,5 +1,6 @@
 """The tracker on simulated touch images: contact from what they show, and the model that comes with palpate."""
 
+import contextlib
 import dataclasses
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from push_samples import contact_directions, with_settings
 
-from palpate.errors import EstimationError, SettingError
+from palpate.errors import EstimationError, FrameError, SettingError
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
@@ -70,6 +71,33 @@ def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(r
     known = unfelt.index(False, begun)
     assert not found[known].contact and not any(unfelt[known:])
     assert distance(frames[lifted - 1].object_pose, found[lifted - 1].pose) < 0.01  # pushed by several times that
+
+
+def test_a_reset_in_a_touch_that_was_not_felt_does_not_believe_its_gel(recording):
+    frames = late_frames(recording)
+    tracker = Tracker(recording.shape, recording.sensor, frames[0].object_pose)
+    for frame in frames[:30]:
+        tracker.update(frame)
+    assert tracker.background is not None
+    tracker.reset(frames[30].object_pose)
+    assert tracker.background is None
+    found = [tracker.update(frame) for frame in frames[30:60]]
+    assert not any(estimate.status == "tracking" for estimate in found)
+    assert found[-1].reason.startswith("in contact before it was known")
+
+
+def test_a_leap_that_is_believed_is_no_way_in_touch(recording):
+    touched = begun_at(recording)
+    tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0])
+    for index in range(touched + 40):
+        tracker.update(recording[index])
+    aside = np.array([0.0, 0.3, 0.0])
+    for index in range(touched + 40, touched + 50):
+        frame = recording[index]
+        with contextlib.suppress(FrameError):
+            tracker.update(dataclasses.replace(frame, sensor_pose=frame.sensor_pose + aside))
+    assert tracker.frame.sensor_pose[1] > 0.2
+    assert tracker._quality._aside() == ""
 
 
 def test_a_recording_that_begins_in_contact_is_compared_with_the_gel_after_it(recording):

@@ -234,3 +234,20 @@ def test_plain_values_come_back_as_they_were(tmp_path):
     np.testing.assert_array_equal(found["arrays"][0], np.zeros((2, 3)))
     np.testing.assert_array_equal(found["rows"][1][0], shared + 1)
     assert found["rows"][1][1] == 2 and found["empty"][:3] == [[], (), {}] and found["empty"][3].shape == (0, 3)
+
+
+def test_a_tracker_is_saved_right_after_a_reset_and_after_a_brief_contact(recording, tmp_path):
+    touched = int(np.argmax(recording.contact))
+    tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0])
+    for index in range(touched + 8):  # which way images lie is not settled
+        tracker.update(recording[index])
+    tracker.reset()
+    tracker.save(tmp_path / "state.npz")
+    tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0])
+    for index in range(touched):
+        tracker.update(recording[index])
+    for index in range(touched, touched + 4):
+        tracker.update(recording[index], [Deep()])
+    for back in range(1, 6):
+        tracker.update(dataclasses.replace(recording[touched - back], time=recording.time[touched + 3] + back / 30))
+    tracker.save(tmp_path / "state.npz")
