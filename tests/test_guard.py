@@ -45,10 +45,10 @@ def test_stamps_in_another_unit_are_never_believed(unit, word):
                 guard.check_time((2.0 + frame / RATE) * unit)
 
 
-@pytest.mark.parametrize("length", [0.02, 1.0, 1e200])
+@pytest.mark.parametrize("length", [0.02, 1.0])
 def test_one_pose_that_leaps_in_a_contact_is_refused(length):
     guard = guard_after(20)
-    with pytest.raises(FrameError, match=r"mm and 0 degrees from where|m from the origin"):
+    with pytest.raises(FrameError, match=r"mm and 0 degrees from where"):
         guard.check_pose(20 / RATE, at(20) + np.array([0.0, length, 0.0]), touched=True)
     assert not guard.check_pose(21 / RATE, at(21), touched=True)
 

@@ -21,6 +21,6 @@ def same(one: Any, other: Any) -> bool:
     """Return whether two fields are equal, arrays and tuples by what they hold."""
     if isinstance(one, tuple) and isinstance(other, tuple):
         return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray) or isinstance(one, float):
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
-    return one == other
+    return bool(one == other or (one != one and other != other))

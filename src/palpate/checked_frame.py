@@ -21,6 +21,9 @@ from palpate.recording.measurements import (
     finite_numbers,
 )
 
+_FARTHEST = np.array([1e4, 1e4, FARTHEST])
+"""[m, m, rad] of a sensor's pose at most."""
+
 
 def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: float, tips: int) -> Frame:
     """Return a frame with poses of its own, so that a sensor may reuse its buffers, and all that is measured at it.
@@ -39,10 +42,10 @@ def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: floa
     if frame.contact is not None and not isinstance(frame.contact, bool | np.bool_):
         raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
     pose = finite_numbers(frame.sensor_pose, (3,))
-    if pose is None or np.abs(pose).max() > FARTHEST:
+    if pose is None or (np.abs(pose) > _FARTHEST).any():
         raise FrameError(
-            f"{when} has sensor pose {frame.sensor_pose}; it must be three finite numbers x [m], y [m], theta [rad], "
-            f"none beyond {FARTHEST:g}"
+            f"{when} has sensor pose {frame.sensor_pose}; it must be three finite numbers x [m], y [m], theta [rad], x "
+            f"and y up to {_FARTHEST[0]:g}, theta up to {_FARTHEST[2]:g}"
         )
     if frame.image is not None:
         _check_image(when, frame.image)

@@ -28,4 +28,4 @@ class EstimationError(PalpateError):
 
 
 class FrameError(EstimationError):
-    """A frame cannot be used, and is left out: nothing that was known before it has changed."""
+    """A frame cannot be used, and is left out. Of one whose pose leaps, what its image shows of the gel is kept."""

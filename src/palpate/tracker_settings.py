@@ -41,3 +41,7 @@ class TrackerSettings:
             )
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is 1 or more")
+        # NumPy's numbers go into no JSON.
+        object.__setattr__(self, "hypotheses", int(self.hypotheses))
+        if radius is not None:
+            object.__setattr__(self, "pressure", float(radius))

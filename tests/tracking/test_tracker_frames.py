@@ -8,6 +8,7 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, small_frame
 
+from palpate.by_value import same
 from palpate.errors import EstimationError, FrameError
 from palpate.estimation.settings import NoiseSettings
 from palpate.recording.frame import Frame
@@ -44,7 +45,8 @@ BAD: dict[str, tuple[Any, str]] = {
     "pose of text": ({"sensor_pose": "here"}, "sensor pose here; it must be three"),
     "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),
     "pose that is nan": ({"sensor_pose": [0.0, np.nan, 1.0]}, "it must be three finite numbers"),
-    "pose far off": ({"sensor_pose": [1e200, 0.0, 1.0]}, "none beyond 1e"),
+    "pose far off": ({"sensor_pose": [1e200, 0.0, 1.0]}, "x and y up to 10000, theta up to 1e"),
+    "pose 20 km off": ({"sensor_pose": [0.0, 2e4, 1.0]}, "x and y up to 10000"),
     "neither": ({"image": None, "contact": None}, "neither an image nor a contact flag"),
     "contact of text": ({"contact": "yes"}, "contact 'yes'; it must be True, False or None"),
     "image as list": ({"image": [[[0, 0, 0]]]}, "image of type list; it must be an array of uint8"),
@@ -105,6 +107,11 @@ def test_estimates_after_bad_frames_are_those_without_them(smoother):
             dirty.update(frame, 3)  # pyright: ignore[reportArgumentType]
         assert dirty.update(frame) == clean.update(frame)
     np.testing.assert_array_equal(dirty.smoothed().pose, clean.smoothed().pose)
+
+
+def test_fields_of_a_number_are_the_same_whichever_way_they_are_compared():
+    assert same(1, 1.0) and same(1.0, 1) and same(np.nan, float("nan")) and not same(1.0, 2)
+    assert not same(np.ones(1), 1.0) and not same(1.0, np.ones(1)) and same((np.ones(2), 1), (np.ones(2), 1.0))
 
 
 def test_images_after_bad_ones_tell_the_same():

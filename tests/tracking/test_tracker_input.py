@@ -1,6 +1,7 @@
 """Input that cannot be used, and arrays that belong to the caller."""
 
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,6 +84,12 @@ def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
 def test_misspelt_words_are_refused_where_they_are_said(changed, words):
     with pytest.raises(SettingError, match=f"^{words}"):
         TrackerSettings(**changed)
+
+
+def test_numbers_of_numpy_are_kept_as_pythons_so_that_a_tracker_can_be_saved(tmp_path):
+    kept: Any = TrackerSettings(pressure=np.float32(0.03), hypotheses=np.int64(3))  # pyright: ignore[reportArgumentType]
+    assert (type(kept.pressure), type(kept.hypotheses)) == (float, int)
+    disc_tracker(kept).save(tmp_path / "state.npz")
 
 
 def test_the_settings_that_ship():
