@@ -196,7 +196,8 @@ def test_a_run_names_its_calibration(tmp_path, monkeypatch, capsys):
             )
             == 0
         )
-        assert json.loads(Path("run/settings.json").read_text())["calibration"] == wanted
+        named = json.loads(Path("run/settings.json").read_text())["calibration"]
+        assert named == (wanted and str(tmp_path / wanted))  # so that it is found from any folder
 
 
 def test_command_fails_in_one_line_and_leaves_nothing(tmp_path, capsys):

@@ -14,6 +14,7 @@ from palpate.estimation.hypotheses import Answer, Hypotheses
 from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
+from palpate.touch.model import SHIPPED
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking import steps
@@ -113,8 +114,19 @@ def test_the_command_goes_on_and_keeps_what_is_whole(recording, tmp_path, monkey
     assert json.loads(capsys.readouterr().out)["frames"] == 45
     assert not (tmp_path / ".out.part").exists()
     assert (tmp_path / "out" / "summary.json").stat().st_mtime_ns == before
-    assert main([*words, "out", "--resume", "--smoother", "batch"]) == 2
-    assert "holds a run with another smoother" in capsys.readouterr().err
+    capsys.readouterr()
+    for options, other in (
+        (("--smoother", "batch"), "with another smoother"),
+        (("--first-pose", "0", "0", "0.1"), "with another first_pose"),
+        (("--model", str(SHIPPED), "--tactile", "learnt"), "with another tactile"),
+        (("--html",), "without page.html"),
+        (("--mcap",), "without estimates.mcap"),
+    ):
+        assert main([*words, "out", "--resume", *options]) == 2
+        assert f"holds a run {other}; --force replaces it" in capsys.readouterr().err
+    write_recording(pushed(20), tmp_path / "push.h5", overwrite=True)
+    assert main([*words, "out", "--resume"]) == 2
+    assert "holds a run with another recording" in capsys.readouterr().err
 
 
 def test_what_an_earlier_run_left_is_of_no_account_unless_asked_for(tmp_path, monkeypatch):

@@ -1,6 +1,6 @@
 """`palpate track`: tracks recordings and leaves a folder for each."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -174,10 +174,19 @@ def run_file(
     from palpate.recording.plane import flat
     from palpate.recording.recording import Recording
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import PAGE, new_run, state_file, summary_of_whole, write_files
+    from palpate.tracking.run_folder import MCAP, PAGE, new_run, state_file, summary_of_whole, write_files
 
+    asked = {
+        "recording": _written(file),
+        **asdict(settings),
+        "model": None if model is None else model.hash,
+        "calibration": None if calibration is None or calibration.file is None else _written(calibration.file),
+        "first_pose": first_pose,
+        "first_pose_sigma": first_pose_sigma,
+        **asdict(bag),
+    }
     if resume and not force and folder.is_dir():
-        return summary_of_whole(folder, file, settings)
+        return summary_of_whole(folder, asked, [name for name, given in ((PAGE, html), (MCAP, mcap)) if given])
     with new_run(folder, force, resume) as part:
         with busy(f"reading {file.name}"):
             reading = read_with(file, bag)
@@ -204,12 +213,19 @@ def run_file(
                 state_file(part),
                 folder.with_name(f"{folder.name}-failed.npz") if dump else None,
             )
-        write_files(run, part, plane if mcap else None)
+        write_files(run, part, plane if mcap else None, asked)
         if html:
             from palpate.view.page import write_page
 
             write_page(run, file.name, part / PAGE)
     return run.summary
+
+
+def _written(file: Path) -> list[object]:
+    """What a later run knows a file by: where it is, and its signature."""
+    from palpate.signature import signature
+
+    return [str(file.absolute()), *signature(file)]
 
 
 def _fitted_offset(

@@ -16,6 +16,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.locks import remove_parts
 from palpate.shards import Shard
+from palpate.signature import signature
 from palpate.study.job import Job, Outcome, StudySettings
 from palpate.study.trial import Method, Trial, read_trial, write_trial
 from palpate.touch.model import TouchModel
@@ -59,7 +60,7 @@ class StudyFolder:
         """Return the trials of a job that are there already; SettingError if its recording has changed since."""
         if job.name not in self._recordings:
             return {}
-        if self._recordings[job.name]["file"] != _signature(job.path):
+        if self._recordings[job.name]["file"] != signature(job.path):
             raise SettingError(f"{job.path}: has changed since it was tracked for {self.path}; take another folder")
         found: dict[Method, Trial] = {}
         for method in job.methods:
@@ -74,7 +75,7 @@ class StudyFolder:
     def add(self, outcome: Outcome) -> None:
         """Write what became of a job. Raises FileError."""
         if outcome.facts is not None:  # these first, for without them nobody knows what trials were made from
-            self._recordings[outcome.job.name] = {"file": _signature(outcome.job.path), "facts": outcome.facts}
+            self._recordings[outcome.job.name] = {"file": signature(outcome.job.path), "facts": outcome.facts}
             self._write()
         for trial in outcome.trials:
             write_trial(trial, self._trial(trial.recording, trial.method))
@@ -128,12 +129,6 @@ def _read_index(path: Path) -> dict[str, Any]:
     if not all(isinstance(found.get(name), dict) for name in ("made_with", "recordings")):
         raise FileError(f"{path}: lacks made_with or recordings; it is damaged")
     return found
-
-
-def _signature(path: Path) -> list[int]:
-    """What changes when the file does: its size [bytes] and when it was written [ns]."""
-    stat = path.stat()
-    return [stat.st_size, stat.st_mtime_ns]
 
 
 def _differences(old: dict[str, Any], new: dict[str, Any], within: str = "") -> Iterator[str]:

@@ -1,10 +1,11 @@
 """The folder that a tracking run leaves."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import palpate
@@ -14,7 +15,6 @@ from palpate.files import read_json, remove_left_of, whole_folder
 from palpate.formats import estimates_csv, palpate_h5, tum
 from palpate.formats.bags.estimates_mcap import write_estimates_mcap
 from palpate.recording.plane import Plane
-from palpate.tracker_settings import TrackerSettings
 from palpate.tracking import details
 from palpate.tracking.figures import run_figure
 from palpate.tracking.run import Run
@@ -60,28 +60,29 @@ def state_file(part: Path) -> Path:
     return part.with_name(_STATE)
 
 
-def summary_of_whole(folder: Path, file: Path, settings: TrackerSettings) -> dict[str, Any]:
+def summary_of_whole(folder: Path, asked: Mapping[str, Any], beside: Sequence[str] = ()) -> dict[str, Any]:
     """Return the summary of a run that is there already, and remove what a killed process left beside it.
 
-    Raises FileError unless it is of this recording and these settings.
+    Raises FileError unless the same was asked for (see `write_files`) and it holds the files `beside` too.
     """
-    found, wanted = read_json(folder / "settings.json"), json.loads(json.dumps(_options(file, settings)))
-    for name, value in wanted.items():
-        if found.get(name) != value and (name, value) != ("tactile", "auto"):
-            raise FileError(
-                f"{folder}: holds a run with another {name}; --force replaces it, --out names another folder"
-            )
+    found, wanted = read_json(folder / "settings.json").get("asked") or {}, json.loads(json.dumps(asked))
+    other = [f"with another {name}" for name, value in wanted.items() if name not in found or found[name] != value]
+    if other := [*other, *(f"without {name}" for name in beside if not (folder / name).exists())]:
+        raise FileError(f"{folder}: holds a run {other[0]}; --force replaces it, --out names another folder")
     remove_left_of(folder)
     return read_json(folder / "summary.json")
 
 
-def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
+def write_files(
+    run: Run, folder: Path, mcap: Plane | None = None, asked: Mapping[str, Any] = MappingProxyType({})
+) -> None:
     """Write FILES to a folder and, with the plane in space that `mcap` is, MCAP.
 
+    `asked` is what was asked for, as plain data, by which a later run that is to resume knows whether it asks the same.
     `estimates.csv`, `estimates.mcap` and `summary.json` are of the online estimates, `trajectory.tum` holds the
     smoothed ones. A recording that is in no file is kept as RECORDING, so that the run can be looked at again.
     """
-    _write_json(folder / "settings.json", settings_dict(run))
+    _write_json(folder / "settings.json", {**settings_dict(run), "asked": dict(asked)})
     tum.write(run.smoothed, folder / "trajectory.tum")
     estimates_csv.write(run.online, folder / "estimates.csv")
     details.write_answers(run.online.time, run.answers, folder / "answers.csv")
@@ -111,28 +112,22 @@ def check_folder(folder: Path, force: bool = False) -> None:
 
 def settings_dict(run: Run) -> dict[str, Any]:
     """Return what made a run, as plain data for JSON."""
-    noise = run.settings.noise
+    file, settings, calibration = run.recording.file, run.settings, run.calibration
+    noise = settings.noise
     return {
         "palpate": palpate.__version__,
         "source": run.recording.source,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
-        "calibration": str(run.calibration.file) if run.calibration and run.calibration.file else None,
+        "calibration": str(calibration.file.absolute()) if calibration and calibration.file else None,
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == noise), None),
-        **_options(run.recording.file, run.settings),
-    }
-
-
-def _options(file: Path | None, settings: TrackerSettings) -> dict[str, Any]:
-    """What of this is known before a run, but for what may be left open."""
-    return {
         "recording": RECORDING if file is None else str(file.absolute()),
         "tactile": settings.tactile,
         "smoother": settings.smoother,
         "pressure": settings.pressure,
         "hypotheses": settings.hypotheses,
-        "noise": asdict(settings.noise),
+        "noise": asdict(noise),
     }
 
 
