@@ -22,32 +22,30 @@ _FAINT = 0.2  # mean difference there, 6 grey levels, that is believed by half
 class Encoder(nn.Module):
     """A small ResNet-18 (paper Sec. IV-A): three stages of two blocks on a map of 8 x 32, a quarter of an image."""
 
-    def __init__(self, width: int = _WIDTH) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        stem = nn.Conv2d(3, width, 7, stride=2, padding=3, bias=False)
         self.layers = nn.Sequential(
-            stem,
-            nn.BatchNorm2d(width),
+            nn.Conv2d(3, _WIDTH, 7, stride=2, padding=3, bias=False),
+            nn.BatchNorm2d(_WIDTH),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=2, padding=1),
-            *(_Block(width) for _ in range(6)),
+            *(_Block() for _ in range(6)),
         )
-        self.width = width
 
     def forward(self, difference: Tensor) -> Tensor:
-        """Return the feature map (B, width, 8, 32) of the imprint."""
+        """Return the feature map (B, 24, 8, 32) of the imprint."""
         return self.layers(imprint(difference))
 
 
 class _Block(nn.Module):
-    def __init__(self, width: int) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(width, width, 3, padding=1, bias=False),
-            nn.BatchNorm2d(width),
+            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1, bias=False),
+            nn.BatchNorm2d(_WIDTH),
             nn.ReLU(),
-            nn.Conv2d(width, width, 3, padding=1, bias=False),
-            nn.BatchNorm2d(width),
+            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1, bias=False),
+            nn.BatchNorm2d(_WIDTH),
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -60,7 +58,7 @@ class KeypointEncoder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.encoder = Encoder()
-        self.heat = nn.Conv2d(self.encoder.width, 1, 1)
+        self.heat = nn.Conv2d(_WIDTH, 1, 1)
         self.classifier = nn.Sequential(
             nn.Flatten(),
             nn.Linear(MAP[0] * MAP[1], 32),
@@ -86,18 +84,18 @@ class KeypointEncoder(nn.Module):
 class Decoder(nn.Module):
     """Key points' blobs (B, 1, 8, 32) back to differences (B, 3, 32, 128)."""
 
-    def __init__(self, width: int = _WIDTH) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(1, width, 3, padding=1),
+            nn.Conv2d(1, _WIDTH, 3, padding=1),
             nn.ReLU(),
-            nn.Conv2d(width, width, 3, padding=1),
-            nn.ReLU(),
-            nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
-            nn.Conv2d(width, width, 3, padding=1),
+            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1),
             nn.ReLU(),
             nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
-            nn.Conv2d(width, 3, 3, padding=1),
+            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1),
+            nn.ReLU(),
+            nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
+            nn.Conv2d(_WIDTH, 3, 3, padding=1),
         )
 
     def forward(self, blobs: Tensor) -> Tensor:
@@ -112,8 +110,8 @@ class TouchNetwork(nn.Module):
         """Take whether the gel is flat, so that where along it it is touched is told besides."""
         super().__init__()
         self.encoder = Encoder()
-        self.points = nn.Conv2d(self.encoder.width, 4, 1)
-        self.reduce = nn.Conv2d(self.encoder.width, 8, 1)
+        self.points = nn.Conv2d(_WIDTH, 4, 1)
+        self.reduce = nn.Conv2d(_WIDTH, 8, 1)
         self.body = nn.Sequential(
             nn.Linear(8 * 2 * MAP[1] + 8, 2 * _HIDDEN), nn.ReLU(), nn.Linear(2 * _HIDDEN, _HIDDEN), nn.ReLU()
         )
@@ -176,10 +174,11 @@ def imprint(difference: Tensor) -> Tensor:
 
     Simulation knows too little of that, and networks that see it read much into it on real gels.
     """
-    padding = (_AROUND[0] // 2, _AROUND[1] // 2)
-    strength = nn.functional.avg_pool2d(
-        difference.abs().mean(dim=1, keepdim=True), _AROUND, stride=1, padding=padding, count_include_pad=False
-    )
+    strength = difference.abs().mean(dim=1, keepdim=True)
+    for rows, columns in ((_AROUND[0], 1), (1, _AROUND[1])):  # one after the other, which is the same and much faster
+        strength = nn.functional.avg_pool2d(
+            strength, (rows, columns), stride=1, padding=(rows // 2, columns // 2), count_include_pad=False
+        )
     fourth = (strength / _FAINT) ** 4
     return difference * (fourth / (fourth + 1.0))
 
