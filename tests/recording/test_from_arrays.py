@@ -10,6 +10,7 @@ from recording_samples import TINY_CAMERA, tiny_images
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import FileError, PalpateError, SettingError
+from palpate.formats.bags.choices import BagChoices
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.recording.images import encode_image
@@ -201,11 +202,31 @@ MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, N
         ({"contact": np.ones(20)}, "contact: found values of type float64, expected booleans"),
         ({"shape": "box.svg"}, "shape is 'box.svg'.*palpate.load_shape"),
         ({"plane": "flat"}, "plane is 'flat'; allowed are fit"),
+        ({"plane": ("a", "b", "c")}, "plane is .*; allowed are fit, or three numbers"),
+        ({"plane": None}, "plane is None; allowed are fit"),
+        ({"plane": 5}, "plane is 5; allowed are fit"),
+        ({"off_plane": "a"}, "off_plane is 'a'; allowed is a length above 0"),
+        ({"time_offset": None}, "time_offset is None; allowed are up to 1e.07 s"),
+        ({"time_offset": np.nan}, "time_offset is nan; allowed are up to 1e.07 s"),
+        ({"time_offset": np.inf}, "time_offset is inf; allowed are up to 1e.07 s"),
+        ({"sensor_T_gel": [[1.0, 2.0], [3.0]]}, "sensor_T_gel: rows have different lengths"),
     ],
 )
 def test_what_does_not_fit_is_said(change, words):
     with pytest.raises(PalpateError, match=words):
         made(**change)
+
+
+def test_a_normal_may_be_an_array():
+    normal: Any = np.array([0, 0, 1])
+    same(made(plane=normal).sensor_pose, made().sensor_pose)
+    assert BagChoices(plane=normal) == BagChoices()
+
+
+def test_a_bag_is_not_read_with_times_that_are_none():
+    for offset in (np.nan, np.inf, 1e12):
+        with pytest.raises(SettingError, match="time_offset is .*; allowed are up to 1e.07 s"):
+            BagChoices(time_offset=offset)
 
 
 def test_files_of_both_kinds():

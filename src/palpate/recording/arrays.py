@@ -12,7 +12,7 @@ from palpate.geometry.shapes import Shape
 from palpate.recording.given_images import Images, encoded_images
 from palpate.recording.images import Codec
 from palpate.recording.motion import Placed, Times, always, at_times, poses_in_time
-from palpate.recording.plane import STEEPEST, Normal, Plane, check_plane, chosen_plane, planar
+from palpate.recording.plane import STEEPEST, Normal, Plane, checked_choices, chosen_plane, planar
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.recording.units import check_degrees, check_metres, nanoseconds
@@ -39,7 +39,7 @@ def recording_from_arrays(
     source: str,
 ) -> Recording:
     """Do what `Recording.from_arrays` says; images, poses and truth come with their times."""
-    check_plane(plane, off_plane)
+    plane = checked_choices(plane, off_plane, time_offset)
     if not isinstance(shape, Shape):
         raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
     taken = nanoseconds("image_time", images[0])
@@ -52,7 +52,7 @@ def recording_from_arrays(
         raise FileError(f"images: found {len(images[1])} images for {len(taken)} times, expected one for each")
 
     time = taken + round(time_offset * 1e9)
-    up = np.array([0.0, 0.0, 1.0] if plane == "fit" else list(plane), np.float64)
+    up = np.array([0.0, 0.0, 1.0] if plane == "fit" else plane)
     placed = _sensor_at(time, *poses, sensor_T_gel, up)
     keep = placed.known
     if left_out := int(np.count_nonzero(~keep)):
@@ -93,7 +93,7 @@ def _sensor_at(
     numbers, known_at = _timed("poses", poses, "pose_time", pose_time)
     gel = None
     if sensor_T_gel is not None:
-        gel = _numbers("sensor_T_gel", np.asarray(sensor_T_gel)[None])
+        gel = _numbers("sensor_T_gel", [sensor_T_gel])
         check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
 
     def gel_at(numbers: Array) -> Placed:

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
+from palpate.limits import LONGEST
+from palpate.recording.measurements import finite_numbers
 from palpate.recording.motion import Placed, Times
 from palpate.recording.units import check_metres
 
@@ -52,12 +54,21 @@ class Plane:
         return f"plane {np.degrees(self.tilt):.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
 
 
-def check_plane(plane: Normal, off_plane: float) -> None:
-    """SettingError unless a plane is a normal or "fit", and poses may be off it by a length [m]."""
-    if plane != "fit" and (isinstance(plane, str) or len(plane) != 3):
+def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Normal:
+    """The plane that a user says, as "fit" or a tuple, once what else is said of poses is checked too.
+
+    Raises SettingError unless a plane is a normal or "fit", poses may be off it by a length [m], and images may be
+    shifted by so many seconds.
+    """
+    normal = None if isinstance(plane, str) else finite_numbers(plane, (3,))
+    if normal is None and not (isinstance(plane, str) and plane == "fit"):
         raise SettingError(f"plane is {plane!r}; allowed are fit, or three numbers: its normal")
-    if not off_plane > 0.0:
+    length, shift = finite_numbers(off_plane, ()), finite_numbers(time_offset, ())
+    if length is None or not length > 0.0:
         raise SettingError(f"off_plane is {off_plane!r}; allowed is a length above 0 [m]")
+    if shift is None or abs(shift) > LONGEST:
+        raise SettingError(f"time_offset is {time_offset!r}; allowed are up to {LONGEST:g} s, forwards or backwards")
+    return "fit" if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
 
 
 def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:

@@ -8,7 +8,7 @@ from palpate.errors import FileError, SettingError
 from palpate.formats.bags.contents import Contents, Topic
 from palpate.formats.bags.frames import single_chain
 from palpate.formats.bags.messages import IMAGE_TYPES, POSE_TYPES, TRANSFORM_TYPES
-from palpate.recording.plane import Normal, check_plane
+from palpate.recording.plane import Normal, checked_choices
 
 PoseSource = str | tuple[str, str]
 """A topic of poses, or the parent and the child frame that transforms lead from and to."""
@@ -36,7 +36,8 @@ class BagChoices:
     def __post_init__(self) -> None:
         if self.clock not in ("header", "log"):
             raise SettingError(f"clock is {self.clock!r}; allowed are header, log")
-        check_plane(self.plane, self.off_plane)
+        plane = checked_choices(self.plane, self.off_plane, self.time_offset)
+        object.__setattr__(self, "plane", plane)
 
 
 @dataclass(frozen=True)
