@@ -13,6 +13,7 @@ from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, poses, settings
 
 from palpate import EstimationError, Frame, FrameError, Measurement, ObjectPose, OwnMeasurement
 from palpate.geometry import se2
+from palpate.recording.measurements import ContactDirection, ContactPlace, Turn
 from palpate.tracking.metrics import rotation_errors, translation_errors
 
 Array = np.ndarray
@@ -225,3 +226,19 @@ def test_an_object_pose_that_is_none_is_refused_where_it_is_made(pose):
 def test_an_object_pose_with_a_covariance_that_is_none(covariance):
     with pytest.raises(EstimationError, match=r"^object pose has covariance .*; it must be"):
         ObjectPose(np.zeros(3), covariance)
+
+
+def test_a_small_covariance_is_not_taken_for_symmetric():
+    covariance = np.diag([1e-8, 1e-8, 1e-6])
+    covariance[0, 1] = 5e-9
+    with pytest.raises(EstimationError, match=r"it must be a symmetric \(3, 3\)"):
+        ObjectPose(np.zeros(3), covariance)
+    covariance[1, 0] = 5e-9 + 1e-18
+    ObjectPose(np.zeros(3), covariance)
+
+
+@pytest.mark.parametrize("kind", [ContactDirection, ContactPlace, Turn])
+@pytest.mark.parametrize("given", [(None, 1.0), ("a", 1.0), ("1", 1.0), (1.0, None), (1.0, 0.0), (1.0, math.inf)])
+def test_what_touch_tells_is_numbers(kind, given):
+    with pytest.raises(EstimationError, match=r"they must be finite, the variance above 0"):
+        kind(*given)

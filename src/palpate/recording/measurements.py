@@ -1,6 +1,5 @@
 """What can be measured of object and sensor at one frame: by touch, by a camera, by whatever a user has."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
@@ -122,7 +121,7 @@ class ObjectPose(Measurement):
             raise EstimationError(
                 f"object pose is {_shown(self.pose)}; it must be three finite numbers x [m], y [m], theta [rad]"
             )
-        if covariance is None or not np.allclose(covariance, covariance.T):
+        if covariance is None or not _is_symmetric(covariance):
             raise EstimationError(
                 f"object pose has covariance {_shown(self.covariance)}; it must be a symmetric (3, 3) of finite numbers"
             )
@@ -159,10 +158,15 @@ def check_time(what: str, time: object) -> None:
 
 
 def _check(what: str, value: float, variance: float, name: str = "angle") -> None:
-    if not (math.isfinite(value) and 0.0 < variance < math.inf):
+    if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
         raise EstimationError(
             f"{what} has {name} {value!r} and variance {variance!r}; they must be finite, the variance above 0"
         )
+
+
+def _is_symmetric(covariance: NDArray[np.float64]) -> bool:
+    least = 1e-6 * np.abs(np.diag(covariance)).min()  # a covariance of metres is small as a whole
+    return np.allclose(covariance, covariance.T, atol=least)
 
 
 def _shown(given: object) -> str:
@@ -173,6 +177,8 @@ def _shown(given: object) -> str:
 def finite_numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
     try:
+        if np.asarray(given).dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
+            return None
         numbers = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         return None
