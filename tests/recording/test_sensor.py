@@ -68,3 +68,12 @@ def test_bad_fields(field, value):
 def test_bad_dicts(data, message):
     with pytest.raises(SettingError, match=message):
         sensor_from_dict(data)
+
+
+def test_outlines_of_flat_and_sharp_pads():
+    (sharp,) = SensorProfile("edge", 0.0, half_width=0.01).pads
+    assert np.isfinite(sharp).all()
+    with pytest.raises(SettingError, match=r"half_width 0\.005 and flat_width 0\.03; the pad must be as wide as"):
+        SensorProfile("flat", 0.002, half_width=0.005, flat_width=0.03)
+    (flat,) = SensorProfile("flat", 0.002, half_width=0.015, flat_width=0.03).pads
+    assert np.abs(flat[:, 1]).max() == pytest.approx(0.015)

@@ -58,6 +58,9 @@ class SensorProfile:
         if self.half_width is not None:
             half_width = _number(self.half_width)
             self._keep("half_width", half_width, lambda value: 0.0 < value <= FARTHEST, "a length [m] above 0, or None")
+            if self.half_width < 0.5 * self.flat_width:
+                found = f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}"
+                raise SettingError(f"{found}; the pad must be as wide as the flat part of its tip, or wider")
         for field in ("image_height", "image_width"):
             value = getattr(self, field)
             whole = isinstance(value, Integral) and not isinstance(value, bool)
@@ -105,9 +108,9 @@ class SensorProfile:
             angle = np.linspace(-np.pi, np.pi, 60)
             back = np.empty((0, 2))
         else:
-            angle = np.linspace(-1.0, 1.0, 30) * np.arcsin(
-                min((self.half_width - 0.5 * self.flat_width) / self.radius, 1.0)
-            )
+            round_ = self.half_width - 0.5 * self.flat_width
+            edge = np.arcsin(round_ / self.radius) if round_ < self.radius else 0.5 * np.pi
+            angle = np.linspace(-1.0, 1.0, 30) * edge
             back = self.half_width * np.array([(-2.0, 1.0), (-2.0, -1.0)])
         arc = self.radius * np.column_stack((np.cos(angle) - 1.0, np.sin(angle)))
         arc[:, 1] += 0.5 * self.flat_width * np.sign(angle)
