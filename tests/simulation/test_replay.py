@@ -241,6 +241,12 @@ def test_other_rates_become_the_sensors():
     np.testing.assert_allclose(motion.object_pose[REST:], truth_of(fast)[same], atol=1e-9)
 
 
+def test_nothing_is_interpolated_where_frames_are_months_apart():
+    slow, _ = push(3)
+    motion = real_motion(replace(slow, time=np.array([0.0, 4e6, 8e6])), 30.0)
+    assert len(motion.time) == REST + 3  # and not 240 million
+
+
 def test_contacts_of_a_corner():
     # A tip of 5 mm at 4 + 3 mm off the corner (0.045, 0.045) touches it: 5 mm away, from direction (0.8, 0.6).
     pose = np.array([[0.045 + 0.004, 0.045 + 0.003, 0.0]])

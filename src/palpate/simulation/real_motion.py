@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.recording.motion import LONGEST_GAP
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 
@@ -33,7 +34,7 @@ SMOOTH = 7
 _BRIDGE, _BRIDGE_HELD = 0.12, 1.6  # [s] from known pose to known pose, with one tip and with several
 _STAND_OFF = 0.01  # [m] from which the sensor comes in the time that is added before
 _RATE = 0.05  # share by which frames may come faster or slower than the sensor's
-_GAP = 3.0  # median intervals without a frame, across which nothing is interpolated
+_GAP = 3.0  # median intervals without a frame, across which nothing is interpolated; nor across LONGEST_GAP
 _STEP = 1e-6  # [m] for the gradient of a distance
 
 
@@ -181,7 +182,7 @@ def _at_rate(motion: RealMotion, rate: float) -> RealMotion:
     step = np.diff(motion.time)
     if len(step) < 2 or abs(1.0 / (rate * np.median(step)) - 1.0) <= _RATE:
         return motion
-    pauses = np.flatnonzero(step > _GAP * np.median(step))
+    pauses = np.flatnonzero(step > min(_GAP * np.median(step), LONGEST_GAP))
     begins, ends = motion.time[np.append(0, pauses + 1)], motion.time[np.append(pauses, len(step))]
     pieces = zip(begins.tolist(), ends.tolist(), strict=True)
     time = np.concatenate([np.arange(begin, end + 1e-9, 1.0 / rate) for begin, end in pieces])
