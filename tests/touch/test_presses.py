@@ -113,6 +113,14 @@ def test_presses_tell_offset_and_scale(unit, presses):
     assert 0.9 * least < direction.offset_sigma < 3.0 * least
 
 
+def test_images_of_the_untouched_gel_have_to_be_there_and_alike(unit, presses):
+    reader: Any = Reader()
+    with pytest.raises(FileError, match=r"image 2 of the untouched gel: image is \(300, 240\), the untouched gel"):
+        learn_from_presses(presses, [unit.no_contact, unit.no_contact[:300]], DIGIT, reader)
+    with pytest.raises(FileError, match="found no image of the untouched gel"):
+        learn_from_presses(presses, [], DIGIT, reader)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -105,6 +105,17 @@ def read_image(path: Path, grey: bool = False) -> Image:
     return np.ascontiguousarray(image[..., 2::-1], np.uint8)
 
 
+def check_alike(presses: Presses, untouched: Sequence[Image]) -> None:
+    """FileError unless there are images of the untouched gel, and all images have one size."""
+    if not untouched:
+        raise FileError("found no image of the untouched gel; one or more are needed")
+    size = untouched[0].shape
+    still = [(f"image {number} of the untouched gel", image) for number, image in enumerate(untouched, 1)]
+    for name, image in (*zip(presses.names, presses.images, strict=True), *still):
+        if image.shape != size:
+            raise FileError(f"{name}: image is {image.shape[:2]}, the untouched gel {size[:2]}; rows and columns")
+
+
 def learn_from_presses(
     presses: Presses, untouched: Sequence[Image], sensor: SensorProfile, model: TouchModel
 ) -> PressFit:
@@ -119,12 +130,8 @@ def learn_from_presses(
         found = f"found presses within {np.degrees(spread):.1f} degrees"
         raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
     height, width = sensor.image_height, sensor.image_width
+    check_alike(presses, untouched)
     first = untouched[0]
-    for name, image in zip(presses.names, presses.images, strict=True):
-        if image.shape != first.shape:
-            raise FileError(
-                f"{name}: image is {image.shape[:2]}, the untouched gel {first.shape[:2]}; rows and columns"
-            )
     candidates = list(views(first, height, width))
     if not candidates:
         raise FileError(
