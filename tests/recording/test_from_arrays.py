@@ -195,9 +195,18 @@ MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, N
         ({"images": tiny_images(20)[..., 0]}, r"image 0 is uint8 of shape \(12, 8\)"),
         ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
         ({"images": [b"BM....."] * 20}, "image 0 is neither JPEG nor PNG"),
-        ({"images": "images/"}, "images: found 'images/' alone|found 7 images"),
+        ({"images": "images/"}, "images: found 'images/' alone"),
         ({"images": [encode_image(np.zeros((8, 12, 3), np.uint8))] * 20}, r"image 0: found \(8, 12\).*quarter it fits"),
+        ({"images": "."}, r"images: '.' is a folder; give its files, sorted\(Path\('.'\).glob"),
+        ({"images": tiny_images(20) / 300.0}, r"colours from 0 to 1 fit as \(255 \* images\).astype\(np.uint8\)"),
+        ({"images": tiny_images(20).astype(float)}, r"colours from 0 to 255 fit as images.astype\(np.uint8\)"),
         ({"images": None}, "images: found None, and no contact"),
+        (
+            {"image_time": IMAGE_TIME[[0, 0, *range(2, 20)]]},
+            r"image_time: image 1 is of 0\.020 s, and the one before of",
+        ),
+        ({"time_offset": -50}, "is time_offset in seconds"),
+        ({"shape": Disc(50.0)}, "the outline is 100 m wide, .*are these millimetres"),
         ({"sensor": POINT}, "images: found images, but the sensor 'point' has none"),
         ({"contact": np.ones(20)}, "contact: found values of type float64, expected booleans"),
         ({"shape": "box.svg"}, "shape is 'box.svg'.*palpate.load_shape"),
@@ -225,7 +234,7 @@ def test_a_normal_may_be_an_array():
 
 def test_a_bag_is_not_read_with_times_that_are_none():
     for offset in (np.nan, np.inf, 1e12):
-        with pytest.raises(SettingError, match="time_offset is .*; allowed are up to 1e.07 s"):
+        with pytest.raises(SettingError, match=r"time_offset is .*; allowed are up to 1e\+07 s"):
             BagChoices(time_offset=offset)
 
 

@@ -1,5 +1,6 @@
 """A model of directions alone, from presses on a wall."""
 
+import contextlib
 import dataclasses
 
 import cv2
@@ -13,10 +14,12 @@ from palpate.recording.measurements import ContactDirection
 from palpate.simulation.pins import PIN_DOME, draw_dome, press
 from palpate.touch.background import Background
 from palpate.touch.difference import difference, reduced
-from palpate.touch.model import TouchModel
+from palpate.touch.model import Spread, TouchModel
 from palpate.touch.modes import chosen, make_touch
 from palpate.touch.presses import Presses
+from palpate.training import from_presses
 from palpate.training.from_presses import samples_of_presses, train_on_presses
+from palpate.training.train import TrainSettings
 
 RNG = np.random.default_rng(0)
 DOME = draw_dome(0)
@@ -62,12 +65,35 @@ def test_samples_are_of_presses_that_have_nothing_in_common():
     np.testing.assert_allclose(samples.difference[3], difference(IMAGES[3], reduced(STILL)), atol=5e-3)
 
 
+def test_no_press_says_both_when_to_stop_and_how_good_it_is(tmp_path, monkeypatch):
+    """The scale is that of some presses, and what is told of the model is of others."""
+    seen = {}
+    monkeypatch.setattr(from_presses, "learn_direction", lambda _, *samples: seen.update(parts=samples[:2]))
+    monkeypatch.setattr(from_presses, "spread_of", lambda error, *_: seen.update(scaled=error) or Spread(1.0, 1.0))
+    monkeypatch.setattr(from_presses, "coverage", lambda error, _: seen.update(judged=error) or {})
+    bar = lambda *_: contextlib.nullcontext()  # noqa: E731
+    train_on_presses(GIVEN, [STILL], "dome", tmp_path / "model", bar, TrainSettings(steps=1))
+    assert [len(part) for part in seen["parts"]] == [42, 9]
+    assert len(seen["scaled"]) == len(seen["judged"]) == 9
+    assert not set(seen["scaled"]) & set(seen["judged"])
+
+
+@pytest.mark.parametrize(("field", "value"), [("steps", "0"), ("steps", "-5"), ("seed", "-1")])
+def test_bad_settings_are_refused_for_presses_too(tmp_path, capsys, field, value):
+    given = ["presses.csv", "--untouched", "still.png", "--sensor", "pin dome", "--out", str(tmp_path / "model")]
+    assert main(["train", *given, f"--{field}", value]) == 2
+    assert f"{field} is {value}; allowed is" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
         ({"images": IMAGES[:10], "angle": ANGLES[:10]}, "found 10 presses; at least 50"),
         ({"angle": 0.01 * ANGLES}, r"found presses within 0\.8 degrees"),
-        ({"images": (*IMAGES[:-1], IMAGES[0][:100])}, r"59\.png: image is \(100, 320\), 0\.png \(240, 320\)"),
+        (
+            {"images": (*IMAGES[:-1], IMAGES[0][:100])},
+            r"59\.png: image is \(100, 320\), the untouched gel \(240, 320\)",
+        ),
     ],
 )
 def test_presses_that_cannot_be_learnt_from(tmp_path, changed, message):

@@ -1,11 +1,14 @@
 """`palpate train`: a touch model from recordings."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from palpate.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from palpate.training.train import TrainSettings
 
 
 def train(
@@ -87,10 +90,11 @@ def train(
     from palpate.training.train import train as train_model
 
     begin = time.perf_counter()
+    settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     if source.suffix.lower() == ".csv":
         if start or test or not untouched or not sensor:
             raise SettingError("train: presses take --untouched and --sensor, and neither --from nor --test")
-        results = _train_on_presses(source, untouched, sensor, out, seed, steps, resume)
+        results = _train_on_presses(source, untouched, sensor, out, settings, resume)
         results["wall_s"] = time.perf_counter() - begin
         if json:
             print_json({"model": str(out), **results})
@@ -102,7 +106,6 @@ def train(
         return 0
     if untouched or sensor:
         raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
-    settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     unit = None if calibration is None else load_calibration(calibration)
     results = train_model(
         _files(source), out, settings, progress_bar, start, _files(test) if test else (), resume, unit
@@ -119,7 +122,7 @@ def train(
 
 
 def _train_on_presses(
-    presses: Path, untouched: tuple[Path, ...], sensor: str, out: Path, seed: int, steps: int | None, resume: bool
+    presses: Path, untouched: tuple[Path, ...], sensor: str, out: Path, settings: "TrainSettings", resume: bool
 ) -> dict[str, Any]:
     """Train on presses and return what the model is worth."""
     from palpate.cli.console import progress_bar
@@ -128,7 +131,7 @@ def _train_on_presses(
 
     at_rest = [read_image(path, grey=True) for path in untouched]
     given = read_presses(presses, grey=True)
-    return train_on_presses(given, at_rest, sensor, out, progress_bar, seed, steps, resume)
+    return train_on_presses(given, at_rest, sensor, out, progress_bar, settings, resume)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from palpate.locks import held_folder
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import KINDS, ModelSettings, Spread, write_model
-from palpate.touch.presses import SPREAD, Presses
+from palpate.touch.presses import SPREAD, Presses, check_alike
 from palpate.training.export import exported_direction
 from palpate.training.fit import FitSettings
 from palpate.training.learn import learn_direction
@@ -21,7 +21,7 @@ from palpate.training.networks import DirectionNetwork
 from palpate.training.pairs import batch
 from palpate.training.samples import Samples
 from palpate.training.scores import coverage, spread_of
-from palpate.training.train import Bar, free_folder
+from palpate.training.train import Bar, TrainSettings, free_folder
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -30,7 +30,8 @@ FEWEST = 50
 """Presses from which directions can be learnt."""
 STEPS = 300
 """Of the descent, if nothing else is said."""
-_HELD_OUT = 0.15  # share of presses that the model is judged by
+_HELD_OUT = 0.15  # share of presses that the model is judged by, and of others that end the descent
+_LEARNED, _CHECKED, _JUDGED = range(3)
 _TOGETHER = 19.0  # frames in a row that err together: as with the DIGIT's model, for presses do not tell
 
 
@@ -40,53 +41,60 @@ def train_on_presses(
     sensor: str,
     out: Path,
     bar: Bar,
-    seed: int = 0,
-    steps: int | None = None,
+    settings: TrainSettings | None = None,
     resume: bool = False,
 ) -> dict[str, Any]:
     """Train a model on presses, write its folder and return how far it is off on presses that were left out.
 
+    By other presses that are not learnt from it is told when to stop, and how far the model is to be believed.
+
     untouched are images of the gel at rest, as large as the presses', and sensor is the name of the profile that the
     model is for. Raises FileError on too few presses, on ones too close together and on images of different sizes.
     """
-    count = len(presses.images)
+    settings = settings or TrainSettings()
+    count, seed = len(presses.images), settings.seed
+    steps = STEPS if settings.steps is None else settings.steps
+    held_out = round(_HELD_OUT * count)
     if count < FEWEST:
         raise FileError(f"found {count} presses; at least {FEWEST} are needed to learn from")
     if (apart := float(np.ptp(presses.angle))) < SPREAD:
         found = f"found presses within {np.degrees(apart):.1f} degrees"
         raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
-    size = presses.images[0].shape
-    for name, image in (*zip(presses.names, presses.images, strict=True), *(("untouched", one) for one in untouched)):
-        if image.shape != size:
-            raise FileError(f"{name}: image is {image.shape[:2]}, {presses.names[0]} {size[:2]}; all must be alike")
+    check_alike(presses, untouched)
+    height, width = untouched[0].shape[:2]
     with held_folder(out, "the folder of a model"):
         work = free_folder(out, resume)
         work.mkdir(exist_ok=True)
-        profile = SensorProfile(sensor, radius=0.0, image_height=size[0], image_width=size[1])
+        profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
         samples = samples_of_presses(presses, untouched)
-        held = np.zeros(count, bool)
-        held[np.random.default_rng(seed).permutation(count)[: round(_HELD_OUT * count)]] = True
+        part = np.full(count, _LEARNED)
+        part[np.random.default_rng(seed).permutation(count)[: 2 * held_out]] = np.repeat((_JUDGED, _CHECKED), held_out)
+        learned, checked, judged = (samples.of(part == each) for each in (_LEARNED, _CHECKED, _JUDGED))
         torch.manual_seed(seed)
-        network, settings = DirectionNetwork(), FitSettings(steps=steps or STEPS, check=25)
-        learned, judged = samples.of(~held), samples.of(held)
-        with bar("direction", settings.steps) as progress:
-            learn_direction(network, learned, judged, profile, seed, work, settings, progress)
-        with torch.no_grad():
-            told = network(batch(judged, np.arange(len(judged)))).numpy().astype(np.float64)
-        error, variance = told[:, 0] - judged.direction, np.exp(told[:, 1])
-        scale = spread_of(error, variance, judged.episode).scale
+        network, descent = DirectionNetwork(), FitSettings(steps=steps, check=25)
+        with bar("direction", steps) as progress:
+            learn_direction(network, learned, checked, profile, seed, work, descent, progress)
+        scale = spread_of(*_off(network, checked), checked.episode).scale
+        error, variance = _off(network, judged)
         nothing = tuple((0.0, 0.0) for _ in KINDS)
-        training = {"seed": seed, "steps": settings.steps, "presses": count}
+        training = {"seed": seed, "steps": steps, "presses": count}
         told_of = {"direction": Spread(scale, _TOGETHER)}
-        model = ModelSettings(sensor, size[0], size[1], told_of, nothing, training)
+        model = ModelSettings(sensor, height, width, told_of, nothing, training)
         write_model(out, model, exported_direction(network))
     return {
         "presses": count,
-        "held_out": int(held.sum()),
+        "held_out": held_out,
         "rms_deg": float(np.degrees(np.sqrt(np.mean(error**2)))),
         "median_deg": float(np.degrees(np.median(np.abs(error)))),
         "coverage": {f"{share:g}": found for share, found in coverage(error, variance * scale).items()},
     }
+
+
+def _off(network: DirectionNetwork, samples: Samples) -> tuple[Array, Array]:
+    """Return by how much what a network tells of presses is off, (N,) [rad], and its variances (N,) [rad^2]."""
+    with torch.no_grad():
+        told = network(batch(samples, np.arange(len(samples)))).numpy().astype(np.float64)
+    return told[:, 0] - samples.direction, np.exp(told[:, 1])
 
 
 def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:

@@ -53,6 +53,8 @@ class TrainSettings:
     """Processes that read recordings."""
 
     def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise SettingError(f"seed is {self.seed}; allowed is 0 or more")
         if self.steps is not None and self.steps < 1:
             raise SettingError(f"steps is {self.steps}; allowed is 1 or more")
 
