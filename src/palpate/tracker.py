@@ -22,8 +22,8 @@ from palpate.geometry.shapes import Shape
 from palpate.guard import DRAWN_BACK, StreamGuard
 from palpate.half_turn import HalfTurn
 from palpate.recording.frame import Frame
-from palpate.recording.measurements import Measurement, finite_numbers
-from palpate.recording.sensor import SensorProfile
+from palpate.recording.measurements import Measurement
+from palpate.recording.sensor import SensorProfile, known_sensor
 from palpate.recording.trajectory import Trajectory
 from palpate.stream_quality import StreamQuality
 from palpate.touch.background import Background
@@ -32,12 +32,12 @@ from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch
+from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of
 from palpate.tracker_settings import TrackerSettings
 from palpate.unfelt import UnfeltTouch
 
 Array = NDArray[np.float64]
 
-_ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
 _FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 
@@ -48,7 +48,7 @@ class Tracker:
     def __init__(
         self,
         shape: Shape,
-        sensor: SensorProfile,
+        sensor: SensorProfile | str,
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
         model: TouchModel | None = None,
@@ -60,15 +60,16 @@ class Tracker:
 
         `first_pose_sigma` (3,) [m, m, rad] is how well the first pose is known, standard deviations in the object's
         frame; by default as well as `noise.first_pose` says. A rough one is found by touch. A first pose of None is
-        anywhere within a metre of the world's origin, at any yaw.
+        anywhere within a metre of the world's origin, at any yaw. `sensor` is a profile or a known name.
 
         Learnt touch uses `model`, by default the one that comes with palpate. `calibration` is what is known of
         this unit, from `palpate calibrate`; without it the first half second of images is taken as untouched.
         `touch` says what is touched in place of what the settings' mode makes. The first tracker of a process takes
         half a second to load compiled code, and the very first of a machine some 20 s to compile it.
         """
-        settings = settings or TrackerSettings()
-        self._first = _first_pose(first_pose, first_pose_sigma, settings)
+        check_arguments(shape, settings, model, calibration)
+        settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
+        self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
         self._shape, self._sensor, self._settings, self._model = shape, sensor, settings, model
         self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
@@ -92,7 +93,7 @@ class Tracker:
         of this tracker again, as well known as it was.
         """
         if pose is not None or sigma is not None:
-            self._first = _first_pose(self._first[0] if pose is None else pose, sigma, self._settings)
+            self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
         self._forget_contact()
         if self._unfelt.is_doubtful:
             self._detector.forget()  # its images may have shown a touch
@@ -261,6 +262,8 @@ class Tracker:
         last = -np.inf if self._last is None else self._last.time
         frame = checked_frame(frame, measurements, last, len(self._sensor.tips))
         self._guard.check_time(frame.time)
+        if self._last is None:
+            ask_how_far(self._first, frame.sensor_pose)
         is_unfelt = False
         if frame.image is None:
             if frame.contact and self._tactile.startswith("learnt") and not self._is_touch_given:
@@ -297,22 +300,6 @@ class Tracker:
         given = self._settings.noise.relative_pose
         known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
         return make_touch(tactile, *known, given.linear)
-
-
-def _first_pose(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:
-    """The pose (3,) to begin with and how well it is known (3,); SettingError where they are not that."""
-    first = finite_numbers(_ANYWHERE if pose is None else pose, (3,))
-    if first is None:
-        raise SettingError(
-            f"first pose is {pose!r}; it must be three finite numbers x [m], y [m], theta [rad], or None"
-        )
-    if sigma is None:
-        sigma = _ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
-    deviation = finite_numbers(sigma, (3,))
-    if deviation is None or not (deviation > 0.0).all():
-        found = np.asarray(sigma).tolist()
-        raise SettingError(f"first pose sigma is {found}; it must be three numbers above 0: x [m], y [m], theta [rad]")
-    return first, deviation
 
 
 def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:

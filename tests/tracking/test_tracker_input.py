@@ -1,6 +1,7 @@
 """Input that cannot be used, and arrays that belong to the caller."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 from push_samples import SHAPES, frames, pushed, sensor, with_settings
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
-from palpate.errors import EstimationError, SettingError
+from palpate.errors import EstimationError, SettingError, ShapeError
 from palpate.estimation.settings import PRESETS, NoiseSettings
+from palpate.geometry.shapes import Disc, Polygon, Rectangle
 from palpate.recording.frame import Frame
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
@@ -53,6 +55,65 @@ def test_a_first_pose_sigma_that_is_none(sigma):
         SettingError, match=r"^first pose sigma is (.|\n)*; it must be three numbers above 0: x \[m\], y \[m\], theta"
     ):
         Tracker(SHAPES["disc"], sensor(), np.zeros(3), first_pose_sigma=sigma)
+
+
+ROUGH = (0.01, 0.01, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("first", "sigma", "words"),
+    [
+        ((0.028, 0.071, 148.6), ROUGH, "first pose has theta 148.6 rad, 23.7 turns: are these degrees?"),
+        ((28.0, 71.0, 2.59), ROUGH, "first pose is 76.4 m from the sensor: is one of both in millimetres?"),
+        ((0.0, 0.0, 0.0), (3e-3, 3e-3, 3.0), "first pose sigma has theta 3 rad, any yaw at all: are these degrees?"),
+        ((0.0, 0.0, 0.0), (10.0, 10.0, 0.1), "first pose sigma has 10 and 10 m: are these millimetres?"),
+    ],
+)
+def test_a_first_pose_in_another_unit_is_asked_about_and_taken(first, sigma, words, caplog):
+    def told(tracker: Tracker) -> list[str]:
+        tracker.update(small_frame())
+        return [record.getMessage() for record in caplog.records]
+
+    assert told(Tracker(SHAPES["disc"], sensor(), first, first_pose_sigma=sigma)) == [words]
+    caplog.clear()
+    tracker = disc_tracker()
+    tracker.reset(first, sigma)
+    assert told(tracker) == [words]
+
+
+def test_of_first_poses_that_may_be_so_nothing_is_asked(caplog):
+    for first, sigma in (
+        (None, None),
+        ((1.0, -2.0, 9.0), None),
+        ((0.0, 0.0, 0.0), (1.0, 1.0, 2.0)),
+    ):
+        Tracker(SHAPES["disc"], "digit", first, first_pose_sigma=sigma).update(small_frame())
+    assert not caplog.records
+
+
+def test_an_outline_in_millimetres_is_asked_about(caplog):
+    for shape in (Rectangle(240, 160), Disc(50.0), Polygon([(0, 0), (90, 0), (90, 60)])):
+        with pytest.raises(ShapeError, match=r"the outline is .* m wide, .* 0.005 to 2 m: are these millimetres"):
+            Tracker(shape, sensor(), np.zeros(3))
+    Tracker(Disc(1.5), sensor(), np.zeros(3))
+    assert "the outline is 3 m wide" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"shape": "rectangle"}, "shape is 'rectangle'; it must be an outline, which palpate.load_shape reads"),
+        ({"shape": np.zeros((4, 2))}, "shape is array"),
+        ({"sensor": "digits"}, "sensor is 'digits'; allowed are digit, gelsight-mini, point, or a SensorProfile"),
+        ({"settings": "learnt"}, "settings is 'learnt'; it must be palpate.TrackerSettings"),
+        ({"model": "folder"}, "model is 'folder'; it must be a palpate.TouchModel"),
+        ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),
+        ({"settings": TrackerSettings(pressure=40.0)}, "pressure is 40 m, and the object is 0.176 m wide"),
+    ],
+)
+def test_arguments_of_another_kind(arguments, words):
+    with pytest.raises(SettingError, match=f"^{words}"):
+        Tracker(**{"shape": SHAPES["disc"], "sensor": sensor(), "first_pose": np.zeros(3), **arguments})
 
 
 @pytest.mark.parametrize("hypotheses", [0, -1])

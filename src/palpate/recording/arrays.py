@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import FileError, SettingError
 from palpate.files import FLAGS, NUMBERS, checked_array
 from palpate.geometry.shapes import Shape
-from palpate.recording.given_images import Images, encoded_images
+from palpate.recording.given_images import Images, check_several, encoded_images
 from palpate.recording.images import Codec
 from palpate.recording.motion import Placed, Times, always, at_times, poses_in_time
 from palpate.recording.plane import STEEPEST, Normal, Plane, checked_choices, chosen_plane, planar
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
-from palpate.recording.units import check_degrees, check_metres, nanoseconds
+from palpate.recording.units import check_degrees, check_metres, check_outline, nanoseconds
 
 logger = logging.getLogger(__name__)
 
@@ -42,7 +42,15 @@ def recording_from_arrays(
     plane = checked_choices(plane, off_plane, time_offset)
     if not isinstance(shape, Shape):
         raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
+    check_outline(shape)
+    check_several(images[1])
     taken = nanoseconds("image_time", images[0])
+    if (step := np.diff(taken) <= 0).any():
+        again = int(np.argmax(step)) + 1
+        raise FileError(
+            f"image_time: image {again} is of {taken[again] * 1e-9:.3f} s, and the one before of "
+            f"{taken[again - 1] * 1e-9:.3f} s; times must increase"
+        )
     flags = None if contact is None else checked_array("contact", contact, FLAGS, (len(taken),))
     if images[1] is None and flags is None:
         raise FileError("images: found None, and no contact; a recording needs one of them")
@@ -107,7 +115,7 @@ def _sensor_at(
         raise FileError(
             f"poses: no pose is known at the time of any image; images are from {time[0] * 1e-9:.3f} to "
             f"{time[-1] * 1e-9:.3f} s, poses from {known_at.min() * 1e-9:.3f} to {known_at.max() * 1e-9:.3f} s; are "
-            "both by one clock?"
+            "both by one clock, and is time_offset in seconds?"
         )
     if np.shape(poses)[1:] == (7,):
         rolled = _rolled(placed, up)

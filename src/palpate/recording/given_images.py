@@ -21,10 +21,6 @@ def encoded_images(images: Images, codec: Codec, size: tuple[int, int]) -> tuple
     Arrays become `codec`; bytes and files stay as they are. Raises FileError that names the first image which is
     neither a colour image of this size nor JPEG or PNG, or files of both kinds.
     """
-    if isinstance(images, str | bytes | Path):
-        raise FileError(
-            f"images: found {str(images)[:60]!r} alone, expected N arrays, encoded images or paths of files"
-        )
     data = tuple(_encoded(index, image, codec, size) for index, image in enumerate(images))
     found = codec
     for index, each in enumerate(data):
@@ -40,6 +36,18 @@ def encoded_images(images: Images, codec: Codec, size: tuple[int, int]) -> tuple
     return data, found
 
 
+def check_several(images: Any) -> None:
+    """Raise FileError on one path, or the bytes of one image, in place of several."""
+    if isinstance(images, str | Path) and Path(images).is_dir():
+        raise FileError(
+            f"images: {str(images)!r} is a folder; give its files, sorted(Path({str(images)!r}).glob('*.png'))"
+        )
+    if isinstance(images, str | bytes | Path):
+        raise FileError(
+            f"images: found {str(images)[:60]!r} alone, expected N arrays, encoded images or paths of files"
+        )
+
+
 def _encoded(index: int, image: Any, codec: Codec, size: tuple[int, int]) -> bytes:
     if isinstance(image, str | Path):
         return existing_file(image).read_bytes()
@@ -53,7 +61,9 @@ def _encoded(index: int, image: Any, codec: Codec, size: tuple[int, int]) -> byt
         elif pixels.shape == (3, *size):
             fits = "; colours come last, np.moveaxis(images, 1, -1)"
         elif pixels.dtype.kind == "f" and pixels.shape == (*size, 3):
-            fits = "; colours from 0 to 1 fit as (255 * images).astype(np.uint8)"
+            is_share = pixels.size and np.nanmax(pixels) <= 1.0
+            factor, image = (1, "(255 * images)") if is_share else (255, "images")
+            fits = f"; colours from 0 to {factor} fit as {image}.astype(np.uint8)"
         raise FileError(
             f"images: image {index} is {pixels.dtype} of shape {pixels.shape}, the sensor's are uint8 of shape "
             f"{(*size, 3)}{fits}"

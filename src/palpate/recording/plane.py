@@ -85,7 +85,7 @@ def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane
     if (Rotation.from_quat(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
         logger.warning(
             "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
-            "frame is turned about x",
+            "frame is turned about x, or the quaternions have w first",
             what,
         )
     return plane

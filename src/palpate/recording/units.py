@@ -1,11 +1,20 @@
 """Units that are easily taken for others: nanoseconds for seconds, millimetres for metres, degrees for radians."""
 
+import logging
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, ShapeError
 from palpate.files import NUMBERS, check_rows, checked_array
+from palpate.geometry.shapes import Shape
 
+logger = logging.getLogger(__name__)
+
+METRES: dict[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
+"""[m] of each unit of lengths, the likeliest first."""
+_WORDS = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
 UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 
 RATES = (0.1, 20e3)
@@ -16,6 +25,10 @@ LATEST = 4e9
 """[s] since 1970: the year 2096."""
 SPAN = 5.0
 """[m] that no arm and no object on a table moves; a push of 10 mm in millimetres spans more."""
+SPANS = (0.01, SPAN)
+"""[m] of a push, by which another unit is proposed."""
+WIDTHS, LIKELY_WIDTHS = (0.005, 2.0), (0.02, 1.0)
+"""[m] Widths of outlines, and those by which another unit is proposed."""
 TURNS = 4.0 * np.pi
 """[rad] beyond which an angle is rather in degrees."""
 
@@ -48,9 +61,42 @@ def check_metres(name: str, position: NDArray[np.float64]) -> None:
     span = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
     if span > SPAN:
         raise FileError(
-            f"{name}: found positions that span {span:.4g} m, allowed are {SPAN:g} m: are these millimetres? times "
-            "0.001 they are metres"
+            f"{name}: found positions that span {span:.4g} m, allowed are {SPAN:g} m{other_units(span, SPANS)}"
         )
+
+
+def other_units(
+    number: float, likely: tuple[float, float], how: str = "times {size:g}", units: Sequence[str] = ("mm", "cm")
+) -> str:
+    """Ask whether a length is in one of these units, of those that make it likely [m]; nothing where none does.
+
+    `how` tells what makes a `unit` of a `size` [m] of it.
+    """
+    fits = [unit for unit in units if likely[0] <= number * METRES[unit] <= likely[1]]
+    makes = [f"{how.format(unit=unit, size=METRES[unit])} makes it {number * METRES[unit]:.3g} m" for unit in fits]
+    return f": are these {' or '.join(_WORDS[unit] for unit in fits)}? {', '.join(makes)}" if fits else ""
+
+
+def extent_of(shape: Shape) -> float:
+    """The larger of the outline's widths along x and y [m]."""
+    return float(np.ptp(shape.outline(), axis=0).max())
+
+
+def wrong_width(shape: Shape, unit: str | None = None, how: str = "times {size:g}") -> str:
+    """Say what is wrong with an outline's width, which was read in a unit, and ask for another; mostly nothing."""
+    width = extent_of(shape)
+    if WIDTHS[0] <= width <= WIDTHS[1]:
+        return ""
+    asked = other_units(width / METRES[unit or "m"], LIKELY_WIDTHS, how, tuple(METRES))
+    return f"the outline is {width:g} m wide, allowed are {WIDTHS[0]:g} to {WIDTHS[1]:g} m{asked}"
+
+
+def check_outline(shape: Shape) -> None:
+    """ShapeError if an outline is wider than anything that is pushed; warns where it is wider or smaller than most."""
+    if wrong := wrong_width(shape):
+        if extent_of(shape) > SPAN:
+            raise ShapeError(wrong)
+        logger.warning("%s", wrong)
 
 
 def check_degrees(name: str, angle: NDArray[np.float64]) -> None:

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from palpate.errors import FileError
-from palpate.formats.outlines.load import Unit, extent_of, load_shape
+from palpate.formats.outlines.load import Unit, load_shape
 from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Shape
+from palpate.recording.units import extent_of
 
 PAPER = ("disc", "rectangle", "ellipse")
 """The paper's objects."""

@@ -9,10 +9,11 @@ import shapely
 from ezdxf.filemanagement import new
 
 from palpate.errors import FileError, PalpateError, SettingError
-from palpate.formats.outlines.load import extent_of, load_shape
+from palpate.formats.outlines.load import load_shape
 from palpate.formats.outlines.scan import shape_of_scan
 from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Disc, Polygon, Rectangle
+from palpate.recording.units import extent_of
 from palpate.simulation.objects import find_shape
 
 BOX = [(0.0, 0.0), (0.09, 0.0), (0.09, 0.06), (0.0, 0.06)]
@@ -163,9 +164,9 @@ def test_a_gear_is_no_scan():
     [
         (
             "0 0\n90 0\n90 60\n0 60\n",
-            r"is 90 m wide, .* 0.005 to 2 m: are these millimetres\? unit='mm' .* 0.09 m",
+            r"is 90 m wide, .* to 2 m: are these millimetres or centimetres\? unit='mm' .* 0.09 m, unit='cm' .* 0.9 m",
         ),
-        ("0 0\n3.5 0\n3.5 2\n0 2\n", r"is 3.5 m wide.* are these centimetres\?.* makes it 0.035 m"),
+        ("0 0\n3.5 0\n3.5 2\n0 2\n", r"is 3.5 m wide.* are these centimetres or inches\?.* makes it 0.035 m"),
         ("0 0\n2e5 0\n2e5 2\n", "is 200000 m wide, allowed are 0.005 to 2 m$"),
         ("0 0 0\n1 0 0\n", "found 2 rows of 3 numbers, expected x y a row"),
         ("x y\n", "is no table of numbers x y: it holds none"),
@@ -180,8 +181,14 @@ def test_tables_that_are_no_outline(text, words):
 
 
 def test_what_is_no_outline_is_said():
-    with pytest.raises(SettingError, match=r"shape is 'gone.svg'; allowed are disc, .* 0.09x0.06"):
-        load_shape("gone.svg")
+    with pytest.raises(SettingError, match=r"shape is 'brick'; allowed are disc, .* 0.09x0.06"):
+        load_shape("brick")
+    for gone in ("gone.svg", "./gone", "/tmp/none.csv"):
+        with pytest.raises(FileError, match=f"^{gone}: no such file"):
+            load_shape(gone)
+    Path("outlines").mkdir()
+    with pytest.raises(FileError, match="outlines: is a folder, expected a file"):
+        load_shape("outlines")
     with pytest.raises(SettingError, match="unit is 'furlong'; allowed are mm, cm, in, m"):
         load_shape("disc", unit="furlong")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SettingError, match="disc is an object of a known size"):

@@ -4,8 +4,6 @@ import re
 from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
-
 from palpate.errors import FileError, SettingError, ShapeError
 from palpate.formats.outlines.dxf import read_dxf
 from palpate.formats.outlines.svg import read_svg
@@ -13,16 +11,9 @@ from palpate.formats.outlines.tables import read_json_shape, read_table
 from palpate.formats.sniff import NUMBER
 from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Rectangle, Shape
+from palpate.recording.units import METRES, wrong_width
 
 Unit = Literal["m", "cm", "mm", "in"]
-METRES: dict[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
-"""[m] of each unit, the likeliest first."""
-
-SIZES = (0.005, 2.0)
-"""[m] Width of outlines that are taken; others are in another unit."""
-LIKELY = (0.02, 1.0)
-"""[m] by which another unit is proposed."""
-
 READERS = {".svg": read_svg, ".dxf": read_dxf, ".json": read_json_shape}
 """What reads a file of each extension; files of any other are tables."""
 
@@ -55,32 +46,17 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
             shape: Shape = Rectangle(*(float(lengths[axis]) * (scale or 1.0) for axis in "xy"))
         elif path.is_file():
             shape = READERS.get(path.suffix.lower(), read_table)(path, scale)
+        elif path.is_dir():
+            raise FileError(f"{name}: is a folder, expected a file of an outline")
+        elif "/" in name or path.suffix[1:2].isalpha():
+            raise FileError(f"{name}: no such file")
         else:
             names = ", ".join(SHAPES)
             raise SettingError(
                 f"shape is {name!r}; allowed are {names}, two lengths such as 0.09x0.06 [m], or a file of an outline"
             )
-        _check_size(shape, unit)
+        if wrong := wrong_width(shape, unit, "unit={unit!r} (--shape-unit {unit})"):
+            raise ShapeError(wrong)
     except ShapeError as error:
         raise FileError(f"{name}: {error}") from error
     return shape
-
-
-def extent_of(shape: Shape) -> float:
-    """The larger of the outline's widths along x and y [m]."""
-    return float(np.ptp(shape.outline(), axis=0).max())
-
-
-def _check_size(shape: Shape, unit: Unit | None) -> None:
-    """ShapeError, which proposes another unit, unless the outline is as large as objects are."""
-    extent = extent_of(shape)
-    if SIZES[0] <= extent <= SIZES[1]:
-        return
-    written = METRES[unit or "m"]
-    fits = [name for name, size in METRES.items() if LIKELY[0] <= extent / written * size <= LIKELY[1]]
-    asked = ""
-    if fits:
-        width = extent / written * METRES[fits[0]]
-        words = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}[fits[0]]
-        asked = f": are these {words}? unit={fits[0]!r} (--shape-unit {fits[0]}) makes it {width:g} m"
-    raise ShapeError(f"the outline is {extent:g} m wide, allowed are {SIZES[0]:g} to {SIZES[1]:g} m{asked}")

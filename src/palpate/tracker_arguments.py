@@ -1,0 +1,79 @@
+"""What a tracker is made of, checked in one place: kinds of arguments, units, and a first pose."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import SettingError
+from palpate.geometry.shapes import Shape
+from palpate.recording.measurements import finite_numbers
+from palpate.recording.units import SPAN, TURNS, check_outline, extent_of
+from palpate.touch.calibration import Calibration
+from palpate.touch.model import TouchModel
+from palpate.tracker_settings import TrackerSettings
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+_ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
+
+
+def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any) -> None:
+    """Raise SettingError unless these are an outline, settings, a touch model and a calibration, or None but the first.
+
+    Raises it, or ShapeError, where lengths must be in another unit.
+    """
+    if not isinstance(shape, Shape):
+        raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
+    check_outline(shape)
+    for name, found, kind, maker in (
+        ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),
+        ("model", model, TouchModel, "a palpate.TouchModel(folder)"),
+        ("calibration", calibration, Calibration, "a Calibration, which palpate.load_calibration reads from a file"),
+    ):
+        if found is not None and not isinstance(found, kind):
+            said = str(found) if isinstance(found, Path) else found
+            raise SettingError(f"{name} is {said!r}; it must be {maker}")
+    pressure = settings.pressure if settings is not None else ""
+    if not isinstance(pressure, str) and pressure > extent_of(shape):
+        raise SettingError(
+            f"pressure is {pressure:g} m, and the object is {extent_of(shape):.3g} m wide; a friction radius is less: "
+            "is it in millimetres?"
+        )
+
+
+def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:
+    """The pose (3,) to begin with and how well it is known (3,); SettingError where they are not that.
+
+    Warns of angles that are rather degrees, and of what is known less well than an object that may be anywhere.
+    """
+    first = finite_numbers(_ANYWHERE if pose is None else pose, (3,))
+    if first is None:
+        raise SettingError(
+            f"first pose is {pose!r}; it must be three finite numbers x [m], y [m], theta [rad], or None"
+        )
+    if abs(first[2]) > TURNS:
+        turns = abs(first[2]) / (2.0 * np.pi)
+        logger.warning("first pose has theta %.4g rad, %.1f turns: are these degrees?", first[2], turns)
+    if sigma is None:
+        sigma = _ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
+    deviation = finite_numbers(sigma, (3,))
+    if deviation is None or not (deviation > 0.0).all():
+        found = np.asarray(sigma).tolist()
+        raise SettingError(f"first pose sigma is {found}; it must be three numbers above 0: x [m], y [m], theta [rad]")
+    if (deviation[:2] > _ANYWHERE_SIGMA[:2]).any():
+        logger.warning("first pose sigma has %.4g and %.4g m: are these millimetres?", *deviation[:2])
+    if deviation[2] > _ANYWHERE_SIGMA[2]:
+        logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])
+    return first, deviation
+
+
+def ask_how_far(first: tuple[Array, Array], sensor_pose: Array) -> None:
+    """Warn where the first pose, with its deviation, is farther from the sensor's first one (3,) than any push goes."""
+    pose, deviation = first
+    apart = float(np.hypot(*(sensor_pose - pose)[:2]))
+    if apart > SPAN + 3.0 * deviation[:2].max():
+        logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
