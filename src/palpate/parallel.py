@@ -20,12 +20,17 @@ def spread(
 
     The work goes to so many processes here, to none but this one if `workers` is 1, or to the cluster of the Dask
     scheduler at an address such as "tcp://host:8786". Linear algebra keeps to one thread in each process, so that
-    they do not fight for cores. Closing the generator gives up the rest. Raises SettingError where the cluster cannot
-    be had.
+    they do not fight for cores. Closing the generator gives up the rest. Raises SettingError, at once, on fewer workers
+    than one, and where the cluster cannot be had.
     """
-    if dask is not None:
-        yield from _on_cluster(function, iter(items), dask)
-        return
+    if workers < 1:
+        raise SettingError(f"workers is {workers}; allowed is 1 or more")
+    return _in_processes(function, items, workers) if dask is None else _on_cluster(function, iter(items), dask)
+
+
+def _in_processes(
+    function: Callable[[Item], Result], items: Iterable[Item], workers: int
+) -> Generator[Result, None, None]:
     import joblib
 
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):

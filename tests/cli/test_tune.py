@@ -101,6 +101,10 @@ def test_tuning_goes_on_from_its_file(capsys):
     assert json.loads(Path("other.json").read_text())["tuned"]["parameters"]["contact.deviation"]["before"] == 1e-2
 
 
+def test_a_tuning_takes_one_worker_or_more(capsys):
+    assert "workers is 0; allowed is 1 or more" in failure(capsys, *WORDS, "--workers", "0")
+
+
 def test_an_interrupted_tuning_leaves_the_best_so_far(monkeypatch):
     judge, scores = tuning.judge, [3.0, 4.0, 2.0]
 

@@ -131,8 +131,6 @@ def fill_folder(
     `source` tells what the source of a recording that is there must say; what `make` raises, a PalpateError, does not
     stop the rest.
     """
-    if workers < 1:
-        raise SettingError(f"workers is {workers}; allowed is 1 or more")
     wanted = part_of_work(tuple(items.items()), shard)
     with held_folder(folder, "a folder of recordings", shard):
         there = {path.name for path in folder.glob("*.h5")}

@@ -66,8 +66,6 @@ def run_study(
     made with others, FileError where the folder cannot be written.
     """
     begin = time.perf_counter()
-    if workers < 1:
-        raise SettingError(f"workers is {workers}; allowed is 1 or more")
     if settings.first_pose is not None and not all(map(math.isfinite, settings.first_pose)):
         raise SettingError(f"first pose is {settings.first_pose}; it must be three finite numbers [m, m, rad]")
     files = dict(part_of_work(tuple(files.items()), shard))
