@@ -1,6 +1,5 @@
 """The numbers that README and docs report, each from a file in the repository; see `check_numbers`."""
 
-import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -12,6 +11,7 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.unknowns import SHARED
 from palpate.field_docs import field_docs
 from palpate.study.results import ALL, LOST_DEG, LOST_MM
+from palpate.study.rows import read_rows
 from palpate.tracking.recovery import FAR_DEG, FAR_MM
 
 ROOT = Path(__file__).parents[1]
@@ -52,8 +52,8 @@ def sequences(name: str) -> list[Row]:
     def value(key: str, text: str) -> Any:
         return text if key in names else words[text] if text in words else float(text)
 
-    with (STUDY / name / "sequences.csv").open(newline="", encoding="utf-8") as file:
-        return [{key: value(key, text) for key, text in row.items()} for row in csv.DictReader(file)]
+    rows = read_rows(STUDY / name / "sequences.csv")
+    return [{key: value(key, text) for key, text in row.items()} for row in rows]
 
 
 def loaded(path: str) -> Any:
@@ -470,8 +470,7 @@ def _written(value: Any) -> str:
 
 def faults() -> str:
     """Return the table of the fault bench."""
-    with (STUDY / "faults.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(STUDY / "faults.csv")
     cells = [
         [
             row["fault"],
@@ -486,8 +485,7 @@ def faults() -> str:
 
 def faults_facts() -> set[str]:
     """Return how many runs and rows there are, and how many of these end well, say so or are silently wrong."""
-    with (STUDY / "faults.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(STUDY / "faults.csv")
     broken = [row for row in rows if row["fault"] != "none"]
     others = [row for row in broken if not float(row["times_clean"]) <= WELL]
     told = [row for row in others if float(row["told_percent"]) >= 95.0 and not float(row["inside_percent"]) < 85.0]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,20 @@ from palpate.errors import FileError, FrameError
 from palpate.estimate import Estimate
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.locks import held_folder
 from palpate.recording.frame import Frame
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT
 from palpate.study.faults import bench
 from palpate.study.faults.bench import FaultRun, run_faults, run_stream
-from palpate.study.faults.stream import Stream
+from palpate.study.faults.faults import FAULTS, is_of
+from palpate.study.faults.stream import Stream, check_faults, stream_of
 from palpate.study.faults.table import rows_of, write_table
 from palpate.tracker_settings import TrackerSettings
 
 DISC = Disc(0.1)
+SMALL = replace(DIGIT, name="small", image_height=8, image_width=6)
 
 
 class Told:
@@ -98,10 +104,47 @@ def test_a_row_is_the_median_of_its_runs(tmp_path):
     assert len((tmp_path / "fault_runs.csv").read_text().splitlines()) == 6
 
 
+def test_any_name_can_be_written(tmp_path):
+    write_table(tmp_path, [replace(made("none", 1.0), recording="=a\udcff.h5")])
+    (row,) = csv.DictReader((tmp_path / "fault_runs.csv").read_text().splitlines())
+    assert row["recording"] == "'=a\\udcff.h5"  # no formula
+    assert (tmp_path / "faults.csv").exists()
+
+
 def test_recordings_without_images_are_refused(tmp_path):
     write_recording(pushed(20), tmp_path / "disc-1.h5")
     with pytest.raises(FileError, match=r"disc-1\.h5: has no images, contact flags or ground truth"):
         run_faults({"disc-1.h5": tmp_path / "disc-1.h5"})
+
+
+def flagged(contact: str) -> Recording:
+    """A recording whose frames are in contact where it says 1."""
+    flags = np.array([flag == "1" for flag in contact])
+    images = tuple(encode_image(np.full((8, 6, 3), index, np.uint8), "png") for index in range(len(flags)))
+    frames = pushed(len(flags))
+    return replace(frames, contact=flags, episode=None, image=images, codec="png", sensor=SMALL)
+
+
+@pytest.mark.parametrize(
+    ("contact", "said"),
+    [
+        (40 * "0", "its longest contact has 0 frames, and faults need one of 14 or more"),
+        ("00" + 13 * "1" + 13 * "0" + 13 * "1", "its longest contact has 13 frames"),
+        ("0" + 20 * "1" + 10 * "0", "contact begins at frame 1, and faults need 2 or more frames before it"),
+    ],
+)
+def test_recordings_that_faults_cannot_be_made_of_are_refused(tmp_path, contact, said):
+    write_recording(flagged(contact), tmp_path / "disc-1.h5")
+    with pytest.raises(FileError, match=rf"disc-1\.h5: {said}"):
+        run_faults({"disc-1.h5": tmp_path / "disc-1.h5"})
+
+
+def test_all_faults_can_be_made_of_others():
+    recording = flagged("00" + 14 * "1")
+    check_faults(recording)
+    stream = stream_of(recording)
+    for fault in (name for name in FAULTS if is_of(name, stream)):
+        assert len(FAULTS[fault](stream, np.random.default_rng(0))) > 0
 
 
 def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
@@ -122,5 +165,18 @@ def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
     said = json.loads(capsys.readouterr().out)
     assert [row["final_mm"] for row in said["faults"]] == [2.0, 4.0]
     assert Path(said["report"], "faults.csv").exists()
+    words[-1] = str(tmp_path / "other")
+    with held_folder(tmp_path / "other", "the folder of a report"):
+        assert main.main(words) == 2
+    assert "another process is writing" in capsys.readouterr().err
+    monkeypatch.setattr(
+        bench, "run_faults", lambda *_, **__: [made("none", 2.0), replace(made("x", 4.0), recording="b")]
+    )
+    assert main.main(words) == 0
+    assert "2 recordings, one fault at a time" in capsys.readouterr().out
+    monkeypatch.setattr(bench, "run_faults", lambda *_, **__: [])
+    assert main.main([*words[:-1], str(tmp_path / "none")]) == 2
+    assert "holds recordings with shoves alone" in capsys.readouterr().err
+    words[-1] = said["report"]
     assert main.main(words) == 2
     assert "already exists" in capsys.readouterr().err

@@ -18,6 +18,7 @@ def evaluate_faults(
     """
     from palpate.cli.console import print_json, print_line, progress_bar
     from palpate.errors import FileError, SettingError
+    from palpate.locks import held_folder
     from palpate.study.faults.bench import run_faults
     from palpate.study.faults.table import TABLE, rows_of, write_table
     from palpate.study.files import find_recordings
@@ -26,21 +27,20 @@ def evaluate_faults(
     if other_options:
         raise SettingError(f"--faults tracks by learnt touch as it ships; {', '.join(other_options)} cannot go with it")
     files = find_recordings(folder, leave_out=out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{out}: cannot be the folder of a report ({error.strerror})") from error
-    if (out / TABLE).exists():
-        raise FileError(f"{out / TABLE}: already exists; take another folder")
     touch_model = TouchModel(model) if model else None
-    with progress_bar("tracking", len(files)) as progress:
-        runs = run_faults(files, model=touch_model, workers=workers, progress=progress)
-    write_table(out, runs)
+    with held_folder(out, "the folder of a report"):
+        if (out / TABLE).exists():
+            raise FileError(f"{out / TABLE}: already exists; take another folder")
+        with progress_bar("tracking", len(files)) as progress:
+            runs = run_faults(files, model=touch_model, workers=workers, progress=progress)
+        if not runs:
+            raise SettingError(f"{folder}: holds recordings with shoves alone, and none while the sensor touches")
+        write_table(out, runs)
     rows = rows_of(runs)
     if json:
         print_json({"report": str(out), "faults": [_plain(row) for row in rows]})
     else:
-        _show(rows)
+        _show(rows, len({run.recording for run in runs}))
         print_line(f"{len(runs)} runs   report: {out / TABLE}")
     return 3 if any(row.exceptions for row in rows) else 0
 
@@ -50,7 +50,7 @@ def _plain(row: "FaultRow") -> dict[str, object]:
     return {name: None if value != value else value for name, value in asdict(row).items()}
 
 
-def _show(rows: Sequence["FaultRow"]) -> None:
+def _show(rows: Sequence["FaultRow"], recordings: int) -> None:
     from palpate.cli.console import number, print_table
 
     columns = ("fault", "mm (worst)", "deg", "x clean", "% in 95 %", "% told in 1 s", "% silently wrong", "% refused")
@@ -71,7 +71,7 @@ def _show(rows: Sequence["FaultRow"]) -> None:
     ]
     columns = (*columns, "exceptions", "ms")
     print_table(
-        f"{rows[0].runs} recordings, one fault at a time: final error in the median",
+        f"{recordings} recordings, one fault at a time: final error in the median",
         columns,
         cells,
         numbers=range(1, len(columns)),

@@ -16,9 +16,9 @@ from statistics import fmean, median
 from typing import Any
 
 from palpate.errors import FileError, SettingError
-from palpate.files import read_csv
 from palpate.study.folder import read_study
-from palpate.study.results import FINALS, RMSES, flat, of_cell
+from palpate.study.results import FINALS, RMSES, flat
+from palpate.study.rows import read_rows
 from palpate.study.trial import Method, Trial
 
 COVERAGE = ("in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share", "recovered_in_2s")
@@ -44,10 +44,8 @@ def read_scores(folder: Path) -> Scores:
     if not path.is_file():
         raise FileError(f"{folder}: holds a study that is not done: there is no sequences.csv in it")
     scores: Scores = {}
-    columns, *rows = read_csv(path)
     try:
-        for values in rows:
-            row = dict(zip(columns, map(of_cell, values), strict=True))
+        for row in read_rows(path):
             if row[FINALS["final_mm"]]:
                 errors: Figures = {name: float(row[key]) for name, key in (FINALS | RMSES).items()}
                 more = {name: _number(row.get(name)) for name in (*COVERAGE, RECOVERY)}

@@ -1,6 +1,5 @@
 """A study as it is kept without its trials: `results.json` and `sequences.csv`, from which its page can be made."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 
 from palpate.errors import FileError
 from palpate.files import existing_file, read_json
+from palpate.study.rows import read_rows
 from palpate.study.trial import Method, Trial
 from palpate.tracking.metrics import PERCENTILES
 
@@ -22,9 +22,8 @@ def read_reported(folder: Path) -> tuple[dict[str, Any], list[Trial]]:
     """
     results, path = read_json(existing_file(folder / "results.json")), existing_file(folder / "sequences.csv")
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return results, [_trial(row) for row in csv.DictReader(file)]
-    except (KeyError, ValueError, csv.Error) as error:
+        return results, [_trial(row) for row in read_rows(path)]
+    except (KeyError, ValueError) as error:
         raise FileError(f"{path}: is not a table of sequences ({error})") from error
 
 

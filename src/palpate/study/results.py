@@ -14,7 +14,6 @@
     against     see `comparison`, where there is something to compare with
 """
 
-import csv
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -30,6 +29,7 @@ from palpate.errors import FileError
 from palpate.estimation.settings import PRESETS
 from palpate.files import whole_file
 from palpate.study.job import StudySettings
+from palpate.study.rows import write_rows
 from palpate.study.study import Study
 from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
@@ -43,7 +43,6 @@ LOST_MM, LOST_DEG = 50.0, 30.0
 FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation_error_deg"}
 RMSES = {"rmse_mm": "translation_rmse_mm", "rmse_deg": "rotation_rmse_deg"}
 """What columns of the table are called in a trial's summary."""
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 SOON = 2.0
 """[s] in contact within which an estimate should recover from a knock."""
 
@@ -148,26 +147,9 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
     try:
         with whole_file(folder / "results.json", overwrite=True) as part:
             part.write_text(json.dumps(results, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        rows = [flat(trial) for trial in trials]
-        with (
-            whole_file(folder / "sequences.csv", overwrite=True) as part,
-            part.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file,
-        ):
-            writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
-            writer.writeheader()
-            writer.writerows({key: as_cell(value) for key, value in row.items()} for row in rows)
+        write_rows(folder / "sequences.csv", [flat(trial) for trial in trials])
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error.strerror})") from error
-
-
-def as_cell(value: Any) -> Any:
-    """What is written for a value, such that no program for tables takes a name for a formula."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
-
-
-def of_cell(text: str) -> str:
-    """The word that `as_cell` wrote."""
-    return text.removeprefix("'")
 
 
 def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[str, Any]:

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.errors import FileError, FrameError
+from palpate.errors import FrameError
 from palpate.estimate import Estimate
 from palpate.formats import load_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.parallel import spread
 from palpate.study.faults.faults import FAULTS, is_of
-from palpate.study.faults.stream import Stream, stream_of
+from palpate.study.faults.stream import Stream, check_faults, stream_of
 from palpate.touch.model import TouchModel
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
@@ -80,9 +80,11 @@ def run_faults(
 ) -> list[FaultRun]:
     """Track recordings, by name, with each fault that `is_of` them; the order is that of faults, then of recordings.
 
-    `progress` is called with the number of recordings that are done. Raises FileError on a recording without images,
-    truth or contact flags, which faults need.
+    `progress` is called with the number of recordings that are done. Raises FileError, before the work, on a recording
+    that `check_faults` refuses.
     """
+    for path in files.values():
+        check_faults(load_recording(path))
     runs: list[FaultRun] = []
     do = partial(run_recording, names=tuple(names), seed=seed, model=model)
     with closing(spread(do, files.items(), workers)) as results:
@@ -99,11 +101,7 @@ def run_recording(
 ) -> list[FaultRun]:
     """Track one recording, given its name and file, with each fault that `is_of` it."""
     name, path = named
-    recording = load_recording(path)
-    truth = recording.object_pose
-    if recording.image is None or recording.contact is None or truth is None or not np.isfinite(truth).all():
-        raise FileError(f"{path}: has no images, contact flags or ground truth at each frame, which faults need")
-    stream = stream_of(recording)
+    stream = stream_of(load_recording(path))
     settings = TrackerSettings("learnt")
     runs: list[FaultRun] = []
     for fault in (name for name in names if is_of(name, stream)):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.errors import FileError
 from palpate.geometry.shapes import Shape
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
@@ -86,6 +87,24 @@ class Stream:
     def times(self) -> Array:
         """Stamps (N,) [s]."""
         return np.array([frame.time for frame in self.frames])
+
+
+_LEAST = 14  # frames of the longest contact; some faults are in ten of its last two thirds
+_BEFORE = 2  # untouched frames at the beginning, which calibrate a sensor
+
+
+def check_faults(recording: Recording) -> None:
+    """Raise FileError unless all faults can be made of a recording."""
+    contact, truth, name = recording.contact, recording.object_pose, recording.file or "the recording"
+    if recording.image is None or contact is None or truth is None or not np.isfinite(truth).all():
+        raise FileError(f"{name}: has no images, contact flags or ground truth at each frame, which faults need")
+    if np.any(recording.extra.get("knocked", False)):
+        return  # it has its fault already
+    longest = max((last + 1 - first for first, last in flag_runs(contact)), default=0)
+    if longest < _LEAST:
+        raise FileError(f"{name}: its longest contact has {longest} frames, and faults need one of {_LEAST} or more")
+    if (begin := int(np.argmax(contact))) < _BEFORE:
+        raise FileError(f"{name}: contact begins at frame {begin}, and faults need {_BEFORE} or more frames before it")
 
 
 def stream_of(recording: Recording) -> Stream:

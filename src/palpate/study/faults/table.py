@@ -1,15 +1,14 @@
 """The table of the fault bench: a row a fault."""
 
-import csv
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from palpate.files import whole_file
 from palpate.study.faults.bench import FaultRun
 from palpate.study.faults.faults import CLEAN
+from palpate.study.rows import write_rows
 
 TABLE, RUNS = "faults.csv", "fault_runs.csv"
 """A row a fault, and a row a run."""
@@ -55,9 +54,9 @@ def rows_of(runs: Sequence[FaultRun]) -> list[FaultRow]:
 
 
 def write_table(folder: Path, runs: Sequence[FaultRun]) -> None:
-    """Write TABLE and RUNS into an existing folder."""
-    _write(folder / TABLE, rows_of(runs), FaultRow)
-    _write(folder / RUNS, runs, FaultRun)
+    """Write RUNS and TABLE into an existing folder; who finds the latter has both."""
+    write_rows(folder / RUNS, [_short(run) for run in runs])
+    write_rows(folder / TABLE, [_short(row) for row in rows_of(runs)])
 
 
 def _row(fault: str, runs: Sequence[FaultRun], clean: float) -> FaultRow:
@@ -85,11 +84,6 @@ def _median(values: Sequence[float]) -> float:
     return float(np.median(known)) if known else np.nan
 
 
-def _write(path: Path, rows: Sequence[FaultRow | FaultRun], kind: type) -> None:
-    with whole_file(path, overwrite=True) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(kind)])
-        writer.writeheader()
-        for row in rows:
-            writer.writerow(
-                {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in asdict(row).items()}
-            )
+def _short(row: FaultRow | FaultRun) -> dict[str, object]:
+    """A row with numbers as short as they are exact."""
+    return {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in asdict(row).items()}
