@@ -281,3 +281,9 @@ def test_sharp_corners_stick_out():
     assert sharp_corners(notched).tolist() == [0, 1, 2, 4]
     assert not len(sharp_corners(Disc(1.0).outline(13)))  # 27.7 degrees each
     assert len(sharp_corners(Disc(1.0).outline(11))) == 11  # 32.7
+
+
+def test_corners_that_are_as_good_as_one_are_one():
+    square = Polygon([(0.0, 0.0), (1.0, 0.0), (1.0, 1e-200), (1.0, 1.0), (0.0, 1.0)])
+    assert len(square.vertices) == 4
+    assert np.isfinite(square.signed_distance(np.array([[0.5, 0.5], [1.0, 0.0]]))).all()

@@ -28,10 +28,11 @@ def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
         row = int(np.argmin(near))
         found = tuple(corners[row].tolist())
         raise ShapeError(f"polygon vertex {row} is {found}; vertices must be finite, up to {FARTHEST:g} m")
-    corners = corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]  # drops repeats, the closing one too
+    extent = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
+    # Drops repeats, the closing one too, and corners between which no edge has a direction.
+    corners = corners[(np.abs(corners - np.roll(corners, -1, axis=0)) > 1e-12 * extent).any(axis=1)]
     if len(corners) < 3:
         raise ShapeError(f"polygon has {len(corners)} different vertices in a row; it needs 3 or more")
-    extent = float(np.ptp(corners, axis=0).max())
     if shapely.MultiPoint(corners).convex_hull.area <= 1e-12 * extent**2:
         raise ShapeError("polygon has no area: its vertices lie on one line")
     polygon = shapely.Polygon(corners)

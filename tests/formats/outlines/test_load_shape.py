@@ -152,6 +152,17 @@ def test_corners_that_are_exact_stay_as_they_are(name):
     assert np.allclose(load_shape("exact.txt").corners, shape.corners)  # pyright: ignore[reportAttributeAccessIssue]
 
 
+def test_of_many_corners_those_that_a_curve_needs_are_kept(tmp_path):
+    angle = np.arange(3000) / 3000 * 2 * np.pi
+    corners = 0.05 * np.column_stack([np.cos(angle), np.sin(angle)])
+    np.savetxt(tmp_path / "disc.csv", corners, delimiter=",")
+    (tmp_path / "disc.json").write_text(json.dumps({"vertices": corners.tolist()}))
+    for name in ("disc.csv", "disc.json"):
+        found = load_shape(tmp_path / name)
+        assert isinstance(found, Polygon) and 50 < len(found.vertices) <= 256
+        assert np.abs(found.signed_distance(corners)).max() <= 2e-5
+
+
 def test_a_gear_is_no_scan():
     angle = np.arange(120) * (np.pi / 60)
     gear = np.where(np.arange(120) % 2, 0.045, 0.05)[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))

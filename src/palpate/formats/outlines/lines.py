@@ -16,7 +16,7 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 FINE = 2e-5
-"""[m] by which an outline may be off a curve that is drawn."""
+"""[m] by which an outline may be off a curve that is drawn, or off many corners that are given."""
 MEET = 1e-6
 """Of the drawing's width: how far apart ends of lines may be that meet."""
 
@@ -56,4 +56,14 @@ def outline_of_lines(what: str, lines: Sequence[Array]) -> Polygon:
         raise ShapeError(f"holds {beside + 1} outlines side by side; allowed is one, and holes in it")
     if len(rings) > 1:
         logger.warning("%s: %d outlines within the largest are holes, which touch does not feel", what, len(rings) - 1)
-    return Polygon(shapely.get_coordinates(rings[0].exterior.simplify(FINE)))
+    return simplified(shapely.get_coordinates(rings[0].exterior))
+
+
+def simplified(corners: Array) -> Polygon:
+    """Return the outline through corners (N, 2) [m] without those that it passes within `FINE`.
+
+    Each takes its time wherever distances are asked for.
+    """
+    import shapely
+
+    return Polygon(shapely.get_coordinates(shapely.LinearRing(corners).simplify(FINE)))

@@ -7,11 +7,15 @@ import numpy as np
 
 from palpate.errors import PalpateError, ShapeError
 from palpate.files import read_json, read_text
+from palpate.formats.outlines.lines import simplified
 from palpate.formats.outlines.scan import is_scan, shape_of_scan
 from palpate.geometry.shapes import Polygon, Shape, scaled, shape_from_dict
 from palpate.printable import one_line
 
 logger = logging.getLogger(__name__)
+
+MANY = 256
+"""Corners that are taken as they are; a round object of 10 cm needs no more."""
 
 
 def read_table(path: Path, scale: float | None) -> Shape:
@@ -32,7 +36,7 @@ def read_table(path: Path, scale: float | None) -> Shape:
     if points.shape[1:] != (2,):
         raise ShapeError(f"found {len(rows)} rows of {len(rows[0])} numbers, expected x y a row")
     if not is_scan(points):
-        return Polygon(points)
+        return _of_few_corners(Polygon(points))
     found = shape_of_scan(points)
     logger.warning(
         "%s: its %d points are taken as a scan: an outline of %d corners, off which they are by %.2f mm, one standard "
@@ -52,7 +56,13 @@ def read_json_shape(path: Path, scale: float | None) -> Shape:
         shape = shape_from_dict({"type": "polygon", **data})
     except PalpateError as error:
         raise ShapeError(str(error)) from error
-    return shape if scale is None else scaled(shape, scale)
+    shape = shape if scale is None else scaled(shape, scale)
+    return _of_few_corners(shape) if isinstance(shape, Polygon) else shape
+
+
+def _of_few_corners(outline: Polygon) -> Polygon:
+    """The outline as it is given, or without most of its corners where these are many, as those of a curve."""
+    return outline if len(outline.vertices) <= MANY else simplified(np.array(outline.vertices))
 
 
 def _is_number(word: str) -> bool:
