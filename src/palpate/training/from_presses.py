@@ -20,7 +20,7 @@ from palpate.training.learn import learn_direction
 from palpate.training.networks import DirectionNetwork
 from palpate.training.pairs import batch
 from palpate.training.samples import Samples
-from palpate.training.scores import coverage, spread_of
+from palpate.training.scores import spread_of
 from palpate.training.train import Bar, TrainSettings, free_folder
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ def train_on_presses(
 ) -> dict[str, Any]:
     """Train a model on presses, write its folder and return how far it is off on presses that were left out.
 
-    By other presses that are not learnt from it is told when to stop, and how far the model is to be believed.
+    When to stop is told by as many others; how far the model is to be believed, by both together.
 
     untouched are images of the gel at rest, as large as the presses', and sensor is the name of the profile that the
     model is for. Raises FileError on too few presses, on ones too close together and on images of different sizes.
@@ -54,11 +54,11 @@ def train_on_presses(
     settings = settings or TrainSettings()
     count, seed = len(presses.images), settings.seed
     steps = STEPS if settings.steps is None else settings.steps
-    held_out = round(_HELD_OUT * count)
+    apart = round(_HELD_OUT * count)
     if count < FEWEST:
         raise FileError(f"found {count} presses; at least {FEWEST} are needed to learn from")
-    if (apart := float(np.ptp(presses.angle))) < SPREAD:
-        found = f"found presses within {np.degrees(apart):.1f} degrees"
+    if (spread := float(np.ptp(presses.angle))) < SPREAD:
+        found = f"found presses within {np.degrees(spread):.1f} degrees"
         raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
     check_alike(presses, untouched)
     height, width = untouched[0].shape[:2]
@@ -68,14 +68,15 @@ def train_on_presses(
         profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
         samples = samples_of_presses(presses, untouched)
         part = np.full(count, _LEARNED)
-        part[np.random.default_rng(seed).permutation(count)[: 2 * held_out]] = np.repeat((_JUDGED, _CHECKED), held_out)
+        part[np.random.default_rng(seed).permutation(count)[: 2 * apart]] = np.repeat((_JUDGED, _CHECKED), apart)
         learned, checked, judged = (samples.of(part == each) for each in (_LEARNED, _CHECKED, _JUDGED))
         torch.manual_seed(seed)
         network, descent = DirectionNetwork(), FitSettings(steps=steps, check=25)
         with bar("direction", steps) as progress:
             learn_direction(network, learned, checked, profile, seed, work, descent, progress)
-        scale = spread_of(*_off(network, checked), checked.episode).scale
-        error, variance = _off(network, judged)
+        held_out = samples.of(part != _LEARNED)
+        scale = spread_of(*_off(network, held_out), held_out.episode).scale
+        error, _ = _off(network, judged)
         nothing = tuple((0.0, 0.0) for _ in KINDS)
         training = {"seed": seed, "steps": steps, "presses": count}
         told_of = {"direction": Spread(scale, _TOGETHER)}
@@ -83,10 +84,9 @@ def train_on_presses(
         write_model(out, model, exported_direction(network))
     return {
         "presses": count,
-        "held_out": held_out,
+        "held_out": apart,
         "rms_deg": float(np.degrees(np.sqrt(np.mean(error**2)))),
         "median_deg": float(np.degrees(np.median(np.abs(error)))),
-        "coverage": {f"{share:g}": found for share, found in coverage(error, variance * scale).items()},
     }
 
 
