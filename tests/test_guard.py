@@ -48,7 +48,7 @@ def test_stamps_in_another_unit_are_never_believed(unit, word):
 @pytest.mark.parametrize("length", [0.02, 1.0])
 def test_one_pose_that_leaps_in_a_contact_is_refused(length):
     guard = guard_after(20)
-    with pytest.raises(FrameError, match=r"mm and 0 degrees from where"):
+    with pytest.raises(FrameError, match=r"m and 0 degrees from where"):
         guard.check_pose(20 / RATE, at(20) + np.array([0.0, length, 0.0]), touched=True)
     assert not guard.check_pose(21 / RATE, at(21), touched=True)
 
@@ -57,7 +57,7 @@ def test_poses_that_agree_with_each_other_are_believed():
     guard = guard_after(20)
     elsewhere = np.array([0.0, 0.3, 0.0])
     for frame in (20, 21):
-        with pytest.raises(FrameError, match="3 such frames in a row are believed"):
+        with pytest.raises(FrameError, match="faster than any arm; 3 in a row that agree are believed"):
             guard.check_pose(frame / RATE, at(frame) + elsewhere, touched=True)
     assert guard.check_pose(22 / RATE, at(22) + elsewhere, touched=True)
     assert not guard.check_pose(23 / RATE, at(23) + elsewhere, touched=True)
@@ -79,6 +79,12 @@ def test_millimetres_are_asked_for():
     guard = guard_after(5)
     with pytest.raises(FrameError, match="are these millimetres"):
         guard.check_pose(5 / RATE, 1e3 * np.array([0.5, 0.0, 0.0]), touched=True)
+
+
+def test_degrees_are_asked_for():
+    guard = guard_after(5)
+    with pytest.raises(FrameError, match=r"has the sensor 0\.001 m and 57 degrees .*; is theta in degrees\?"):
+        guard.check_pose(5 / RATE, at(5) + np.array([0.0, 0.0, 1.0]), touched=True)
 
 
 def test_a_pose_that_stands_still_from_full_speed_on_is_frozen():

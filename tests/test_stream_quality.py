@@ -47,6 +47,14 @@ def test_frames_that_come_seldom_are_told_after_half_a_second(every, rate):
     assert set(said[few + 2 :]) == {f"frames come {rate} times a second and not 30 times; the pose is known less well"}
 
 
+def test_stamps_in_milliseconds_are_asked_about_and_a_slow_sensor_is_slow():
+    times = np.arange(20.0)
+    said = reasons(1e3 * times / RATE, way(times))
+    assert said[-1] == "frames come 0.03 times a second and not 30 times; are these milliseconds?"
+    said = reasons(times, way(times))
+    assert said[-1] == "frames come 1 times a second and not 30 times; the pose is known less well"
+
+
 def test_frames_of_which_half_are_lost_are_seldom_and_hardly_ever_where_it_is_a_fifth():
     times = np.arange(600) / RATE
     rng = np.random.default_rng(3)

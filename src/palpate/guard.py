@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from palpate.errors import FrameError
 from palpate.geometry import se2
+from palpate.recording.units import other_time_unit
 
 Array = NDArray[np.float64]
 
 LONGEST_GAP = 60.0
 """[s] between two frames; a clock that leaps farther is believed from its second frame on."""
-_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _ACCELERATION, _FLOOR = np.array([10.0, 100.0]), np.array([5e-3, 0.1])
 """[m/s^2, rad/s^2] of a robot's arm at most, and [m, rad] by which a measured pose may be off besides. A pusher that
 travels at 0.25 m/s is off its constant velocity by 3 mm a frame at most at 30 Hz, where 16 mm are allowed."""
@@ -96,10 +96,10 @@ class StreamGuard:
         gap = time - self._now.time
         before, self._leapt_to = self._leapt_to, time
         if gap > LONGEST_GAP and not (before is not None and 0.0 < time - before <= LONGEST_GAP):
-            units = [f"; are these {name}?" for name, unit in _UNITS.items() if 0.2 < gap / unit * self._rate < 5.0]
+            asked = other_time_unit(gap, self._rate)
             raise FrameError(
                 f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {LONGEST_GAP:g} s; the next "
-                f"that follows it is taken{''.join(units)}"
+                f"that follows it is taken{asked and '; '}{asked}"
             )
 
     def check_pose(self, time: float, pose: Array, touched: bool) -> bool:
@@ -155,11 +155,14 @@ class StreamGuard:
         self._elsewhere.append(now)
         if len(self._elsewhere) < _AGREE:
             step, turn = _apart(last.pose, now.pose)
-            hint = "; are these millimetres?" if np.abs(now.pose[:2]).max() > _MILLIMETRES else ""
+            farthest, most = _FLOOR + _SPEED * (now.time - last.time)
+            asked = "; are these millimetres?" if np.abs(now.pose[:2]).max() > _MILLIMETRES else ""
+            if step < farthest and turn > most:
+                asked = "; is theta in degrees?"
             raise FrameError(
-                f"frame at {now.time:.3f} s has the sensor {1e3 * step:.4g} mm and {np.degrees(turn):.0f} degrees from "
-                f"where it was {now.time - last.time:.3g} s before, in one contact, which no robot does; {_AGREE} such "
-                f"frames in a row are believed{hint}"
+                f"frame at {now.time:.3f} s has the sensor {step:.3g} m and {np.degrees(turn):.0f} degrees from where "
+                f"it was {now.time - last.time:.3g} s before, in one contact, faster than any arm; {_AGREE} in a row "
+                f"that agree are believed{asked}"
             )
 
     def _fits(self, last: _Pose, now: _Pose) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
+from palpate.recording.units import other_time_unit
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -74,7 +75,8 @@ class StreamQuality:
         if shares < _SELDOM * lately:
             return ""
         rate = lately / sum(list(self._intervals)[-lately:])
-        return f"frames come {rate:.2g} times a second and not {self._rate:g} times; the pose is known less well"
+        asked = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
+        return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {asked}"
 
     def _too_noisy(self) -> str:
         if len(self._off) < _LATELY:

@@ -57,6 +57,22 @@ def test_a_clean_push_has_no_findings():
     assert "unbroken" in found.verdict
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sensor_pose": push().sensor_pose * [1e3, 1e3, 1.0]}, "sensor_pose: found positions that span 89 m"),
+        ({"shape": Rectangle(90.0, 60.0)}, "the outline is 90 m wide"),
+        (
+            {"time": push().time * 1e3},
+            "frames come at 0.030 Hz, the sensor profile says 30.0 Hz: are these milliseconds?",
+        ),
+    ],
+)
+def test_a_recording_in_another_unit_is_told(changes, words):
+    found = inspect_recording(changed(push(), object_pose=None, contact=None, **changes)).findings
+    assert any(finding.sentence.startswith(words) and "are these milli" in finding.sentence for finding in found)
+
+
 def test_a_recording_of_poses_alone_can_be_inspected():
     found = inspect_recording(changed(push(), object_pose=None, contact=None))
     assert (found.contact, found.contact_share, found.truth_share, found.findings) == (

@@ -12,6 +12,7 @@ from palpate.cli.main import main
 from palpate.errors import EstimationError, FileError
 from palpate.estimation.hypotheses import Answer, Hypotheses
 from palpate.formats.palpate_h5 import write_recording
+from palpate.geometry.shapes import Disc
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.touch.model import SHIPPED
@@ -193,3 +194,12 @@ def test_answers_of_many_frames_are_saved_as_few_arrays(recording, tmp_path):
         with np.load(tmp_path / "state.npz") as state:
             members.append(len(state.files))
     assert members[1] <= members[0]
+
+
+def test_of_many_frames_that_are_left_out_five_are_said(caplog):
+    taker = steps.Steps(Tracker(Disc(0.05), "point", np.zeros(3)))
+    for _ in range(8):
+        taker.take(Frame(0.0, np.array([-0.3, 0.0, 0.0]), contact=False))  # none follows the first
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == 5 and said[-1].endswith("times must increase; it is left out; further ones are counted only")
+    assert taker.taken == [True, *[False] * 7]

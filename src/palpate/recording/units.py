@@ -55,6 +55,12 @@ def nanoseconds(name: str, time: ArrayLike) -> NDArray[np.int64]:
     return given.astype(np.int64) if whole else np.round(given * 1e9).astype(np.int64)
 
 
+def other_time_unit(interval: float, rate: float) -> str:
+    """Ask whether an interval [s] of a stream of about this rate [Hz] is in another unit; nothing where it is not."""
+    fits = [name for name, size in UNITS.items() if size < 1.0 and 0.2 < interval * size * rate < 5.0]
+    return f"are these {fits[0]}?" if fits else ""
+
+
 def check_metres(name: str, position: NDArray[np.float64]) -> None:
     """FileError if positions (N, 2 or 3) spread wider than any push [m]."""
     finite = position[np.isfinite(position).all(axis=1)]

@@ -16,6 +16,7 @@ from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.recording import derived
 from palpate.recording.recording import Recording
+from palpate.recording.units import check_metres, other_time_unit, wrong_width
 from palpate.tracking.knocks import FASTER, knocked_frames
 from palpate.tracking.truth import flag_runs, trusted_truth
 
@@ -24,6 +25,7 @@ Flags = NDArray[np.bool_]
 Kind = Literal[
     "time gap",
     "rate",
+    "unit",
     "drop-out",
     "jump",
     "knock",
@@ -91,6 +93,7 @@ def find_all(recording: Recording) -> list[Finding]:
     """Everything that is wrong with a recording, in order of time."""
     searches = (
         _rate,
+        _units,
         _time_gaps,
         _images,
         _drop_outs,
@@ -123,8 +126,23 @@ def _rate(recording: Recording) -> Iterator[Finding]:
         return
     rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
     if abs(rate / wanted - 1.0) > RATE:
-        sentence = f"frames come at {rate:.1f} Hz, the sensor profile says {wanted:.1f} Hz"
+        asked = other_time_unit(1.0 / rate, wanted)
+        digits = 1 if rate > 0.1 else 3
+        sentence = f"frames come at {rate:.{digits}f} Hz, the sensor profile says {wanted:.1f} Hz"
+        sentence += asked and f": {asked}"
         yield _finding(recording, "rate", 0, -1, sentence)
+
+
+def _units(recording: Recording) -> Iterator[Finding]:
+    """What is of a length or an angle that nothing has: it is rather in another unit."""
+    if wrong := wrong_width(recording.shape):
+        yield _finding(recording, "unit", 0, -1, wrong)
+    for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
+        try:
+            if poses is not None:
+                check_metres(name, poses[:, :2])
+        except FileError as error:
+            yield _finding(recording, "unit", 0, -1, str(error))
 
 
 def _time_gaps(recording: Recording) -> Iterator[Finding]:

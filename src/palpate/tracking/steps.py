@@ -23,6 +23,7 @@ from palpate.tracker_state import load_tracker_and, save_tracker
 
 logger = logging.getLogger(__name__)
 
+_TOLD = 5  # frames that are left out, each of which is said
 _EVERY = 10.0  # [s] between states that are saved
 _SHARE = 20  # as many times as long as saving took is not saved again
 
@@ -54,7 +55,9 @@ class Steps:
         except FrameError as error:
             if not self.estimates:
                 raise
-            logger.warning("%s; it is left out", error)
+            if (left_out := self.taken.count(False)) < _TOLD:
+                more = "; further ones are counted only" if left_out + 1 == _TOLD else ""
+                logger.warning("%s; it is left out%s", error, more)
             estimate, taken = replace(self.estimates[-1], time=frame.time, status="faulty", reason=str(error)), False
         self.step_ms.append((time.perf_counter() - start) * 1e3)
         self.estimates.append(estimate)
