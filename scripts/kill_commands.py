@@ -3,10 +3,11 @@
     python scripts/kill_commands.py [simulate evaluate tune train track] [--kills 50] [--seed 0] [--into FILE.json]
 
 Each command runs on small recordings, in a process that is forked from one that has run it once, so that imports do not
-take most of its time. After
-SIGKILL every file that shows has to be whole. The next start has to end with what a run makes that was left alone, to
-the last bit but for times, and with no hidden file. At every fifth kill a neighbour begins the same while the command
-is at it, and has to be told. What was seen is printed, and kept in FILE.json.
+take most of its time. After SIGKILL every file that shows has to be whole. The next start has to end with what a run
+makes that was left alone, to the last bit but for times, and with no hidden file; a tuning that had left a file goes on
+from its best settings and may find better ones, so that its files alone have to be the same. At every fifth kill a
+neighbour begins the same while the command is at it, and has to be told. What was seen is printed, and kept in
+FILE.json.
 """
 
 import contextlib
@@ -219,7 +220,9 @@ def go_on(name: Name, folder: Path, wanted: dict[str, Any], seen: Counter[str]) 
     if name != "tune" or from_start:  # a tuning that begins with what was found may find something better
         different = [key for key in wanted if found[key] != wanted[key]]
         assert not different, f"other content: {different}"
-    seen["went on to the same end"] += 1
+        seen["went on to the same end"] += 1
+    else:
+        seen["went on"] += 1
 
 
 def torture(name: Name, folder: Path, kills: int, chance: random.Random) -> Counter[str]:

@@ -505,7 +505,7 @@ def _whole(number: str) -> str:
 
 def kills() -> str:
     """Return the table of commands that were killed at random times."""
-    columns = ("killed", "went on to the same end", "neighbours told")
+    columns = ("killed", "went on to the same end", "went on", "neighbours told")
     rows = loaded("docs/study/kills.json")
     return table(
         ("command", *columns, "failed"),

@@ -99,7 +99,8 @@ def test_options_reach_the_tracker(capsys):
     assert settings["pressure"] == 0.03
     assert settings["first_pose"] == [0.001, 0.0, 3.0]
     out = capsys.readouterr().out
-    assert "-" in out  # scores that are not there
+    lines = [line.split() for line in out.splitlines()]
+    assert ["final", "translation", "error", "-", "mm"] in lines  # a score that is not there
     summary = json.loads(Path("runs/blind/summary.json").read_text())
     assert pose_words(summary["final_pose"], summary["final_sigma"]) in out  # which needs no truth
 
@@ -110,6 +111,7 @@ def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys
     assert json.loads(capsys.readouterr().out)["frames"] == 40
     settings = json.loads(Path("runs/blind/settings.json").read_text())
     assert settings["first_pose"] == [0.001, 0.0, 3.0]
+    assert (settings["first_pose_sigma"], settings["hypotheses"]) == ([0.02, 0.03, 0.2], 1)
     covariance = np.genfromtxt("runs/blind/estimates.csv", delimiter=",", names=True)
     assert covariance.size == 40
 
@@ -368,6 +370,8 @@ def test_convert_overwrites_only_with_force(capsys):
     assert len(formats.read("there.tum")) == 40  # pyright: ignore[reportArgumentType]
     assert ".xyz" in failure(capsys, "convert", "push.h5", "a.xyz")
     assert "allowed are" in failure(capsys, "convert", "push.h5", "b.tum", "--from", "magic")
+    both = failure(capsys, "convert", "push.h5", "b.tum", "--from", "palpate", "--shape", "disc")
+    assert "--from names a format, and the options for bags are for a bag" in both
     assert "trajectory" in failure(capsys, "convert", "there.tum", "c.h5")
 
 

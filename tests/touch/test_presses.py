@@ -21,6 +21,7 @@ from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import ball_overlap, render, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.touch import press_figure
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
 from palpate.touch.presses import Presses, PressFit, learn_from_presses, read_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
@@ -187,7 +188,7 @@ def palpate(*words: Any) -> int:
     return main.main([str(word) for word in words])
 
 
-def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presses, capsys):
+def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presses, capsys, monkeypatch):
     mirrored = of_camera(presses, CameraView(0, True))
     files = dict(zip(presses.names, mirrored.images, strict=True)) | {"still.png": unit.no_contact[:, ::-1]}
     write(tmp_path, files, list(zip(presses.names, np.degrees(ANGLES), strict=True)))
@@ -197,10 +198,22 @@ def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presse
     told = capsys.readouterr().out
     assert "6 presses: directions are off by" in told and ("mirrored" in told or "turned by 180" in told)
     assert (tmp_path / "unit.png").stat().st_size > 10_000
+    picture = (tmp_path / "unit.png").read_bytes()
     calibration = load_calibration(out)
     assert calibration.view.mirrored != (calibration.view.quarter_turns == 2)
     assert palpate(*words) == 2
     assert "--force replaces it" in capsys.readouterr().err
+    monkeypatch.setattr(press_figure, "press_figure", lambda *_: Torn())
+    assert palpate(*words, "--force") == 2
+    assert (tmp_path / "unit.png").read_bytes() == picture
+
+
+class Torn:
+    """A figure that cannot be written to its end."""
+
+    def savefig(self, file: Any, **_: Any) -> None:
+        Path(file).write_bytes(b"half")
+        raise OSError("no space left on device")
 
 
 def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
@@ -213,6 +226,8 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
         (("--presses", tmp_path / "grey.png", *still), "grey.png"),
         (still, "name a recording, or --presses"),
         (("--out", tmp_path / "unit.npz"), "name a recording"),
+        ((tmp_path / "rest.h5", *still[2:], "--model", tmp_path / "gone"), "--model reads presses"),
+        (("--presses", "a.csv", *still[:2], "--out", tmp_path / "a.png", "--force"), "is where the figure of presses"),
     ]
     (tmp_path / "grey.csv").write_text("file,angle_deg\ngrey.png,3\n")
     (tmp_path / "columns.csv").write_text("image,angle\ngrey.png,3\n")

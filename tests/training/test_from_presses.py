@@ -42,6 +42,9 @@ def test_the_way_from_a_table_of_grey_images_to_measurements(tmp_path, capsys):
     given = [str(table), "--untouched", str(tmp_path / "still.png"), "--out", str(out), "--steps", "2"]
     assert main(["train", *given]) == 2
     assert "presses take --untouched and --sensor" in capsys.readouterr().err
+    of_no_use = ["--calibration", "gone.npz", "--workers", "3"]
+    assert main(["train", *given, "--sensor", "pin dome", *of_no_use]) == 2
+    assert "train: --calibration, --workers: of no use with presses (.csv)" in capsys.readouterr().err
     assert main(["train", *given, "--sensor", "pin dome"]) == 0
     assert "of 9 presses that were left out, directions are off by" in capsys.readouterr().out
     model = TouchModel(out)

@@ -57,12 +57,17 @@ def calibrate(
         file = presses  # between presses it shows the untouched gel
     if (file is None) == (not untouched) or (untouched and presses is None):
         raise SettingError("calibrate: name a recording, or --presses and either a recording or --untouched images")
+    if model is not None and presses is None:
+        raise SettingError("calibrate: --model reads presses, and without --presses there are none")
+    picture = out.with_suffix(".png")
+    if presses is not None and picture == out:
+        raise SettingError(f"--out {out}: is where the figure of presses goes; name a file that ends in .npz")
     check_new(out, force)
     if presses is None:
         assert file is not None
         calibration, numbers, said = _rested(file)
     else:
-        calibration, numbers, said = _pressed(presses, file, untouched, model, out.with_suffix(".png"), force)
+        calibration, numbers, said = _pressed(presses, file, untouched, model, picture, force)
     write_calibration(calibration, out, overwrite=force)
     height, width = calibration.background.mean.shape[:2]
     noise = float(np.median(calibration.background.deviation))
@@ -94,6 +99,7 @@ def _pressed(
     import math
 
     from palpate import formats
+    from palpate.files import whole_file
     from palpate.recording.sensor import DIGIT
     from palpate.touch.model import TouchModel, shipped_model
     from palpate.touch.press_figure import press_figure
@@ -107,7 +113,8 @@ def _pressed(
     sensor = DIGIT if recording is None else recording.sensor
     given = read_presses(presses) if presses.suffix.lower() == ".csv" else presses_of(formats.load_recording(presses))
     fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
-    press_figure(given, fit).savefig(picture, dpi=110)
+    with whole_file(picture, overwrite=force) as part:
+        press_figure(given, fit).savefig(part, dpi=110, format="png")
     view, direction = fit.calibration.view, fit.calibration.direction
     numbers = {
         "presses": len(given.images),

@@ -43,6 +43,8 @@ def convert(
     with busy(f"converting {source.name}"):
         if bag.time_offset == "fit":
             raise SettingError("--time-offset fit is for palpate track, which says what it finds")
+        if from_ is not None and bag != BAG_DEFAULTS:
+            raise SettingError("--from names a format, and the options for bags are for a bag; only one of them goes")
         if bag == BAG_DEFAULTS:
             data, left_out = formats.read(source, from_), []
         else:

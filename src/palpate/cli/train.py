@@ -92,8 +92,11 @@ def train(
     begin = time.perf_counter()
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     if source.suffix.lower() == ".csv":
-        if start or test or not untouched or not sensor:
-            raise SettingError("train: presses take --untouched and --sensor, and neither --from nor --test")
+        if not untouched or not sensor:
+            raise SettingError("train: presses take --untouched and --sensor")
+        given = {"--from": start, "--calibration": calibration, "--test": test, "--workers": workers != 1}
+        if of_no_use := [option for option, value in given.items() if value]:
+            raise SettingError(f"train: {', '.join(of_no_use)}: of no use with presses (.csv)")
         results = _train_on_presses(source, untouched, sensor, out, settings, resume)
         results["wall_s"] = time.perf_counter() - begin
         if json:

@@ -63,6 +63,8 @@ def truth(
     json: JsonOption = False,
 ) -> int:
     """Put ground truth into a recording, from a video of the push with tags on table, object and sensor."""
+    import numpy as np
+
     from palpate import formats
     from palpate.cli.console import busy, number, print_json, print_table
     from palpate.errors import FileError
@@ -83,7 +85,7 @@ def truth(
     found = with_truth(given, tag_on_object, alignment)
     formats.write(found, out, overwrite=force)
     assert found.object_pose is not None
-    known = int((found.object_pose == found.object_pose).all(axis=1).sum())
+    known = int(np.isfinite(found.object_pose).all(axis=1).sum())
     said = {
         "frames": len(found),
         "with_truth": known,
