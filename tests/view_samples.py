@@ -15,6 +15,8 @@ from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.tracking.run import Run, track
+from palpate.tracking.run_folder import new_run, write_files
+from palpate.view.scene import Scene
 
 CAMERA = SensorProfile(name="small", radius=0.01, half_width=0.006, image_height=40, image_width=30)
 FRAMES, FIRST, LAST = 50, 20, 39
@@ -57,3 +59,14 @@ def tracked_push() -> Run:
     other = Answer(known.pose[30] + (0.01, 0.0, 0.1), 2.0 * known.covariance[30], 0.3)
     answers: Any = tuple((best, other) if index == 30 else () for index in range(FRAMES))
     return replace(run, answers=answers)
+
+
+def write_run(run: Run, folder: Path, force: bool = False) -> None:
+    """Write the folder of a run."""
+    with new_run(folder, force) as part:
+        write_files(run, part)
+
+
+def scene_of(run: Run, name: str) -> Scene:
+    """What there is to see of a run."""
+    return Scene(name, run.recording, run.truth, run.online, run.answers, run.friction, run.calibration)

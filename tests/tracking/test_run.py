@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recording_samples import pushed
-from view_samples import imaged_push
+from view_samples import imaged_push, write_run
 
 from palpate import formats
 from palpate.errors import FileError, SettingError
@@ -18,7 +18,7 @@ from palpate.touch.view import CameraView
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking import run_folder
 from palpate.tracking.run import track
-from palpate.tracking.run_folder import FILES, RECORDING, check_folder, write_run
+from palpate.tracking.run_folder import FILES, RECORDING, check_folder
 
 
 @pytest.fixture(scope="module")

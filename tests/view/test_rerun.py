@@ -13,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 from recording_samples import pushed
-from view_samples import FIRST, FRAMES, LAST, imaged_push, tracked_push
+from view_samples import FIRST, FRAMES, LAST, imaged_push, scene_of, tracked_push
 
 from palpate.errors import FileError, SettingError
 from palpate.estimation.diagnosis import Status
@@ -23,7 +23,7 @@ from palpate.tracker import Tracker
 from palpate.tracking.run import track
 from palpate.view import colours, live, viewer
 from palpate.view.live import LiveLog, live_view
-from palpate.view.scene import Scene, scene_of
+from palpate.view.scene import Scene
 from palpate.view.show import open_stream, save_scene
 
 rerun = pytest.importorskip("rerun", reason="the extra view is not installed")

@@ -3,7 +3,7 @@ import shutil
 
 import numpy as np
 import pytest
-from view_samples import FIRST, FRAMES, LAST, imaged_push, tracked_push
+from view_samples import FIRST, FRAMES, LAST, imaged_push, scene_of, tracked_push, write_run
 
 from palpate import formats
 from palpate.errors import FileError
@@ -11,10 +11,13 @@ from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Rectangle
 from palpate.recording.sensor import SensorProfile
-from palpate.tracking.run_folder import RECORDING, write_run
+from palpate.touch.background import background_of
+from palpate.touch.lift import Lift
+from palpate.tracking.run_folder import RECORDING
+from palpate.view import scene
 from palpate.view.geometry import contact_points
 from palpate.view.images import jpeg, views
-from palpate.view.scene import Scene, load_scene, scene_of
+from palpate.view.scene import Scene, load_scene
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +62,19 @@ def test_friction_is_learnt_from_contact_on(run_folder):
 
 def test_a_recording_shows_itself(tmp_path):
     formats.write(imaged_push(), tmp_path / "push.h5")
-    scene = load_scene(tmp_path / "push.h5")
-    assert scene.estimate is None and scene.name == "push.h5"
-    np.testing.assert_array_equal(scene.contact, imaged_push().contact)
+    found = load_scene(tmp_path / "push.h5")
+    assert found.estimate is None and found.name == "push.h5"
+    np.testing.assert_array_equal(found.contact, imaged_push().contact)
+
+
+def test_a_run_that_began_in_contact_shows_the_gel_after_it(run_folder, monkeypatch):
+    assert load_scene(run_folder).calibration is None
+    gel = background_of([np.full((40, 30, 3), level, np.uint8) for level in (90, 91)])
+    monkeypatch.setattr(scene, "lift_of", lambda recording: Lift(gel, 0.5))
+    summary = json.loads((run_folder / "summary.json").read_text())
+    (run_folder / "summary.json").write_text(json.dumps({**summary, "untouched_from_s": 0.5}))
+    calibration = load_scene(run_folder).calibration
+    assert calibration is not None and calibration.background is gel
 
 
 @pytest.mark.parametrize(

@@ -34,12 +34,6 @@ RECORDING, PAGE, MCAP = "recording.h5", "page.html", "estimates.mcap"
 _STATE = "state.npz"
 
 
-def write_run(run: Run, folder: Path | str, force: bool = False, mcap: Plane | None = None) -> None:
-    """Write the folder of a run, whole or not at all; see `new_run` and `write_files`."""
-    with new_run(Path(folder), force) as part:
-        write_files(run, part, mcap)
-
-
 @contextmanager
 def new_run(folder: Path, force: bool = False, resume: bool = False) -> Iterator[Path]:
     """A temporary folder for the files of a run, which becomes `folder` when the block ends well.

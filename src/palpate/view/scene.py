@@ -15,9 +15,9 @@ from palpate.formats import estimates_csv
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.calibration import Calibration, load_calibration
+from palpate.touch.lift import lift_of
 from palpate.tracking import details
 from palpate.tracking.details import Answers
-from palpate.tracking.run import Run
 from palpate.tracking.truth import known_truth
 
 Array = NDArray[np.float64]
@@ -48,11 +48,6 @@ class Scene:
         return self.recording.contact if self.estimate is None else self.estimate.contact
 
 
-def scene_of(run: Run, name: str) -> Scene:
-    """Return what there is to see of a run."""
-    return Scene(name, run.recording, run.truth, run.online, run.answers, run.friction, run.calibration)
-
-
 def load_scene(path: Path) -> Scene:
     """Return what there is to see of a run folder, or of a recording in any known format. Raises FileError."""
     if path.is_dir():
@@ -79,8 +74,17 @@ def _load_run(folder: Path) -> Scene:
         estimate,
         details.read_answers(folder / "answers.csv", estimate.time),
         details.read_friction(folder / "friction.csv", estimate.time),
-        None if settings.get("calibration") is None else load_calibration(_said(settings, "calibration", folder)),
+        _calibration(folder, settings, recording),
     )
+
+
+def _calibration(folder: Path, settings: dict[str, Any], recording: Recording) -> Calibration | None:
+    """What a run was tracked with: a file or, where it began in contact, the gel after that."""
+    if settings.get("calibration") is not None:
+        return load_calibration(_said(settings, "calibration", folder))
+    began_in_contact = "untouched_from_s" in read_json(folder / "summary.json")
+    lift = lift_of(recording) if began_in_contact else None
+    return lift and Calibration(lift.background)
 
 
 def _said(settings: dict[str, Any], name: str, folder: Path) -> str:
