@@ -26,6 +26,7 @@ from .recording.measurements import ObjectPose as ObjectPose
 from .recording.measurements import OwnMeasurement as OwnMeasurement
 from .recording.recording import Recording as Recording
 from .recording.sensor import DIGIT as DIGIT
+from .recording.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .recording.sensor import POINT as POINT
 from .recording.sensor import SensorProfile as SensorProfile
 from .recording.trajectory import Trajectory as Trajectory

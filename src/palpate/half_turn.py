@@ -17,8 +17,8 @@ logger = logging.getLogger(__name__)
 
 _WAIT = 15  # frames, half a second, in which one must be contradicted and the other not
 _REASON = (
-    "the object is felt as it is pushed only if images are turned by half a turn or mirrored, and they are taken so; "
-    "palpate calibrate --presses finds out for good"
+    "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
+    "it with palpate calibrate --presses, for the outline may be mirrored or the first pose wrong instead"
 )
 
 

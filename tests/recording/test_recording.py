@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from recording_samples import TINY_CAMERA, pushed, tiny_images, tiny_recording
 
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.recording.frame import Frame
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
-from palpate.recording.sensor import POINT
+from palpate.recording.sensor import DIGIT, POINT
 
 
 def test_frames_come_out_as_they_went_in():
@@ -125,3 +125,13 @@ def test_episodes_count_from_five_frames_on():
 def test_extra_rows_that_do_not_fit(name, value, said):
     with pytest.raises(FileError, match=said):
         replace(pushed(3), extra={name: value})
+
+
+def test_a_sensor_may_be_named_and_an_outline_is_no_name():
+    recording = pushed()
+    named: Any = "digit"
+    assert replace(recording, sensor=named).sensor == DIGIT
+    with pytest.raises(SettingError, match="sensor is 'finger'; allowed are digit"):
+        replace(recording, sensor="finger")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(FileError, match="shape: found 'rectangle', expected an outline"):
+        replace(recording, shape="rectangle")  # pyright: ignore[reportArgumentType]

@@ -64,6 +64,9 @@ class Recording:
         def settle(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
+        if not isinstance(self.shape, Shape):
+            raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
+        settle("sensor", known_sensor(self.sensor))
         time = checked_array("time", self.time, NUMBERS, ("N",)).astype(np.float64)
         if not len(time):
             raise FileError("time: found no frames, a recording needs at least one")
