@@ -58,7 +58,9 @@ IMAGE = Limit("PALPATE_MAX_IMAGE_MB", 64)
 CHUNK = Limit("PALPATE_MAX_CHUNK_MB", 64)
 """Bytes of one chunk of a bag, once unpacked."""
 SECONDS = Limit("PALPATE_MAX_SECONDS", 5, unit=1.0)
-"""Seconds that the HDF5 library may take at a time: for all arrays of a file, or for 64 of its images."""
+"""Seconds that the HDF5 library may take at a time: for all arrays of a file, or for AT_ONCE of its images."""
+AT_ONCE = 32
+"""Rows of bytes, such as images, of an HDF5 file that are read at once."""
 BAG = Limit("PALPATE_MAX_BAG_MB", 20_000)
 """Bytes of a bag whose files are packed as a whole, once unpacked; they are unpacked on the disk."""
 MESSAGES = Limit("PALPATE_MAX_MESSAGES", 10_000_000, unit=1.0)

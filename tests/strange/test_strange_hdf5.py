@@ -48,6 +48,13 @@ def test_a_crash_of_the_library_is_one_sentence(path, planted):
         assert len(read_recording(path)) == 5  # by another one
 
 
+def test_a_crash_is_one_where_no_signal_says_that_time_is_up(path, planted, monkeypatch):
+    monkeypatch.delattr(signal, "SIGXCPU", raising=False)  # as on Windows
+    planted("import os, sys; sys.stdin.readline(); os._exit(0)")
+    with pytest.raises(FileError, match=r"a\.h5: is truncated or damaged \(the HDF5 library crashed\)"):
+        read_recording(path)
+
+
 def test_half_an_answer_is_a_crash(path, planted):
     code = 'print(\'{"attributes": {}, "arrays": {"a": {"type": "<f8", "shape": [9], "attributes": {}}}}\')'
     planted(code)

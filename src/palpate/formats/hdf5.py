@@ -22,14 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.limits import ARRAYS, SECONDS
+from palpate.limits import ARRAYS, AT_ONCE, SECONDS
 from palpate.recording.stored_images import StoredImages
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 PATIENCE = 10
 """How many times the seconds that the library may compute it may take, on a disk that is slow or a busy machine."""
-AT_ONCE = 32
-"""Rows of bytes that are read at once."""
 T = TypeVar("T")
 
 
@@ -98,7 +96,8 @@ def _by_child(work: Callable[["subprocess.Popen[bytes]"], T]) -> T:
             raise
         except (OSError, EOFError, ValueError) as error:
             _stop()
-            too_long = waiting.finished.is_set() or child.returncode == -signal.SIGXCPU
+            out_of_time = getattr(signal, "SIGXCPU", None)  # which Unix alone has
+            too_long = waiting.finished.is_set() or -child.returncode == out_of_time
             why = f"took longer than {SECONDS.value} s, {SECONDS.words}" if too_long else "crashed"
             raise FileError(f"is truncated or damaged (the HDF5 library {why})") from error
         except BaseException:

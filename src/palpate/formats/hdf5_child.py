@@ -22,8 +22,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-ROWS = 64
-"""Rows of bytes that are read at once."""
+from palpate.limits import AT_ONCE
+
 HEADROOM = 300 * 10**6
 """[bytes] of memory that the library may take besides what it reads."""
 PARTS = 1000
@@ -124,8 +124,8 @@ def _rows(name: str, dataset: Any, size: int, wanted: range) -> list[bytes]:
     """Rows of bytes, such as images; they are not packed, so all together are no larger than the file."""
     rows: list[bytes] = []
     left = size
-    for start in range(wanted.start, wanted.stop, ROWS):
-        for row in dataset[start : min(start + ROWS, wanted.stop)]:
+    for start in range(wanted.start, wanted.stop, AT_ONCE):
+        for row in dataset[start : min(start + AT_ONCE, wanted.stop)]:
             rows.append(np.asarray(row, np.uint8).tobytes())
             left -= len(rows[-1])
         if left < 0:
