@@ -1,6 +1,7 @@
 """Contact from images: simulated touches, shares made by hand, drifting light and real sensors."""
 
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,19 @@ def test_first_frames_are_taken_as_untouched():
     assert found is not None and found.mean.dtype == found.deviation.dtype == np.float32
     assert np.allclose(found.mean, expected.mean(axis=0), atol=1e-4)
     assert np.allclose(found.deviation, expected.std(axis=0, ddof=1), atol=1e-4)
+
+
+def test_first_frames_of_any_rate_are_not_kept():
+    detector = ContactDetector(rate=1e6)
+    image = grey(size=(100, 100))
+    detector.update(image)
+    tracemalloc.start()
+    for _ in range(100):
+        detector.update(image.copy())
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert detector.background is None
+    assert kept < 40 * image.nbytes
 
 
 def test_shares_are_of_cells_and_the_end_lies_below_the_start():

@@ -37,17 +37,38 @@ class Background:
 
 def background_of(images: Iterable[Image]) -> Background:
     """Return the statistics of two or more untouched images (height, width, 3), read one after the other."""
-    pixels, cells = _Statistics(), _Statistics()
+    seen = UntouchedImages()
     for image in images:
+        seen.add(image)
+    return seen.background()
+
+
+class UntouchedImages:
+    """Statistics of untouched images that come one after the other; the images themselves are not kept."""
+
+    def __init__(self) -> None:
+        self._pixels, self._cells = _Statistics(), _Statistics()
+
+    @property
+    def count(self) -> int:
+        """How many there were."""
+        return self._pixels.count
+
+    def add(self, image: Image) -> None:
+        """Take the next image (height, width, 3)."""
         levels = image.astype(np.float32)
-        pixels.add(levels)
-        cells.add(cells_of(levels))
-    if pixels.count < 2:
-        raise SettingError(f"a background needs 2 or more untouched images, found {pixels.count}")
-    own = cells.count - 1
-    noise = (own * cells.variance + _COMMON * cells.variance.mean()) / (own + _COMMON)
-    mean, deviation, noise = pixels.mean, np.sqrt(pixels.variance), np.sqrt(noise)
-    return Background(mean.astype(np.float32), deviation.astype(np.float32), noise.astype(np.float32))
+        self._pixels.add(levels)
+        self._cells.add(cells_of(levels))
+
+    def background(self) -> Background:
+        """Return the statistics of all of them. Raises SettingError on fewer than 2."""
+        pixels, cells = self._pixels, self._cells
+        if pixels.count < 2:
+            raise SettingError(f"a background needs 2 or more untouched images, found {pixels.count}")
+        own = cells.count - 1
+        noise = (own * cells.variance + _COMMON * cells.variance.mean()) / (own + _COMMON)
+        mean, deviation, noise = pixels.mean, np.sqrt(pixels.variance), np.sqrt(noise)
+        return Background(mean.astype(np.float32), deviation.astype(np.float32), noise.astype(np.float32))
 
 
 class _Statistics:

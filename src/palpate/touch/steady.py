@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.touch.background import Background, Image, background_of
+from palpate.touch.background import Background, Image, UntouchedImages
 from palpate.touch.light import Levels, cells_of, share_unlike
 
 FIRST_SECONDS, FEWEST = 0.5, 8
@@ -29,13 +29,13 @@ class SteadyImages:
     def __init__(self, rate: float) -> None:
         """Take how many images come in a second [Hz]."""
         self._enough = first_frames(rate)
-        self._images: list[Image] = []
+        self._seen = UntouchedImages()
         self._cells: Levels | None = None  # of the first
 
     @property
     def is_empty(self) -> bool:
         """Whether the next image is the first."""
-        return not self._images
+        return not self._seen.count
 
     def add(self, image: Image) -> Background | None:
         """Take the next image (height, width, 3); return what they look like once there are enough, and begin anew."""
@@ -43,10 +43,13 @@ class SteadyImages:
             return None
         cells = cells_of(image)
         if self._cells is None or share_unlike(cells, self._cells, UNLIKE) > _MOVED:
-            self._images, self._cells = [], cells  # something moves, or the light is not yet what it will be
-        self._images.append(image.copy())
-        if len(self._images) < self._enough:
+            self._seen, self._cells = (
+                UntouchedImages(),
+                cells,
+            )  # something moves, or the light is not yet what it will be
+        self._seen.add(image)
+        if self._seen.count < self._enough:
             return None
-        found = background_of(self._images)
-        self._images, self._cells = [], None
+        found = self._seen.background()
+        self._seen, self._cells = UntouchedImages(), None
         return found
