@@ -77,6 +77,28 @@ def test_altered_settings_are_found(folder, changes, message):
         TouchModel(folder)
 
 
+def test_a_network_that_gives_another_number_of_numbers_is_named(folder):
+    model = TouchModel(folder)
+    sizes = {"touch": [(1, 2), (1, 2), (1, 4)], "pair": [(3, 2)], "keypoint": [(1, 2), (1, 5)]}
+
+    def gives(name: str, *shapes: tuple[int, ...]) -> None:
+        found = [np.zeros(shape, np.float32) for shape in shapes]
+        model._opened[name] = SimpleNamespace(run=lambda *_: found)
+
+    seen, several = np.zeros((ROWS, COLUMNS, 3), np.float32), np.zeros((3, 4), np.float32)
+    asked: dict[str, Any] = {"touch": lambda: model.look(seen), "keypoint": lambda: model.keypoint(seen)}
+    asked["pair"] = lambda: model.compare(several, several[0])
+    for name, shapes in sizes.items():
+        gives(name, *shapes)
+        asked[name]()
+        gives(name, (shapes[0][0], 1), *shapes[1:])
+        with pytest.raises(FileError, match=rf"{name}\.onnx: gives \w+ of shape \(\d, 1\), expected \(\d, 2\)"):
+            asked[name]()
+        gives(name, *shapes[1:])
+        with pytest.raises(FileError, match=rf"{name}\.onnx: cannot be run"):
+            asked[name]()
+
+
 def test_one_altered_number_is_found(folder):
     file = folder / "model.json"
     text = file.read_text()

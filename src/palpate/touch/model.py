@@ -37,6 +37,8 @@ ARRAYS = {
     "keypoint": (("difference",), ("keypoint", "kinds")),
 }
 """What each network takes and gives."""
+SIZES = {"direction": 2, "turn": 2, "place": 2, "turned": 2, "keypoint": 2, "kinds": 5}
+"""How many numbers they give of each for an image, or for a pair of them; a descriptor may have any."""
 LARGEST = 100 * 10**6
 """[bytes] of a network; the shipped ones have less than one million."""
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
@@ -52,7 +54,10 @@ TOLD, PLACE = ("direction", "turn", "pair", "linear"), "place"
 
 @dataclass(frozen=True)
 class Spread:
-    """How far a prediction is to be believed, measured on recordings of units that were not trained on."""
+    """How far a prediction is to be believed, measured on recordings of units that were not trained on.
+
+    Of a model that is learnt from presses it is measured on other presses of the same unit, which do not tell `together`.
+    """
 
     scale: float
     """By how much predicted variances are to be multiplied to be right for one image or pair."""
@@ -153,9 +158,23 @@ class TouchModel:
         if name not in self._opened:
             self._opened[name] = self._session(name)
         try:
-            return self._opened[name].run(None, given)
+            found = self._opened[name].run(None, given)
+            told = {each: np.shape(values) for each, values in zip(self._gives(name), found, strict=True)}
         except Exception as error:  # of a damaged network that could be opened, of many kinds
             raise FileError(f"{self.folder / name}.onnx: cannot be run ({one_line(error)})") from error
+        count = len(next(iter(given.values())))
+        for each, shape in told.items():
+            size = SIZES.get(each, shape[-1] if shape else 0)
+            if shape != (count, size):
+                raise FileError(f"{self.folder / name}.onnx: gives {each} of shape {shape}, expected {(count, size)}")
+        return found
+
+    def _gives(self, name: str) -> tuple[str, ...]:
+        """What a network gives, by what the settings say that the model tells."""
+        gives, spread = ARRAYS[name][1], self.settings.spread
+        if name != "touch":
+            return gives
+        return gives[:1] if "turn" not in spread else (*gives, PLACE) if PLACE in spread else gives
 
     def _session(self, name: str) -> Any:
         """What runs a network. Raises FileError where it is none, or has not the arrays of one."""
@@ -165,10 +184,7 @@ class TouchModel:
             has = {each.name for each in found.get_inputs()}, [each.name for each in found.get_outputs()]
         except Exception as error:  # what ONNX Runtime makes of damaged bytes, of many kinds
             raise FileError(f"{place}: is no network that can be run ({one_line(error)})") from error
-        takes, gives = ARRAYS[name]
-        if name == "touch":
-            spread = self.settings.spread
-            gives = gives[:1] if "turn" not in spread else (*gives, PLACE) if PLACE in spread else gives
+        takes, gives = ARRAYS[name][0], self._gives(name)
         if has != (set(takes), list(gives)):
             raise FileError(f"{place}: takes and gives {has}, expected {takes, gives}")
         return found
