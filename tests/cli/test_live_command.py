@@ -20,8 +20,10 @@ from view_samples import FRAMES, imaged_push, without_display
 
 from palpate import formats
 from palpate.cli import main
+from palpate.estimate import Estimate
 from palpate.live import rig
-from palpate.live.state import LiveState
+from palpate.live.poses import SensorPlace
+from palpate.live.state import LiveEstimate, LiveState
 from palpate.live.table import table_of
 
 
@@ -159,22 +161,40 @@ def test_what_cannot_be_tracked_live(capsys):
     assert "gone.h5: no such file" in failure(capsys, "--replay", "gone.h5")
 
 
+def cells(state: LiveState, column: int) -> list[Any]:
+    """What a column of the table shows."""
+    return list(table_of("palpate live", state).columns[column].cells)
+
+
+def estimated() -> LiveEstimate:
+    return LiveEstimate(
+        Estimate(0.0, np.zeros(3), np.eye(3), True, "tracking"), SensorPlace(np.zeros(3), "known", 0.0), 0.02
+    )
+
+
 def test_the_table_keeps_its_rows():
-    from rich.console import Console
-
-    def text(state: LiveState) -> str:
-        console = Console(width=100, record=True, file=Path(os.devnull).open("w"))  # noqa: SIM115
-        console.print(table_of("palpate live", state))
-        console.file.close()
-        return console.export_text()
-
-    assert palpate("--replay", "push.h5", "--seconds", "0.1") == 0
     state = LiveState(lambda text: None)
-    empty = text(state)
+    empty = cells(state, 0)
+    assert empty == ["images", "latency", "contact", "status", "object", "sensor pose", ""]
+    state.estimated(estimated())
     state.note("the camera is lost")
-    assert "the camera is lost" in text(state)
-    for row in ("images", "latency", "contact", "status", "object", "sensor pose"):
-        assert row in empty
+    assert cells(state, 0) == empty
+    shown = cells(state, 1)
+    assert shown[1:4] == ["20.0 ms, 99 %: 20.0 ms", "yes", "tracking"] and shown[-1] == "the camera is lost"
+
+
+def test_the_table_may_be_drawn_while_the_first_estimate_comes(monkeypatch):
+    state = LiveState(lambda text: None)
+    latency_ms = state.latency_ms
+
+    def in_between(last: int | None = None) -> Any:
+        before = latency_ms(last)
+        state.estimated(estimated())
+        return before
+
+    monkeypatch.setattr(state, "latency_ms", in_between)
+    assert cells(state, 1)[1] == "-"
+    assert cells(state, 1)[1] == "20.0 ms, 99 %: 20.0 ms"
 
 
 def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
@@ -182,6 +202,8 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
+
+    closed: list[bool] = []
 
     class Fake:
         def __init__(self, path, size):
@@ -200,7 +222,7 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
             return gel
 
         def close(self):
-            pass
+            closed.append(True)
 
     done = threading.Event()
 
@@ -217,9 +239,11 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
     monkeypatch.setattr(rig, "camera_path", lambda name: Path("/dev") / name)
     robot = threading.Thread(target=send)
     robot.start()
-    words = ("--camera", "fake", "--poses", f"udp:{port}", "--shape", "rectangle", "--record", "live.mcap")
+    words = ("--camera", "fake", "--poses", f"udp:{port}", "--shape", "rectangle", "--first-pose", "0.3", "0.05", "0")
     try:
-        assert palpate(*words, "--first-pose", "0.3", "0.05", "0", "--seconds", "2", "--json") == 0
+        assert "folder nowhere does not exist" in failure(capsys, *words, "--record", "nowhere/live.mcap")
+        assert closed  # and the port is free again
+        assert palpate(*words, "--record", "live.mcap", "--seconds", "2", "--json") == 0
     finally:
         done.set()
         robot.join()

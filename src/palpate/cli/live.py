@@ -17,6 +17,7 @@ from palpate.cli.options import (
     ModelOption,
     TactileOption,
     check_model,
+    check_new,
     check_window,
 )
 
@@ -115,13 +116,19 @@ def live(
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if view:
         check_window()
+    if record:
+        check_new(record, force)
+    settings = TrackerSettings(tactile)
+    learnt = None if model is None else TouchModel(model)
     unit = None if calibration is None else load_calibration(calibration)
-    with busy("looking for images and poses"):
-        overhead = None if truth is None else overhead_truth(*truth)
-        rig = _rig(camera, poses, replay, bag, first_pose, first_pose_sigma, unit)
     with ExitStack() as stack:
-        settings = TrackerSettings(tactile)
-        learnt = None if model is None else TouchModel(model)
+        unused = stack.enter_context(ExitStack())
+        with busy("looking for images and poses"):
+            overhead = None if truth is None else overhead_truth(*truth)
+            if overhead:
+                unused.callback(overhead.close)
+            rig = _rig(camera, poses, replay, bag, first_pose, first_pose_sigma, unit)
+            unused.callback(rig.close)
         shape = rig.scene.shape
         sigma = rig.first_pose_sigma
         tracker = Tracker(shape, rig.sensor, rig.first_pose, settings, learnt, unit, first_pose_sigma=sigma)
@@ -135,6 +142,7 @@ def live(
         table = LiveTable(f"palpate live: {rig.name}")
         state = LiveState(complain if not table.shown else lambda _: None)
         stack.enter_context(table.of(state))
+        unused.pop_all()  # the session's threads close what they take from
         sources, watch = replace(rig.begin(), truth=overhead), log.show if log else None
         track_live(tracker, sources, state, stop, taking or None, watch, seconds, _compared(taking or None, log))
     if json:

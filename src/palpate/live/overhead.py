@@ -34,7 +34,7 @@ def overhead_truth(name: str, calibration: Path, open_device: Callable[..., Devi
         raise SettingError(
             f"camera {path}: its pictures have {camera.size} rows and columns, {calibration} is for {seen_by.size}"
         )
-    return LiveTruth(_coming(camera), seen_by)
+    return LiveTruth(_coming(camera), seen_by, camera.close)
 
 
 def _coming(camera: Camera) -> PictureSource:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -29,6 +30,10 @@ from palpate.tracking.run import first_pose_of
 Array = NDArray[np.float64]
 
 
+def _nothing() -> None:
+    """What there is to close of what is not open."""
+
+
 @dataclass(frozen=True, eq=False)
 class Rig:
     """What is tracked by what."""
@@ -46,7 +51,9 @@ class Rig:
     first_pose_sigma: ArrayLike | None
     """How well it is known, (3,) [m, m, rad]; None leaves that to the noise settings."""
     begin: Callable[[], Sources]
-    """Returns the sources, which come from then on."""
+    """Returns the sources, which come from then on, and close what they come from as they end."""
+    close: Callable[[], None] = _nothing
+    """Lets go of what is open where the session does not begin."""
 
     @property
     def recorded_sensor(self) -> SensorProfile:
@@ -87,17 +94,17 @@ def camera_rig(
     clock = Clock(time.time())
     path = camera_path(name)
     camera = Camera(partial(open_device, path, size), clock)
-    try:
+    with ExitStack() as opened:
+        opened.callback(camera.close)
         check_size(f"camera {path}", camera.size, size)
-        source = _pose_source(poses, clock)
-    except SettingError:
-        camera.close()
-        raise
+        source, close = _pose_source(poses, clock)
+        opened.callback(close)
+        close_all = opened.pop_all().close
     first = np.asarray(first_pose, np.float64)
     measured = replace(sensor, rate=camera.rate)
     beforehand = Recording(np.zeros(1), first[None], shape, sensor, image=(b"",))
     sources = partial(Sources, camera.images, source, clock, size)
-    return Rig(name, beforehand, measured, size, first, first_pose_sigma, sources)
+    return Rig(name, beforehand, measured, size, first, first_pose_sigma, sources, close_all)
 
 
 def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> tuple[int, int]:
@@ -116,12 +123,14 @@ def check_size(what: str, found: tuple[int, int], expected: tuple[int, int]) -> 
         )
 
 
-def _pose_source(name: str, clock: Clock) -> PoseSource:
+def _pose_source(name: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
+    """The source of poses with this name, and what closes it where it is not used."""
     if name.startswith("ros2:"):
-        return ros2_poses(name.removeprefix("ros2:"), clock)
+        return ros2_poses(name.removeprefix("ros2:"), clock), _nothing
     if not name.startswith("udp:"):
-        return own_poses(name, clock)
+        return own_poses(name, clock), _nothing
     port: Any = name.removeprefix("udp:")
     if not (port.isdecimal() and 0 < int(port) < 65536):
         raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
-    return UdpPoses(int(port), clock).poses
+    listening = UdpPoses(int(port), clock)
+    return listening.poses, listening.close

@@ -96,13 +96,13 @@ class LiveState:
 
     def estimated(self, last: LiveEstimate) -> None:
         """Count an estimate."""
-        self.last = last
         self.tracked += 1
         self.contact_frames += last.estimate.contact
         self.statuses[last.estimate.status] += 1
         self._latencies.append(1e3 * last.latency)
         with self._lock:
             self._recent.append(last.estimate)
+        self.last = last  # at the end, for whoever sees it asks for the rest
 
     def compare(self, true: TruePose) -> NDArray[np.float64] | None:
         """Take a true pose and return what was estimated for its time, (3,); None where nothing was."""

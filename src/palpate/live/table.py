@@ -56,7 +56,8 @@ def table_of(title: str, state: LiveState) -> Table:
 
 
 def _rows(state: LiveState) -> list[tuple[str, str]]:
-    rate, latency, last = state.rate, state.latency_ms(_RECENT), state.last
+    last = state.last  # first, for what is told with it is there by then
+    rate, latency = state.rate, state.latency_ms(_RECENT)
     counts = f"{state.tracked} tracked, {state.dropped} dropped, {state.unplaced} without a pose"
     rows = [("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {counts}")]
     waiting = [("latency", "-"), ("contact", "-"), ("status", "-"), ("object", "-")]

@@ -68,10 +68,10 @@ class _Known:
 class LiveTruth:
     """Takes poses of the sensor and pictures, from a thread each, and tells where the object is."""
 
-    def __init__(self, pictures: PictureSource, camera: Camera) -> None:
-        """Take where pictures come from and how their camera sees."""
-        self.pictures = pictures
-        """Where they come from."""
+    def __init__(self, pictures: PictureSource, camera: Camera, close: Callable[[], None] = lambda: None) -> None:
+        """Take where pictures come from, how their camera sees, and what closes it where it is not used."""
+        self.pictures, self.close = pictures, close
+        """Where they come from, and what lets go of that before they do."""
         self._sightings = Sightings(camera)
         self._robot: list[TimedPose] = []
         self._known: _Known | None = None

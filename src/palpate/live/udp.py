@@ -49,6 +49,10 @@ class UdpPoses:
                     continue
                 yield pose_in(data, self._clock.now())
 
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
     def _forget_old(self) -> None:
         """Pass over what came while nobody listened."""
         self._socket.setblocking(False)
