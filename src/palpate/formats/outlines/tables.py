@@ -10,7 +10,6 @@ from palpate.files import read_json, read_text
 from palpate.formats.outlines.lines import simplified
 from palpate.formats.outlines.scan import is_scan, shape_of_scan
 from palpate.geometry.shapes import Polygon, Shape, scaled, shape_from_dict
-from palpate.printable import one_line
 
 logger = logging.getLogger(__name__)
 
@@ -24,17 +23,19 @@ def read_table(path: Path, scale: float | None) -> Shape:
     Blanks, commas, semicolons or tabs part the numbers; a first line of words is passed over.
     """
     text = read_text(path).replace(",", " ").replace(";", " ")
-    rows = [words for line in text.splitlines() if (words := line.split("#")[0].split())]
-    if rows and not any(map(_is_number, rows[0])):
+    lines = enumerate(text.splitlines(), start=1)
+    rows = [(number, words) for number, line in lines if (words := line.split("#")[0].split())]
+    if rows and not any(map(_is_number, rows[0][1])):
         rows = rows[1:]
-    try:
-        points = np.array(rows, np.float64) * (scale or 1.0)
-    except ValueError as error:
-        raise ShapeError(f"is no table of numbers x y ({one_line(error)})") from error
     if not rows:
         raise ShapeError("is no table of numbers x y: it holds none")
-    if points.shape[1:] != (2,):
-        raise ShapeError(f"found {len(rows)} rows of {len(rows[0])} numbers, expected x y a row")
+    for number, words in rows:
+        if not all(map(_is_number, words)):
+            raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words)!r}")
+        if len(words) != 2:
+            count = f"{len(words)} number{'' if len(words) == 1 else 's'}"
+            raise ShapeError(f"line {number} has {count}, expected x y")
+    points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
     if not is_scan(points):
         return _of_few_corners(Polygon(points))
     found = shape_of_scan(points)
