@@ -413,7 +413,9 @@ def test_table_by_hand():
     assert rows[ALL]["none"]["sequences"] == 5 and rows[ALL]["none"]["final_mm"]["median"] == pytest.approx(3.0)
     assert list(rows["edges"]) == ["none"]
     assert table([], (NONE,)) == {}
-    assert table([trial(1.0, final_rotation_error_deg=31.0)], (NONE,))["disc"]["none"]["lost"] == 1
+    for yaw_shows, lost in ((True, 1), (False, 0)):
+        turned = trial(1.0, final_rotation_error_deg=31.0, yaw_shows=yaw_shows)
+        assert table([turned], (NONE,))["disc"]["none"]["lost"] == lost
 
 
 def test_results_hold_everything_as_plain_data():

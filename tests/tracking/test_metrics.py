@@ -129,7 +129,7 @@ def summary(truth):
 KEYS = [
     *("frames", "contact_frames", "episodes", "tactile", "smoother", "wall_s", "step_ms", "final_pose", "final_sigma"),
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
-    *("nees_mean", "statuses", "scored_frames", "final_scored_time_s"),
+    *("nees_mean", "statuses", "yaw_shows", "scored_frames", "final_scored_time_s"),
     *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share"),
     *("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "error_after_knock_mm"),
 ]

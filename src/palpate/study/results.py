@@ -114,9 +114,10 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
 
 
 def is_lost(trial: Trial) -> bool:
-    """Say whether the final error is beyond what can be called tracked."""
+    """Say whether the final error is beyond what can be called tracked; that of a yaw that does not show never is."""
     mm, deg = _finals(trial).values()
-    return mm is not None and deg is not None and (mm > LOST_MM or deg > LOST_DEG)
+    turned = trial.summary.get("yaw_shows", True) and deg is not None and deg > LOST_DEG
+    return mm is not None and (mm > LOST_MM or turned)
 
 
 def recovered(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:

@@ -122,6 +122,7 @@ def summarise(
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
         "nees_mean": None if consistency is None else float(np.mean(consistency)),
         "statuses": dict(Counter(trajectory.status or ())),
+        "yaw_shows": yaw_shows,
         "scored_frames": len(scored),
         "final_scored_time_s": None if last is None else float(trajectory.time[last]),
         **coverage(contact, squared),
