@@ -14,7 +14,6 @@ from palpate.estimate import Estimate
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.hypotheses import Hypotheses
-from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
@@ -32,7 +31,7 @@ from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch
-from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of
+from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_offset
 from palpate.tracker_settings import TrackerSettings
 from palpate.unfelt import UnfeltTouch
 
@@ -102,7 +101,7 @@ class Tracker:
     def _begin(self) -> None:
         """Begin with nothing known but the first pose."""
         settings = self._settings
-        noise = _with_offset(settings.noise, self._correction.offset_sigma)
+        noise = with_offset(settings.noise, self._correction.offset_sigma)
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._guard = StreamGuard(self._sensor.rate)
         self._quality = StreamQuality(self._sensor.rate, math.hypot(*noise.sensor_pose.deviation[:2]) / math.sqrt(2.0))
@@ -300,13 +299,6 @@ class Tracker:
         given = self._settings.noise.relative_pose
         known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
         return make_touch(tactile, *known, given.linear)
-
-
-def _with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
-    """The settings with what is left unknown of a direction's offset after a calibration, [rad]."""
-    if sigma is None:
-        return noise
-    return replace(noise, priors=replace(noise.priors, direction_bias=(0.0, sigma)))
 
 
 def _friction(known: Prior) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """What a tracker is made of, checked in one place: kinds of arguments, units, and a first pose."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError
+from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import Shape
 from palpate.recording.measurements import finite_numbers
 from palpate.recording.units import SPAN, TURNS, check_outline, extent_of
@@ -77,3 +79,10 @@ def ask_how_far(first: tuple[Array, Array], sensor_pose: Array) -> None:
     apart = float(np.hypot(*(sensor_pose - pose)[:2]))
     if apart > SPAN + 3.0 * deviation[:2].max():
         logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
+
+
+def with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
+    """Return the settings with what is left unknown of a direction's offset after a calibration, [rad]."""
+    if sigma is None:
+        return noise
+    return replace(noise, priors=replace(noise.priors, direction_bias=(0.0, sigma)))

@@ -64,7 +64,7 @@ def test_a_clean_push_has_no_findings():
         ({"shape": Rectangle(90.0, 60.0)}, "the outline is 90 m wide"),
         (
             {"time": push().time * 1e3},
-            "frames come at 0.030 Hz, the sensor profile says 30.0 Hz: are these milliseconds?",
+            "frames come at 0.03 Hz, the sensor profile says 30.0 Hz: are these milliseconds?",
         ),
     ],
 )
@@ -263,7 +263,7 @@ def test_time_gap():
 def test_another_rate_than_the_sensor_says():
     recording = push()
     found = inspect_recording(changed(recording, time=recording.time * 2))
-    assert [f.sentence for f in found.findings] == ["frames come at 15.0 Hz, the sensor profile says 30.0 Hz"]
+    assert [f.sentence for f in found.findings] == ["frames come at 15 Hz, the sensor profile says 30.0 Hz"]
     assert found.unbroken
 
 

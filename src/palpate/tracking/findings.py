@@ -127,9 +127,7 @@ def _rate(recording: Recording) -> Iterator[Finding]:
     rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
     if abs(rate / wanted - 1.0) > RATE:
         asked = other_time_unit(1.0 / rate, wanted)
-        digits = 1 if rate > 0.1 else 3
-        sentence = f"frames come at {rate:.{digits}f} Hz, the sensor profile says {wanted:.1f} Hz"
-        sentence += asked and f": {asked}"
+        sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{asked and ': '}{asked}"
         yield _finding(recording, "rate", 0, -1, sentence)
 
 
@@ -139,8 +137,7 @@ def _units(recording: Recording) -> Iterator[Finding]:
         yield _finding(recording, "unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
         try:
-            if poses is not None:
-                check_metres(name, poses[:, :2])
+            check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
         except FileError as error:
             yield _finding(recording, "unit", 0, -1, str(error))
 
