@@ -187,7 +187,7 @@ MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, N
         ({"poses": POSES[:, :6]}, r"poses: found shape \(50, 6\), expected \(N, 3\)"),
         ({"poses": [[1.0, 2.0], [3.0]]}, "poses: rows have different lengths"),
         ({"poses": POSES[:40]}, "poses: found 40 poses for 50 times"),
-        ({"poses": np.full((50, 3), np.nan)}, "poses: pose 0 .*allowed are a finite position"),
+        ({"poses": np.full((50, 3), np.nan)}, "poses: pose 0 .*allowed are finite numbers"),
         ({"images": tiny_images(19)}, "images: found 19 images for 20 times"),
         ({"images": tiny_images(20) / 255}, r"image 0 is float64 .*\(255 \* images\)"),
         ({"images": np.rot90(tiny_images(20), axes=(1, 2))}, r"\(8, 12, 3\).* turned by a quarter they fit"),
@@ -200,6 +200,10 @@ MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, N
         ({"images": "."}, r"images: '.' is a folder; give its files, sorted\(Path\('.'\).glob"),
         ({"images": tiny_images(20) / 300.0}, r"colours from 0 to 1 fit as \(255 \* images\).astype\(np.uint8\)"),
         ({"images": tiny_images(20).astype(float)}, r"colours from 0 to 255 fit as images.astype\(np.uint8\)"),
+        (
+            {"poses": [*[[0.1, 0.0, 0.0]] * 49, [0.1, np.nan, 0.0]]},
+            r"poses: pose 49 is \[0.1, nan, 0.0\], allowed",
+        ),
         ({"images": None}, "images: found None, and no contact"),
         (
             {"image_time": IMAGE_TIME[[0, 0, *range(2, 20)]]},

@@ -1,6 +1,7 @@
 """A recording from arrays: each image with the pose that the sensor had when it was taken."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -99,6 +100,9 @@ def _sensor_at(
     Raises FileError where that is known at no time, or quaternions rather have w first.
     """
     numbers, known_at = _timed("poses", poses, "pose_time", pose_time)
+    if not (finite := np.isfinite(numbers).all(axis=1)).all():
+        row = int(np.argmin(finite))
+        raise FileError(f"poses: pose {row} is {np.asarray(poses)[row].tolist()}, allowed are finite numbers")
     gel = None
     if sensor_T_gel is not None:
         gel = _numbers("sensor_T_gel", [sensor_T_gel])
@@ -161,7 +165,7 @@ def _truth_at(time: Times, object_time: ArrayLike, object_poses: ArrayLike, plan
     return pose
 
 
-def _numbers(name: str, poses: ArrayLike) -> Array:
+def _numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Poses in any of the three ways as positions and quaternions x, y, z, w (N, 7); rows that hold NaN are NaN."""
     from scipy.spatial.transform import Rotation
 
