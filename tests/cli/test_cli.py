@@ -421,23 +421,11 @@ HEAVY = ["scipy", "shapely", "cv2", "h5py", "gtsam", "matplotlib", "mujoco", "re
 HEAVY += ["torch", "onnx", "onnxruntime", "onnxscript"]
 
 
-@pytest.mark.parametrize("words", ["import palpate", "help"])
-def test_import_and_help_load_nothing_heavy(words):
-    statements = {
-        "import palpate": "import palpate",
-        "help": "from palpate.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass",
-    }
-    code = f"import sys\n{statements[words]}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
+def test_help_loads_nothing_heavy():
+    helped = "from palpate.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass"
+    code = f"import sys\n{helped}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"
-
-
-def test_public_names_are_there():
-    import palpate as package
-
-    assert package.__version__
-    for name in getattr(package, "__all__", ()):
-        assert getattr(package, name) is not None
 
 
 def test_a_reader_that_has_seen_enough_gets_no_traceback():
