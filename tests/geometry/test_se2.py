@@ -169,3 +169,11 @@ def test_transform_broadcasts():
     np.testing.assert_allclose(out[3, 2], se2.transform(pose[3], cloud[2]), atol=1e-14)
     np.testing.assert_allclose(se2.transform(pose, cloud[1])[4], se2.transform(pose[4], cloud[1]), atol=1e-14)
     assert se2.rotation(pose[:, 2]).shape == (5, 2, 2)
+
+
+def test_poses_in_between_turn_the_shorter_way():
+    time, pose = np.array([0.0, 1.0, 2.0]), np.array([[0.0, 0.0, 3.0], [1.0, 2.0, -3.0], [1.0, 2.0, -3.0]])
+    found = se2.interpolated(np.array([-1.0, 0.5, 3.0]), time, pose)
+    np.testing.assert_allclose(found[0], pose[0])
+    np.testing.assert_allclose(found[1], [0.5, 1.0, np.pi], atol=1e-12)
+    np.testing.assert_allclose(found[2], pose[2])

@@ -125,10 +125,7 @@ def _at(wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np
     if not known.any():
         return np.full((len(wanted), 3), np.nan)
     wanted = np.minimum(wanted, time[-1])
-    angle = np.unwrap(pose[known, 2])
-    columns = [pose[known, 0], pose[known, 1], angle]
-    found = np.column_stack([np.interp(wanted, time[known], column) for column in columns])
-    found[:, 2] = se2.wrap(found[:, 2])
+    found = se2.interpolated(wanted, time[known], pose[known])
     after = np.searchsorted(time, wanted)
     found[~(known[after] & known[np.maximum(after - 1, 0)])] = np.nan
     return found

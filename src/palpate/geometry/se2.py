@@ -112,6 +112,15 @@ def right_jacobian_inverse(xi: ArrayLike) -> Array:
     return _affine(cot, half, e * vx + 0.5 * vy, e * vy - 0.5 * vx)
 
 
+def interpolated(when: Array, time: Array, pose: Array) -> Array:
+    """Return poses (M, 3) at times (M,) between poses (N, 3) at increasing times (N,), yaws the shorter way round.
+
+    Before the first and after the last, these.
+    """
+    columns = [np.interp(when, time, column) for column in (*pose[:, :2].T, np.unwrap(pose[:, 2]))]
+    return np.column_stack((columns[0], columns[1], wrap(columns[2])))
+
+
 def _split(array: ArrayLike) -> tuple[Any, ...]:
     """Return the parts along the last axis; for one pose Python floats, on which arithmetic is far faster."""
     array = np.asarray(array, dtype=np.float64)

@@ -23,8 +23,6 @@ def poses_at(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Array
         return np.full((len(when), 3), np.nan), np.full((len(when), 3), np.nan)
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
     known = (when >= time[0]) & (when <= time[-1]) & (time[after] - time[after - 1] <= LONGEST_GAP)
-    columns = [*pose[:, :2].T, np.unwrap(pose[:, 2]), *sigma.T]
-    found = np.column_stack([np.interp(when, time, values) for values in columns])
-    found[:, 2] = se2.wrap(found[:, 2])
-    found[~known] = np.nan
-    return found[:, :3], found[:, 3:]
+    spread = np.column_stack([np.interp(when, time, values) for values in sigma.T])
+    found = se2.interpolated(when, time, pose)
+    return np.where(known[:, None], found, np.nan), np.where(known[:, None], spread, np.nan)

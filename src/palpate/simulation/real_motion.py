@@ -21,6 +21,7 @@ from palpate.geometry.shapes import Shape
 from palpate.recording.motion import LONGEST_GAP
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
+from palpate.simulation.paths import least_jerk
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -190,15 +191,10 @@ def _at_rate(motion: RealMotion, rate: float) -> RealMotion:
     before = np.maximum(after - (motion.time[after] > time + 1e-9), 0)
     nearer = np.where(motion.time[after] - time < time - motion.time[before], after, before)
 
-    def between(pose: Array) -> Array:
-        turn = np.unwrap(pose[:, 2])
-        columns = [np.interp(time, motion.time, column) for column in (pose[:, 0], pose[:, 1], turn)]
-        return np.column_stack((columns[0], columns[1], se2.wrap(columns[2])))
-
     return RealMotion(
         time=time,
-        sensor_pose=between(motion.sensor_pose),
-        object_pose=between(motion.object_pose),
+        sensor_pose=se2.interpolated(time, motion.time, motion.sensor_pose),
+        object_pose=se2.interpolated(time, motion.time, motion.object_pose),
         known=motion.known[before] & motion.known[after],
         contact=motion.contact[nearer],
         added=np.zeros(len(time), np.bool_),
@@ -208,8 +204,7 @@ def _at_rate(motion: RealMotion, rate: float) -> RealMotion:
 def _after_rest(motion: RealMotion, shape: Shape, sensor: SensorProfile, rate: float) -> RealMotion:
     """Put a time before a motion in which the object rests and the sensor comes straight to it from a little off."""
     count = int(np.ceil(REST * rate - 1e-9))
-    part = np.arange(count) / count
-    off = _STAND_OFF * (1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2))  # least jerk
+    off = _STAND_OFF * (1.0 - np.append(0.0, least_jerk(count)[:-1]))
     first_object, first_sensor = motion.object_pose[0], motion.sensor_pose[0]
     normal = real_contacts(shape, sensor, first_sensor[None], first_object[None]).normal
     away = se2.transform(np.append([0.0, 0.0], first_object[2]), normal)
