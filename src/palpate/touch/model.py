@@ -56,7 +56,8 @@ TOLD, PLACE = ("direction", "turn", "pair", "linear"), "place"
 class Spread:
     """How far a prediction is to be believed, measured on recordings of units that were not trained on.
 
-    Of a model that is learnt from presses it is measured on other presses of the same unit, which do not tell `together`.
+    Of a model that is learnt from presses it is measured on other presses of the same unit; `together`, which these do
+    not tell, is then as with the model of the DIGIT.
     """
 
     scale: float

@@ -23,7 +23,7 @@ Tactile = Literal[
 - none: nothing; pushing and geometry alone.
 - constant: that the sensor does not turn on the object, for pairs of frames (the paper's constant model).
 - oracle: the true relative yaw of pairs of frames, from ground truth.
-- learnt: where the tip is touched and how the sensor has turned, one of each an image; both of the next but one.
+- learnt: learnt-direction and learnt-turn together: where the tip is touched, and how the sensor has turned.
 - learnt-linear: relative yaw of pairs, linear in their key points (the paper's best model).
 - learnt-pairs: relative yaw of pairs with a predicted variance for each.
 - learnt-turn: yaw by each image, up to an offset of the contact.

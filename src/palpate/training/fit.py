@@ -20,7 +20,6 @@ from palpate.files import whole_file
 Losses = Mapping[str, Tensor]
 Batch = tuple[NDArray[np.int_], Any]
 """Which samples were drawn, and the tensors that losses take of them."""
-"""Which samples, and what the networks see of them."""
 
 
 @dataclass(frozen=True)

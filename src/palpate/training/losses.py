@@ -14,7 +14,7 @@ def gaussian_nll(error: Tensor, log_variance: Tensor) -> Tensor:
 def offset_nll(error: Tensor, log_variance: Tensor) -> Tensor:
     """Negative log-likelihood, for each frame, of errors (G, F) [rad] that share an unknown offset in each group.
 
-    Gaussians with the offset integrated out under a flat prior: what `measurement.Turn` means by its variance.
+    Gaussians with the offset integrated out under a flat prior: what `measurements.Turn` means by its variance.
     """
     weight = torch.exp(-log_variance)
     total = weight.sum(dim=1)

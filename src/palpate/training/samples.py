@@ -49,9 +49,9 @@ class Samples:
     yaw: Array
     """Yaw of the sensor in the object frame, (N,) [rad]."""
     direction: Array
-    """Angle of the contact on the tip, (N,) [rad]; see `measurement.ContactDirection`."""
+    """Angle of the contact on the tip, (N,) [rad]; see `measurements.ContactDirection`."""
     place: Array
-    """Where along y the pad is touched, (N,) [m]; see `measurement.ContactPlace`."""
+    """Where along y the pad is touched, (N,) [m]; see `measurements.ContactPlace`."""
     kind: Indices
     """Kind of contact, (N,), place in KINDS."""
     ellipse: Array
