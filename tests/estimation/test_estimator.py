@@ -224,10 +224,10 @@ def test_what_a_contact_is_expected_to_begin_with():
     estimator = Estimator(given.model, ROBUST, "fixed-lag", given.prior.pose, FIRST)
     rest, known = np.diag(np.square(ROBUST.first_pose.rest)), estimator.known
     assert_same(estimator.unmoved, known.loosened(rest))
-    assert_same(estimator.expected(given.sensor[0], []), known.loosened(rest))
+    assert_same(estimator.see_first_touch(given.sensor[0], []), known.loosened(rest))
     # Met 20 mm before it, it was moved: by twice that, and by an angle at c of it.
     away = se2.compose(given.sensor[0], np.array([-0.02, 0.0, 0.0]))
-    found = estimator.expected(away, [])
+    found = estimator.see_first_touch(away, [])
     length = np.sqrt(found.covariance[0, 0] - estimator.unmoved.covariance[0, 0])
     np.testing.assert_allclose(length, 2.0 * 0.02, rtol=0.1)
     moved = np.diag(np.square([length, length, length / given.model.friction_radius]))

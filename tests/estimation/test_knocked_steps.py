@@ -72,11 +72,28 @@ def test_the_jacobian_of_a_knocked_step(shape, radius):
 
 
 def test_nothing_of_pushing_holds_in_a_knocked_step():
-    at = two_steps(0.01, 0.03)
-    for factor in (Balance(BalanceSettings(), MODEL), FrictionCone(FrictionConeSettings(), MODEL)):
-        assert (factor.linearise(at, terms_of(factor)).information > 0.0).all()
-        rows = factor.linearise(knocked(at), terms_of(factor))
-        assert not rows.weight.any() and not rows.information.any()
+    factor, at = FrictionCone(FrictionConeSettings(), MODEL), two_steps(0.01, 0.03)
+    assert (factor.linearise(at, terms_of(factor)).information > 0.0).all()
+    rows = factor.linearise(knocked(at), terms_of(factor))
+    assert not rows.weight.any() and not rows.information.any()
+
+
+def test_a_knocked_object_turns_about_as_far_as_it_slides():
+    """By c times its turn, whatever the balance says; the object turns as the sensor turns less in it."""
+    factor, c = Balance(BalanceSettings(), MODEL), MODEL.friction_radius
+    at = values_at(MODEL, [[[-0.2, 0.0, 0.3], [-0.19, 0.02, 0.25]]], [[[0.0, 0.0, 0.1], [0.0, 0.01, 0.15]]])
+    rows = factor.linearise(knocked(at), terms_of(factor))
+    np.testing.assert_allclose(rows.residual, -(c**2) * 0.1)
+    np.testing.assert_allclose(rows.information, (c * KNOCK.spread) ** -2)
+    difference = numeric_jacobian(factor, knocked(at), terms_of(factor)) - spread_jacobian(
+        factor, knocked(at), terms_of(factor)
+    )
+    assert np.abs(difference).max() < 1e-9
+    # Rows are used again: one that was knocked and is no longer is as if it had never been.
+    again = factor.empty_rows(1, 1)
+    for one in (at, knocked(at), at):
+        factor.linearise_into(again, one, terms_of(factor))
+    np.testing.assert_array_equal(again.jacobian, factor.linearise(at, terms_of(factor)).jacobian)
 
 
 def test_a_tip_goes_along_a_side_and_round_a_disc():

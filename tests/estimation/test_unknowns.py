@@ -149,9 +149,15 @@ def test_friction_is_less_certain_at_the_next_contact():
     usual = Priors(friction_ratio=(0.5, 2.0), friction_center=(0.0, 0.5), grip=(0.3, 0.25))
     later = known.at_next_contact(usual)
     np.testing.assert_array_equal(later.pose, known.pose)
-    np.testing.assert_array_equal(later.values, known.values)
-    # (0.44 x 2)^2, (0.44 x 0.5)^2 twice and (0.44 x 0.25)^2 on the diagonal of friction, and nothing else
-    more = np.zeros(3 + OBJECT_SIZE)
-    more[[3 + IN_OBJECT[FRICTION_RATIO].start, 3 + IN_OBJECT[GRIP].start]] = 0.7744, 0.0121
-    more[3 + IN_OBJECT[FRICTION_CENTER].start : 3 + IN_OBJECT[FRICTION_CENTER].stop] = 0.0484
-    np.testing.assert_allclose(later.covariance - covariance, np.diag(more), atol=1e-12)
+    # sqrt(1 - 0.44^2) of what friction was, about what is usual, and besides (0.44 x 2)^2, (0.44 x 0.5)^2 twice and
+    # (0.44 x 0.25)^2 on the diagonal; nothing else changes.
+    keeps, more, usually = np.ones(3 + OBJECT_SIZE), np.zeros(3 + OBJECT_SIZE), np.zeros(OBJECT_SIZE)
+    for unknown, mean, variance in ((FRICTION_RATIO, 0.5, 0.7744), (FRICTION_CENTER, 0.0, 0.0484), (GRIP, 0.3, 0.0121)):
+        place = slice(3 + IN_OBJECT[unknown].start, 3 + IN_OBJECT[unknown].stop)
+        keeps[place], more[place], usually[IN_OBJECT[unknown]] = 0.897998, variance, mean
+    np.testing.assert_allclose(later.values, usually + keeps[3:] * (known.values - usually), atol=1e-6)
+    np.testing.assert_allclose(later.covariance, covariance * np.outer(keeps, keeps) + np.diag(more), atol=1e-6)
+    # Where contacts teach nothing it is known as well as at first.
+    prior = Prior(np.ones(3), usual.mean, np.diag(np.square([1.0, 1.0, 1.0, *usual.deviation])))
+    np.testing.assert_allclose(prior.at_next_contact(usual).covariance, prior.covariance)
+    np.testing.assert_array_equal(prior.at_next_contact(usual).values, prior.values)

@@ -54,7 +54,7 @@ def begun(
     """
     ways: list[Beginning] = []
     for index, (estimator, earned) in enumerate(answers):
-        prior = estimator.expected(sensor_pose, measurements)
+        prior = estimator.see_first_touch(sensor_pose, measurements)
         places = starts(prior, model, sensor_pose, measurements) if is_rough(prior) else []
         ways.append(Beginning(index, earned, estimator.unmoved if places else None))
         ways += [Beginning(index, earned + likely - UNLIKELY, at, True) for at, likely in places]
@@ -73,7 +73,7 @@ def begun_unfound(
     """
     ways: list[Beginning] = []
     for index, (estimator, earned) in enumerate(answers):
-        prior, unmoved = estimator.expected(sensor_pose, measurements), estimator.unmoved
+        prior, unmoved = estimator.see_first_touch(sensor_pose, measurements), estimator.unmoved
         places = expected_starts(prior, model, sensor_pose, measurements)
         as_left = places if not estimator.is_displaced else expected_starts(unmoved, model, sensor_pose, measurements)
         as_expected = earned + max(log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)

@@ -39,10 +39,17 @@ class Prior:
         return replace(self, covariance=joint)
 
     def at_next_contact(self, usual: Priors) -> "Prior":
-        """Return the same with what belongs to the object less certain, by as much as `Unknown.changes` says."""
-        joint = self.covariance.copy()
-        joint[3:, 3:] += np.diag(usual.changes(0))
-        return replace(self, covariance=joint)
+        """Return the same with what belongs to the object changed, by as much as `Unknown.changes` says.
+
+        It goes back towards what is usual by as much as it becomes less certain: where contacts teach nothing it is
+        known as well as before the first one, and never worse.
+        """
+        changes = usual.changes(0)
+        keeps = np.sqrt(1.0 - changes / np.square(usual.deviation))
+        left = np.concatenate([np.ones(3), keeps])
+        joint = self.covariance * np.outer(left, left)
+        joint[3:, 3:] += np.diag(changes)
+        return replace(self, values=usual.mean + keeps * (self.values - usual.mean), covariance=joint)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,6 +79,11 @@ class ContactModel:
         _touching(g, self.centers, self.row, self.radius, *grid, out)
         return out
 
+    def nearest(self, g: Array) -> np.void:
+        """Return how the tip that is nearest to the outline, or deepest in it, touches at a pose g (3,): TOUCHING."""
+        tips = self.touching(g[None, None])[0, 0]
+        return tips[np.argmin(tips["gap"])]
+
     def moved_along(self, g: Array, lengths: Array) -> Array:
         """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, in the same yaw.
 

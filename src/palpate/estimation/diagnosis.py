@@ -183,6 +183,5 @@ class Diagnosis:
     def _seen_gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, Array]:
         """Estimated distance between sensor and object [m], and its derivative by the object's pose (3,)."""
         g = se2.between(prior.pose, sensor_pose)
-        tips = self._model.touching(g[None, None])[0, 0]
-        nearest = tips[np.argmin(tips["gap"])]
+        nearest = self._model.nearest(g)
         return float(nearest["gap"] + prior[DEPTH][0]), -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))

@@ -144,8 +144,11 @@ class Estimator:
         """Return what each step of the contact costs; see Window."""
         return self._contact.costs() if isinstance(self._contact, FixedLag) else np.empty((0, 2))
 
-    def expected(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> Prior:
-        """Return what is known of the object where a contact begins with the sensor here (3,), and touch says this."""
+    def see_first_touch(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> Prior:
+        """See a contact begin with the sensor here (3,) and touch saying this; return what is known of the object then.
+
+        It was displaced where it is touched where it should not be.
+        """
         self._diagnosis.see_first_touch(self.known, sensor_pose, measurements)
         return self.unmoved.loosened(self._diagnosis.displacement_covariance())
 
@@ -157,7 +160,7 @@ class Estimator:
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost."""
         if self._contact is None:
-            self.known = self.expected(sensor_pose, measurements) if self._start is None else self._start
+            self.known = self.see_first_touch(sensor_pose, measurements) if self._start is None else self._start
             self._start = None
             self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         else:

@@ -31,7 +31,7 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
-from palpate.estimation.weighing import POOR, Hypothesis, Weighing, share_out
+from palpate.estimation.weighing import POOR, Hypothesis, Weighing, is_lost, shared_out
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
 
@@ -78,7 +78,7 @@ class Hypotheses:
         self._is_found = not is_rough(self.known)  # once there was one sure answer
         self._steps = 0  # of this contact
         self._heeds_from = 0  # step of this contact from which an alarm is of something new
-        self._untouched: list[Hypothesis] = []  # what there was before it, where nothing was displaced yet
+        self._untouched: list[Hypothesis] = []  # what there was before it, if nothing was displaced then
         if self._most > 1 and model.tips == 1:
             places(model)  # found now, not when a contact begins
         self._weighing = Weighing(settings.priors)
@@ -220,12 +220,14 @@ class Hypotheses:
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
         may_be_none = self.is_displaced and self._steps <= _BRIEF
+        self._all = [one for one in self._all if not is_lost(one)] or self._all
         for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
             one.earned = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
             one.estimator.end_contact(max(moved, SPREAD if one.open else 0.0))
             one.broken, one.open = [], 0
         if may_be_none and self._untouched:
             self._doubt_contact()
+        self._untouched = []
 
     def _doubt_contact(self) -> None:
         """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
@@ -233,9 +235,7 @@ class Hypotheses:
         for one in self._untouched:
             one.estimator.stay(self._steps)
             one.earned += after - before
-        self._all = [*self._untouched, *self._all][: self._most]
-        self._untouched = []
-        share_out(self._all)
+        self._all = shared_out([*self._untouched, *self._all], self._most)
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[Hypothesis]:
         """All hypotheses that can be solved with one more frame of the contact; EstimationError where none can."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.evidence import add_costs
 from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
 from palpate.estimation.pushing_motion import FARTHEST, PushingMotion
 from palpate.estimation.settings import NoiseSettings
@@ -50,7 +51,6 @@ SHRINK = 0.98
 
 _FLOOR = 1e-6  # share of each variance that is added, so that few distinct particles leave no singular covariance
 _WORST = 700.0  # the exponential of its negative is hardly above 0
-_NO_KERNEL = 1e-12  # what a weight may be less than the information without making a difference
 
 
 class ParticleFilter:
@@ -230,15 +230,11 @@ def with_noise(drawn: Array, random: np.random.Generator) -> Array:
 
 
 def cost_of(rows: Rows) -> Array:
-    """Return what terms add to the negative logarithm of the likelihood, (B,).
-
-    With q the ratio of the inverse variances without and with the Cauchy kernel, which is 1 + s / k^2 for s the squared
-    residual in variances, k^2 / 2 log(1 + s / k^2) is s / 2 log(q) / (q - 1); without a kernel it is s / 2.
-    """
-    given, weight = rows.information, rows.weight
-    less = np.divide(given, weight, out=np.ones_like(weight), where=weight > 0.0) - 1.0
-    kernel = np.where(less > _NO_KERNEL, np.log1p(less) / np.maximum(less, _NO_KERNEL), 1.0)
-    return 0.5 * (given * rows.residual**2 * kernel).sum(axis=(1, 2))
+    """Return what terms add to the negative logarithm of the likelihood, (B,)."""
+    smoothers, terms = rows.residual.shape[:2]
+    costs = np.zeros((smoothers, 1))
+    add_costs(rows.residual, rows.information, rows.weight, np.zeros((terms, 1), np.int64), costs)
+    return costs[:, 0]
 
 
 def belief_of(particles: Values, weight: Array) -> Belief:

@@ -29,10 +29,8 @@ class Tunable:
 class Range:
     """What a setting may be."""
 
-    above: float | None = None
-    """Every number must be above this."""
     at_least: float | None = None
-    """Every number must be this or more."""
+    """Every number must be this or more; above 0 if None."""
     optional: bool = False
     """Whether None is allowed, which turns something off."""
     is_normal: bool = False
@@ -41,15 +39,13 @@ class Range:
 
 def setting(
     default: Any,
-    above: float | None = 0.0,
     at_least: float | None = None,
     optional: bool = False,
     is_normal: bool = False,
     tune: Tunable | None = None,
 ) -> Any:
     """Declare a field of settings with its default, its range and what tuning may do with it (nothing if None)."""
-    allowed = Range(None if at_least is not None else above, at_least, optional, is_normal)
-    return field(default=default, metadata={"range": allowed, "tune": tune})
+    return field(default=default, metadata={"range": Range(at_least, optional, is_normal), "tune": tune})
 
 
 class Settings:
@@ -76,15 +72,14 @@ def _checked(name: str, value: Any, default: Any, allowed: Range) -> Any:
     usable = len(numbers) == (size or 1) and all(_is_finite(number) for number in numbers)
     if usable:
         ranged = numbers[1:] if allowed.is_normal else numbers
-        usable = all(allowed.above is None or number > allowed.above for number in ranged)
-        usable = usable and all(allowed.at_least is None or number >= allowed.at_least for number in ranged)
+        usable = all(number > 0.0 if allowed.at_least is None else number >= allowed.at_least for number in ranged)
     if not usable:
         raise SettingError(f"{name} is {value!r}; it must be {_wanted(size, allowed)}")
     return float(numbers[0]) if size is None else tuple(float(number) for number in numbers)
 
 
 def _wanted(size: int | None, allowed: Range) -> str:
-    limit = f"above {allowed.above:g}" if allowed.at_least is None else f"at least {allowed.at_least:g}"
+    limit = "above 0" if allowed.at_least is None else f"at least {allowed.at_least:g}"
     if allowed.is_normal:
         return f"a finite mean and a finite standard deviation {limit}"
     count = "a finite number" if size is None else f"{size} finite numbers"

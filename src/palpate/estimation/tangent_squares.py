@@ -11,24 +11,23 @@ def by_moved(moved: Array) -> Array:
     """Return how the steps' tangent vectors at the estimate change with how far it moved, (N, STEP_SIZE, STEP_SIZE)."""
     out = np.zeros((len(moved), STEP_SIZE, STEP_SIZE))
     for one in OF_STEP:
-        _put_by_moved(moved, IN_STEP[one].start, one.dimension, one.is_pose, out)
+        _put_by_moved(moved, IN_STEP[one].start, out)
     return out
 
 
 @compiled
-def _put_by_moved(moved: Array, first: int, size: int, is_pose: bool, out: Array) -> None:
+def _put_by_moved(moved: Array, first: int, out: Array) -> None:
     by_tangent = np.empty((3, 3))
     for k in range(len(moved)):
-        for c in range(first, first + size):
+        for c in range(first, first + 3):
             out[k, c, c] = 1.0
-        if is_pose:
-            # The inverse of ((c, -h, x), (h, c, y), (0, 0, 1)).
-            log_by_pose(moved[k, first : first + 3], by_tangent)
-            square = by_tangent[0, 0] ** 2 + by_tangent[1, 0] ** 2
-            c, h = by_tangent[0, 0] / square, by_tangent[1, 0] / square
-            x, y = by_tangent[0, 2], by_tangent[1, 2]
-            out[k, first, first], out[k, first, first + 1], out[k, first, first + 2] = c, h, -c * x - h * y
-            out[k, first + 1, first], out[k, first + 1, first + 1], out[k, first + 1, first + 2] = -h, c, h * x - c * y
+        # The inverse of ((c, -h, x), (h, c, y), (0, 0, 1)).
+        log_by_pose(moved[k, first : first + 3], by_tangent)
+        square = by_tangent[0, 0] ** 2 + by_tangent[1, 0] ** 2
+        c, h = by_tangent[0, 0] / square, by_tangent[1, 0] / square
+        x, y = by_tangent[0, 2], by_tangent[1, 2]
+        out[k, first, first], out[k, first, first + 1], out[k, first, first + 2] = c, h, -c * x - h * y
+        out[k, first + 1, first], out[k, first + 1, first + 1], out[k, first + 1, first + 2] = -h, c, h * x - c * y
 
 
 @compiled

@@ -32,8 +32,7 @@ class Touched:
 
 def touched(model: ContactModel, belief: Belief, force_angle: float) -> Touched:
     """Return what is touched by a belief; force_angle is that of the pushing force from the inward normal [rad]."""
-    tips = model.touching(belief.g[None, None])[0, 0]
-    nearest = tips[np.argmin(tips["gap"])]
+    nearest = model.nearest(belief.g)
     pose = belief.prior.pose
     turn = complex(math.cos(pose[2]), math.sin(pose[2]))
     point = complex(pose[0], pose[1]) + turn * nearest["point"]

@@ -33,7 +33,8 @@ class Unknown:
     name: str
     """As settings and messages call it."""
     scope: Literal["step", "contact", "object"]
-    """What has one: every step, every contact, or the object for as long as it is tracked."""
+    """What has one: every step, every contact, or the object for as long as it is tracked. That of a step is a planar
+    pose, which moves by right perturbations; the others are vectors, which move by sums."""
     dimension: int
     """How many numbers it is; of a pose, those of its tangent space."""
     unit: str
@@ -42,17 +43,15 @@ class Unknown:
     """In a sentence."""
     prior: Normal | None = None
     """Of each number, before anything is measured; None where a measurement is what brings it into being."""
-    is_pose: bool = False
-    """Whether it is a planar pose, which moves by right perturbations, and not a vector, which moves by sums."""
     changes: tuple[float, float] = (0.0, 0.0)
     """By how much it may change from one contact to the next and in each step of a contact, as shares of its prior's
     standard deviation."""
 
 
 SENSOR_IN_OBJECT = Unknown(
-    "sensor_in_object", "step", 3, "m, m, rad", "The sensor's pose in the object frame, g = o^-1 e.", is_pose=True
+    "sensor_in_object", "step", 3, "m, m, rad", "The sensor's pose in the object frame, g = o^-1 e."
 )
-SENSOR = Unknown("sensor", "step", 3, "m, m, rad", "The sensor's pose in the world, e.", is_pose=True)
+SENSOR = Unknown("sensor", "step", 3, "m, m, rad", "The sensor's pose in the world, e.")
 TURN_OFFSET = Unknown(
     "turn_offset",
     "contact",
@@ -127,9 +126,7 @@ UNKNOWNS = (
 )
 """All of them, in the order in which they stand in the vectors of a step and of what steps share."""
 
-OBJECT_POSE = Unknown(
-    "object_pose", "step", 3, "m, m, rad", "The object's pose in the world, o = e g^-1.", is_pose=True
-)
+OBJECT_POSE = Unknown("object_pose", "step", 3, "m, m, rad", "The object's pose in the world, o = e g^-1.")
 """Follows from SENSOR and SENSOR_IN_OBJECT in contact and is an unknown by itself between contacts: a measurement may
 be of it, but it has no place of its own in the graph of a contact."""
 

@@ -34,7 +34,7 @@ class Knock:
     slid: float
     """How far the object is thought to slide over the sensor, counter-clockwise along the outline [m]."""
     spread: float
-    """Standard deviation of that [m]."""
+    """Standard deviation of that, and of how far its turn moves what is at the distance c from its centre [m]."""
 
 
 SLID, SPREAD = 0, 1
@@ -161,40 +161,32 @@ class Values:
         end = STEP_SIZE * steps
         apart = np.empty((self.smoothers, end + SHARED_SIZE))
         for one, value in self._of_steps.items() if steps else ():
-            _put_apart(before[one], value, steps, IN_STEP[one].start, one.is_pose, apart)
+            _put_apart(before[one], value, steps, IN_STEP[one].start, apart)
         np.subtract(self.shared.T, before.shared.T, out=apart[:, end:])
         return apart
 
 
 def _step_moved(value: Array, change: Array, unknown: Unknown) -> Array:
     moved = np.empty_like(value)
-    _put_moved(value, change, IN_STEP[unknown].start, unknown.is_pose, moved)
+    _put_moved(value, change, IN_STEP[unknown].start, moved)
     return moved
 
 
 @compiled
-def _put_moved(values: Array, change: Array, first: int, is_pose: bool, out: Array) -> None:
+def _put_moved(values: Array, change: Array, first: int, out: Array) -> None:
     for b in range(values.shape[0]):
         for k in range(values.shape[1]):
-            if is_pose:
-                exp_onto(values[b, k], change[b, k, first : first + 3], out[b, k])
-            else:
-                for c in range(values.shape[2]):
-                    out[b, k, c] = values[b, k, c] + change[b, k, first + c]
+            exp_onto(values[b, k], change[b, k, first : first + 3], out[b, k])
 
 
 @compiled
-def _put_apart(before: Array, now: Array, steps: int, first: int, is_pose: bool, out: Array) -> None:
+def _put_apart(before: Array, now: Array, steps: int, first: int, out: Array) -> None:
     seen = np.empty(3)
     for b in range(now.shape[0]):
         for k in range(steps):
             start = STEP_SIZE * k + first
-            if is_pose:
-                between(before[b, k], now[b, k], seen)
-                log(seen, out[b, start : start + 3])
-            else:
-                for c in range(now.shape[2]):
-                    out[b, start + c] = now[b, k, c] - before[b, k, c]
+            between(before[b, k], now[b, k], seen)
+            log(seen, out[b, start : start + 3])
 
 
 @compiled

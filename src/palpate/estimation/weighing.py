@@ -84,7 +84,7 @@ class Weighing:
         Where all are young there may be as many as a contact may begin with, whatever `most` is.
         """
         scores = self.scores(hypotheses, steps)
-        lost = np.array([_is_lost(one) for one in hypotheses])
+        lost = np.array([is_lost(one) for one in hypotheses])
         if not lost.all():
             scores[lost] = -np.inf  # they may come back
         poses = np.array([one.estimator.known.pose for one in hypotheses])
@@ -107,14 +107,15 @@ class Weighing:
         return kept
 
 
-def share_out(hypotheses: Sequence[Hypothesis]) -> None:
-    """Give each the weight that it has earned."""
-    scores = np.array([one.earned for one in hypotheses])
-    likely = np.exp(scores - scores.max())
-    for one, weight in zip(hypotheses, likely / likely.sum(), strict=True):
+def shared_out(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
+    """Return those that have earned most, the best first, each with the weight that it has earned."""
+    best = sorted(hypotheses, key=lambda one: -one.earned)[:most]
+    likely = np.exp([one.earned - best[0].earned for one in best])
+    for one, weight in zip(best, likely / likely.sum(), strict=True):
         one.weight = float(weight)
+    return best
 
 
-def _is_lost(one: Hypothesis) -> bool:
-    """Whether the graph of a hypothesis holds on to nothing."""
+def is_lost(one: Hypothesis) -> bool:
+    """Return whether the graph of a hypothesis holds on to nothing."""
     return bool((np.diagonal(one.estimator.known.pose_covariance)[:2] > _LOST**2).any())

@@ -3,6 +3,9 @@
 The residual [m^2] is `p x v - c^2 omega`, with the object's motion v [m], omega [rad] over the step and the pushed
 point p both taken at the centre of friction. Sliding does not break it. c^2 is that of the chosen pressure times
 `exp(friction_ratio)`. With several tips each bears an unknown share of the force, and the balance says nothing.
+
+In a step in which something else moves the object only its turn is held back, `-c^2 omega`: at the distance c it goes
+about as far as a knocked object slides.
 """
 
 import math
@@ -66,20 +69,25 @@ def _linearise(
             way, by_center = center_moved(g0, e0, g1, e1, center, by_sensor0, by_sensor1)
             arm = touch.point - center
             omega = wrap(e1[2] - e0[2] - g1[2] + g0[2])
-            residual[b, t, 0] = cross(arm, way) - c_squared * omega
-            lever = arm.conjugate()
-            put_center_derivatives(lever, by_sensor0, by_sensor1, row)
-            for k in range(3):
-                row[6 + k] += cross(touch.point_by_g[k], way)
+            residual[b, t, 0] = -c_squared * omega
+            spread = knocks[b, now, SPREAD]
+            if spread > 0.0:
+                deviation, row[:] = c * spread, 0.0
+            else:
+                deviation = math.hypot(still, share * data[t].moved * c)
+                lever = arm.conjugate()
+                residual[b, t, 0] += cross(arm, way)
+                put_center_derivatives(lever, by_sensor0, by_sensor1, row)
+                for k in range(3):
+                    row[6 + k] += cross(touch.point_by_g[k], way)
+                row[13] = c * ((lever * by_center).imag - way.imag)
+                row[14] = c * ((lever * by_center).real + way.real)
             row[2] -= c_squared  # omega grows with the turns of g0 and e1,
             row[11] -= c_squared
             row[5] += c_squared  # and shrinks with those of e0 and g1
             row[8] += c_squared
             row[12] = -c_squared * omega
-            row[13] = c * ((lever * by_center).imag - way.imag)
-            row[14] = c * ((lever * by_center).real + way.real)
-            holds = knocks[b, now, SPREAD] == 0.0
-            inverse_variance = math.hypot(still, share * data[t].moved * c) ** -2.0 if holds else 0.0
+            inverse_variance = deviation**-2.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
 

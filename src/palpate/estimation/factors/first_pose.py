@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
+from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.factors.factor import Factor, Step, Terms, terms_now
 from palpate.estimation.planar import adjoint, log, log_by_pose, position, rotation, wrap
@@ -99,8 +100,11 @@ class FirstPose(Factor):
     reads_outline = False
 
     def __init__(self, priors: Sequence[Prior]) -> None:
-        """Take what each smoother knows."""
-        root = np.linalg.inv(np.linalg.cholesky(np.array([prior.covariance for prior in priors])))
+        """Take what each smoother knows; raises EstimationError where that is no Gaussian."""
+        try:
+            root = np.linalg.inv(np.linalg.cholesky(np.array([prior.covariance for prior in priors])))
+        except np.linalg.LinAlgError:
+            raise EstimationError("the covariance of what is known of the object is not positive definite") from None
         self.given = (
             np.array([prior.pose for prior in priors]),
             np.array([prior.values for prior in priors]),
