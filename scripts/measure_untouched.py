@@ -32,7 +32,7 @@ from palpate.touch.difference import difference, reduced
 from palpate.touch.presses import read_image
 from palpate.training.fit import FitSettings, fit
 from palpate.training.losses import gaussian_nll
-from palpate.training.networks import DirectionNetwork, Encoder, imprint
+from palpate.training.networks import WIDTH, DirectionNetwork, Encoder, imprint
 from palpate.training.pairs import Seen, draw_guise, varied_batch
 from palpate.training.samples import UNTOUCHED, Samples, read_samples
 
@@ -51,7 +51,7 @@ class EncoderBeside(Encoder):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layers[0] = nn.Conv2d(6, self.width, 7, stride=2, padding=3, bias=False)
+        self.layers[0] = nn.Conv2d(6, WIDTH, 7, stride=2, padding=3, bias=False)
 
     def forward(self, difference: Tensor) -> Tensor:
         """Return the feature map of both, (B, 6, H, W)."""

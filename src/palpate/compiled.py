@@ -9,7 +9,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -63,8 +63,18 @@ def cache_folder() -> Path:
 
 
 def is_cached() -> bool:
-    """Return whether anything was compiled for this version before: if not, a first run takes a while."""
-    return any(cache_folder().rglob("*.nbc"))
+    """Return whether all was compiled for this version before: if not, a first run takes a while."""
+    return _mark().exists()
+
+
+def all_is_compiled() -> None:
+    """Keep in mind that all was compiled for this version; of some of it that says nothing."""
+    with suppress(OSError):  # a cache that is full, or someone else's
+        _mark().touch()
+
+
+def _mark() -> Path:
+    return cache_folder() / "all-is-compiled"
 
 
 def _writable(folder: Path) -> bool:

@@ -121,15 +121,14 @@ class Tracker:
         Raises FrameError where the frame cannot be used: a time not after the last frame's, a pose that is not finite,
         neither image nor contact flag, an image of another size, a measurement of a wrong kind. The frame is left out
         then, and all is as if it had not come; of a pose that leaps in a contact, what its image shows of the gel is
-        kept. Raises EstimationError, of which FrameError is a kind, where the graph
-        cannot be solved even anew: the contact is over, and the next frame begins another.
+        kept. Raises EstimationError, of which FrameError is a kind, where the graph cannot be solved even anew: the
+        contact is over, and the next frame begins another.
         """
         frame, estimator = self._checked(frame, measurements), self._estimator
         self._choose_touch(frame)
         paused = self._paused(frame)
         if estimator.in_contact and (paused or not frame.contact):
             estimator.end_contact(self._moved_unseen(paused))
-        if not estimator.in_contact:  # since now, or since a graph could not be solved even anew
             self._forget_contact()
         if frame.contact:
             told = self._told(frame)
@@ -139,7 +138,11 @@ class Tracker:
             except EstimationError as error:
                 self._touch.end_contact()
                 said = self._measured(frame, self._told(frame))
-                estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
+                try:
+                    estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
+                except EstimationError:
+                    self._forget_contact()
+                    raise
         else:
             estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
         self._last = frame

@@ -7,14 +7,15 @@ import sys
 from pathlib import Path
 
 import palpate
-from palpate.compiled import cache_folder, compiled, is_cached
+from palpate.compiled import all_is_compiled, cache_folder, compiled, is_cached
 
 PACKAGE = Path(palpate.__file__).parent
 RUN = """
-from palpate.compiled import cache_folder, is_cached
+from palpate.compiled import all_is_compiled, cache_folder, is_cached
 from palpate.estimation.planar import wrap
 before = is_cached()
 assert abs(wrap(4.0) - (4.0 - 6.283185307179586)) < 1e-15
+all_is_compiled()
 print(cache_folder(), before, is_cached(), sep="\\n")
 """
 
@@ -106,7 +107,9 @@ def test_a_first_run_is_told(monkeypatch, tmp_path):
     monkeypatch.setattr("palpate.compiled.cache_folder", lambda: tmp_path)
     assert not is_cached()
     (tmp_path / "deep").mkdir()
-    (tmp_path / "deep" / "some.nbc").touch()
+    (tmp_path / "deep" / "some.nbc").touch()  # as of a command that needs one function
+    assert not is_cached()
+    all_is_compiled()
     assert is_cached()
 
 

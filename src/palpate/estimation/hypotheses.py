@@ -191,7 +191,7 @@ class Hypotheses:
             if self._most > 1 and self._model.tips == 1:
                 self._all = self._begun(sensor_pose, measurements)
             self._all = self._solved(lambda one: one.estimator.touch(sensor_pose, measurements, time), time)
-        elif self._most > 1:
+        elif len(self._all) > 1 or self._best.open:
             self._all = self._touched(sensor_pose, measurements, time)
         else:
             self._best.estimator.touch(sensor_pose, measurements, time)

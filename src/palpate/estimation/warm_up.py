@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from palpate.compiled import is_cached
+from palpate.compiled import all_is_compiled, is_cached
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factor_list import make_factors
@@ -50,4 +50,5 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
         for step in range(1, 4):
             other.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), said, 0.1 * step)
         other.last_errors()
+    all_is_compiled()
     return time.perf_counter() - begin

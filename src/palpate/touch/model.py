@@ -141,7 +141,7 @@ class TouchModel:
     def compare(self, earlier: NDArray[np.float32], later: NDArray[np.float32]) -> tuple[Array, Array]:
         """Return the sensor's turn (P,) [rad] from descriptors (P, D) to one (D,), and its variance (P,)."""
         (turned,) = self._run("pair", earlier=earlier, later=np.broadcast_to(later, earlier.shape))
-        return turned[:, 0].astype(np.float64), np.exp(turned[:, 1].astype(np.float64))
+        return turned[:, 0].astype(np.float64), _variance(turned[:, 1])
 
     def keypoint(self, difference: Difference) -> tuple[Array, Array]:
         """Return the key point (2,), column and row in -1 to 1, and how likely each of KINDS is (C,)."""
@@ -269,4 +269,10 @@ def _batch(difference: Difference) -> Difference:
 
 
 def _gaussian(said: NDArray[np.float32]) -> tuple[float, float]:
-    return float(said[0]), float(np.exp(said[1]))
+    return float(said[0]), float(_variance(said[1]))
+
+
+def _variance(log: Any) -> Any:
+    """Variances from their logs: beyond all numbers where a network that is none of ours says so."""
+    with np.errstate(over="ignore"):
+        return np.exp(np.float64(log))

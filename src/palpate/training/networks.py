@@ -11,7 +11,8 @@ from palpate.touch.model import KINDS
 
 MAP = (ROWS // 4, COLUMNS // 4)
 """Rows and columns of the feature map."""
-_WIDTH = 24
+WIDTH = 24
+"""Channels of the encoder and the decoder."""
 _HIDDEN = 64
 _BLOB = 0.1  # standard deviation of a key point's blob, as a share of the image
 _LEAST, _MOST = -6.0, 1.0  # [log rad] between which a predicted standard deviation lies
@@ -25,8 +26,8 @@ class Encoder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(3, _WIDTH, 7, stride=2, padding=3, bias=False),
-            nn.BatchNorm2d(_WIDTH),
+            nn.Conv2d(3, WIDTH, 7, stride=2, padding=3, bias=False),
+            nn.BatchNorm2d(WIDTH),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=2, padding=1),
             *(_Block() for _ in range(6)),
@@ -41,11 +42,11 @@ class _Block(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1, bias=False),
-            nn.BatchNorm2d(_WIDTH),
+            nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False),
+            nn.BatchNorm2d(WIDTH),
             nn.ReLU(),
-            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1, bias=False),
-            nn.BatchNorm2d(_WIDTH),
+            nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False),
+            nn.BatchNorm2d(WIDTH),
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -58,7 +59,7 @@ class KeypointEncoder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.encoder = Encoder()
-        self.heat = nn.Conv2d(_WIDTH, 1, 1)
+        self.heat = nn.Conv2d(WIDTH, 1, 1)
         self.classifier = nn.Sequential(
             nn.Flatten(),
             nn.Linear(MAP[0] * MAP[1], 32),
@@ -87,15 +88,15 @@ class Decoder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(1, _WIDTH, 3, padding=1),
+            nn.Conv2d(1, WIDTH, 3, padding=1),
             nn.ReLU(),
-            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1),
-            nn.ReLU(),
-            nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
-            nn.Conv2d(_WIDTH, _WIDTH, 3, padding=1),
+            nn.Conv2d(WIDTH, WIDTH, 3, padding=1),
             nn.ReLU(),
             nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
-            nn.Conv2d(_WIDTH, 3, 3, padding=1),
+            nn.Conv2d(WIDTH, WIDTH, 3, padding=1),
+            nn.ReLU(),
+            nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
+            nn.Conv2d(WIDTH, 3, 3, padding=1),
         )
 
     def forward(self, blobs: Tensor) -> Tensor:
@@ -110,8 +111,8 @@ class TouchNetwork(nn.Module):
         """Take whether the gel is flat, so that where along it it is touched is told besides."""
         super().__init__()
         self.encoder = Encoder()
-        self.points = nn.Conv2d(_WIDTH, 4, 1)
-        self.reduce = nn.Conv2d(_WIDTH, 8, 1)
+        self.points = nn.Conv2d(WIDTH, 4, 1)
+        self.reduce = nn.Conv2d(WIDTH, 8, 1)
         self.body = nn.Sequential(
             nn.Linear(8 * 2 * MAP[1] + 8, 2 * _HIDDEN), nn.ReLU(), nn.Linear(2 * _HIDDEN, _HIDDEN), nn.ReLU()
         )

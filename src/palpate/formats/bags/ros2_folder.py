@@ -40,11 +40,10 @@ def folder_messages(folder: Path) -> Iterator[RawMessage]:
             try:
                 for raw in mcap_messages(each) if each.suffix == ".mcap" else database_messages(each):
                     yield _unpacked(raw, each) if mode == "message" else raw
-            except (CutShort, FileError) as error:
-                told = type(error)(str(error).replace(str(each), str(file)))
-                if isinstance(error, FileError):
-                    raise told from error
-                cut = told  # the files after it may be whole
+            except FileError as error:
+                raise FileError(str(error).replace(str(each), str(file))) from error
+            except CutShort as error:  # the files after it may be whole
+                cut = CutShort(str(error).replace(str(each), str(file)))
     if cut is not None:
         raise cut
 
