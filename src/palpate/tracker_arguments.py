@@ -68,7 +68,7 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
         raise SettingError(f"first pose sigma is {found}; it must be three numbers above 0: x [m], y [m], theta [rad]")
     if (deviation[:2] > _ANYWHERE_SIGMA[:2]).any():
         logger.warning("first pose sigma has %.4g and %.4g m: are these millimetres?", *deviation[:2])
-    if deviation[2] > _ANYWHERE_SIGMA[2]:
+    if deviation[2] > np.pi:  # more than nothing known
         logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])
     return first, deviation
 
