@@ -14,7 +14,7 @@ from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.friction_cone import FrictionCone, FrictionConeSettings
 from palpate.estimation.factors.sticking import Sticking, StickingSettings
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.unknowns import GRIP, IN_OBJECT, OF_STEP, SENSOR_IN_OBJECT
+from palpate.estimation.unknowns import FRICTION_RATIO, GRIP, IN_OBJECT, OF_STEP, SENSOR_IN_OBJECT
 from palpate.estimation.values import Knock, Values
 from palpate.estimation.window import Window
 from palpate.recording.measurements import ContactDirection
@@ -78,13 +78,15 @@ def test_nothing_of_pushing_holds_in_a_knocked_step():
     assert not rows.weight.any() and not rows.information.any()
 
 
-def test_a_knocked_object_turns_about_as_far_as_it_slides():
-    """By c times its turn, whatever the balance says; the object turns as the sensor turns less in it."""
+def test_a_knocked_object_turns_no_farther_than_a_hand_turns_it():
+    """Three times as far, at the distance c, as it slides, and whatever friction is; it turns as the sensor turns less
+    in it."""
     factor, c = Balance(BalanceSettings(), MODEL), MODEL.friction_radius
-    at = values_at(MODEL, [[[-0.2, 0.0, 0.3], [-0.19, 0.02, 0.25]]], [[[0.0, 0.0, 0.1], [0.0, 0.01, 0.15]]])
+    g, e = [[[-0.2, 0.0, 0.3], [-0.19, 0.02, 0.25]]], [[[0.0, 0.0, 0.1], [0.0, 0.01, 0.15]]]
+    at = values_at(MODEL, g, e, {FRICTION_RATIO: 0.4})
     rows = factor.linearise(knocked(at), terms_of(factor))
     np.testing.assert_allclose(rows.residual, -(c**2) * 0.1)
-    np.testing.assert_allclose(rows.information, (c * KNOCK.spread) ** -2)
+    np.testing.assert_allclose(rows.information, (3.0 * c * KNOCK.spread) ** -2)
     difference = numeric_jacobian(factor, knocked(at), terms_of(factor)) - spread_jacobian(
         factor, knocked(at), terms_of(factor)
     )

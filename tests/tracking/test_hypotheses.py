@@ -161,9 +161,12 @@ def test_an_object_known_roughly_is_found_by_touch(off):
     found = tracked(with_directions("rectangle", o, e, contact), se2.compose(o[0], off), sigma=ROUGH)
     check_answers(found)
     assert max(len(estimate.answers) for estimate in found) > 3
-    # The first contact tells the face and the yaw, the second the rest; the truth never is outside what is said.
+    # The first contact tells the face and the yaw, unless it is at a corner, the second the rest; the truth never is
+    # outside what is said.
     assert nees(found, o).max() < 7.8
-    assert np.abs(rotation_errors(poses(found), o))[40] < math.radians(2.0)
+    likely = [one for one in found[40].answers if one.weight > 0.1]
+    off = np.abs([se2.log(se2.between(one.pose, o[40]))[2] for one in likely])
+    assert sum(one.weight for one, turned in zip(likely, off, strict=True) if turned < math.radians(2.0)) > 0.5
     assert translation_errors(poses(found), o)[0] > 6e-3
     assert translation_errors(poses(found), o)[-1] < 2e-3
     assert np.abs(rotation_errors(poses(found), o))[-1] < math.radians(1.0)

@@ -34,7 +34,7 @@ class Knock:
     slid: float
     """How far the object is thought to slide over the sensor, counter-clockwise along the outline [m]."""
     spread: float
-    """Standard deviation of that, and of how far its turn moves what is at the distance c from its centre [m]."""
+    """Standard deviation of that [m]; how far the object may turn goes with it, see `factors.balance`."""
 
 
 SLID, SPREAD = 0, 1

@@ -4,8 +4,8 @@ The residual [m^2] is `p x v - c^2 omega`, with the object's motion v [m], omega
 point p both taken at the centre of friction. Sliding does not break it. c^2 is that of the chosen pressure times
 `exp(friction_ratio)`. With several tips each bears an unknown share of the force, and the balance says nothing.
 
-In a step in which something else moves the object only its turn is held back, `-c^2 omega`: at the distance c it goes
-about as far as a knocked object slides.
+In a step in which something else moves the object only its turn is held back, `-c^2 omega` with the model's c: a hand
+turns it by some tenths of a radian while it slides by a centimetre. Without touch that tells directions nothing else would.
 """
 
 import math
@@ -42,6 +42,7 @@ class BalanceSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the balance."""
 
 
+_TURNED = 3.0  # times as far as a knocked object slides goes what is at the distance c from its centre
 _RATIO, _CENTER = IN_SHARED[FRICTION_RATIO].start, IN_SHARED[FRICTION_CENTER].start
 
 
@@ -69,24 +70,28 @@ def _linearise(
             way, by_center = center_moved(g0, e0, g1, e1, center, by_sensor0, by_sensor1)
             arm = touch.point - center
             omega = wrap(e1[2] - e0[2] - g1[2] + g0[2])
-            residual[b, t, 0] = -c_squared * omega
             spread = knocks[b, now, SPREAD]
             if spread > 0.0:
-                deviation, row[:] = c * spread, 0.0
+                deviation, held_back, row[:] = (
+                    _TURNED * c * spread,
+                    c * c,
+                    0.0,
+                )  # whatever friction is: a hand is stronger
+                residual[b, t, 0] = -held_back * omega
             else:
-                deviation = math.hypot(still, share * data[t].moved * c)
+                deviation, held_back = math.hypot(still, share * data[t].moved * c), c_squared
                 lever = arm.conjugate()
-                residual[b, t, 0] += cross(arm, way)
+                residual[b, t, 0] = cross(arm, way) - held_back * omega
                 put_center_derivatives(lever, by_sensor0, by_sensor1, row)
                 for k in range(3):
                     row[6 + k] += cross(touch.point_by_g[k], way)
+                row[12] = -c_squared * omega
                 row[13] = c * ((lever * by_center).imag - way.imag)
                 row[14] = c * ((lever * by_center).real + way.real)
-            row[2] -= c_squared  # omega grows with the turns of g0 and e1,
-            row[11] -= c_squared
-            row[5] += c_squared  # and shrinks with those of e0 and g1
-            row[8] += c_squared
-            row[12] = -c_squared * omega
+            row[2] -= held_back  # omega grows with the turns of g0 and e1,
+            row[11] -= held_back
+            row[5] += held_back  # and shrinks with those of e0 and g1
+            row[8] += held_back
             inverse_variance = deviation**-2.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
