@@ -5,7 +5,8 @@ point p both taken at the centre of friction. Sliding does not break it. c^2 is 
 `exp(friction_ratio)`. With several tips each bears an unknown share of the force, and the balance says nothing.
 
 In a step in which something else moves the object only its turn is held back, `-c^2 omega` with the model's c: a hand
-turns it by some tenths of a radian while it slides by a centimetre. Without touch that tells directions nothing else would.
+turns it by some tenths of a radian while it slides by a centimetre. Without touch that tells directions nothing else
+would.
 """
 
 import math
@@ -72,11 +73,7 @@ def _linearise(
             omega = wrap(e1[2] - e0[2] - g1[2] + g0[2])
             spread = knocks[b, now, SPREAD]
             if spread > 0.0:
-                deviation, held_back, row[:] = (
-                    _TURNED * c * spread,
-                    c * c,
-                    0.0,
-                )  # whatever friction is: a hand is stronger
+                deviation, held_back, row[:] = _TURNED * c * spread, c * c, 0.0
                 residual[b, t, 0] = -held_back * omega
             else:
                 deviation, held_back = math.hypot(still, share * data[t].moved * c), c_squared
