@@ -53,7 +53,7 @@ ARRAYS = Limit("PALPATE_MAX_ARRAYS_MB", 256)
 """Bytes of the arrays in one file, once unpacked; images, which are not packed any further, do not count."""
 DRAWING = Limit("PALPATE_MAX_DRAWING_MB", 5)
 """Bytes of an SVG or DXF."""
-IMAGE = Limit("PALPATE_MAX_IMAGE_MB", 25)
+IMAGE = Limit("PALPATE_MAX_IMAGE_MB", 64)
 """Bytes of one image, once decoded: 3 a pixel."""
 CHUNK = Limit("PALPATE_MAX_CHUNK_MB", 64)
 """Bytes of one chunk of a bag, once unpacked."""
