@@ -37,12 +37,12 @@ ARRAYS = {
     "keypoint": (("difference",), ("keypoint", "kinds")),
 }
 """What each network takes and gives."""
-SIZES = {"direction": 2, "turn": 2, "place": 2, "turned": 2, "keypoint": 2, "kinds": 5}
-"""How many numbers they give of each for an image, or for a pair of them; a descriptor may have any."""
 LARGEST = 100 * 10**6
 """[bytes] of a network; the shipped ones have less than one million."""
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
 """Kinds of contact that a model tells apart."""
+SIZES = {"direction": 2, "turn": 2, "place": 2, "turned": 2, "keypoint": 2, "kinds": len(KINDS)}
+"""How many numbers they give of each for an image, or for a pair of them; a descriptor may have any."""
 _DATA = Path(__file__).resolve().parents[1] / "data"
 SHIPPED = _DATA / "digit"
 """The model of the DIGIT that comes with palpate."""

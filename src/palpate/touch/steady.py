@@ -43,10 +43,8 @@ class SteadyImages:
             return None
         cells = cells_of(image)
         if self._cells is None or share_unlike(cells, self._cells, UNLIKE) > _MOVED:
-            self._seen, self._cells = (
-                UntouchedImages(),
-                cells,
-            )  # something moves, or the light is not yet what it will be
+            # Something moves, or the light is not yet what it will be.
+            self._seen, self._cells = UntouchedImages(), cells
         self._seen.add(image)
         if self._seen.count < self._enough:
             return None
