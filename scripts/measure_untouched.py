@@ -50,7 +50,7 @@ class EncoderBeside(Encoder):
     """The encoder of a difference and, in three more channels, of the untouched gel."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(WIDTH)
         self.layers[0] = nn.Conv2d(6, WIDTH, 7, stride=2, padding=3, bias=False)
 
     def forward(self, difference: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -26,6 +27,21 @@ def spread(
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
     return _in_processes(function, items, workers) if dask is None else _on_cluster(function, iter(items), dask)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep OpenCV and linear algebra to one thread for a while: where many processes work, theirs would fight."""
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def _in_processes(

@@ -242,6 +242,18 @@ def test_mounting_moves_and_turns_the_image() -> None:
     assert unit.place[1, 0, 0] > unit.place[1, -1, 0]  # the first row is the upper one
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_where_a_contact_shows_is_what_the_profile_makes_of_its_column(seed: int) -> None:
+    unit = replace(draw_unit(DIGIT, seed), roll=math.radians(3.0 * (seed - 1)))
+    for pad_angle in np.radians((-15.0, -4.0, 0.0, 11.0)):
+        away = np.hypot(unit.place[0] - unit.radius * math.sin(pad_angle), unit.place[1])
+        column = np.unravel_index(away.argmin(), away.shape)[1]
+        shown = math.asin((column - 119.5) * 18.4e-3 / 240 / 21e-3)  # a DIGIT's pad, its columns and its radius
+        assert unit.shown_angle(pad_angle) == pytest.approx(shown, abs=0.6 * 18.4e-3 / 240 / 21e-3)
+    flat = draw_unit(GELSIGHT_MINI, seed)
+    assert flat.shown_angle(0.3) == 0.3  # the edges of a flat pad lie where they lie
+
+
 def test_a_side_that_leans_is_met_where_it_comes_closest(units: list[SensorUnit]) -> None:
     # A side that leans back by t from a gel of radius L along the pad touches it at z = -L tan(t).
     unit = replace(units[0], length_radius=0.1, offset=(0.0, 0.0), roll=0.0)

@@ -74,8 +74,8 @@ def test_a_batch_is_what_was_seen():
 
 
 def clear(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No clouds over images, and none is moved."""
-    for name in ("_LASTING", "_PASSING", "_MOVED"):
+    """No clouds over images, light that is even, and no image is moved."""
+    for name in ("_LASTING", "_PASSING", "_LIT", "_MOVED"):
         monkeypatch.setattr(pairs, name, 0.0)
 
 
@@ -124,7 +124,7 @@ def test_a_group_is_in_one_guise_and_its_angles_with_it(monkeypatch: pytest.Monk
 
 def test_a_group_is_moved_over_the_gel_and_its_directions_with_it(monkeypatch: pytest.MonkeyPatch):
     plain(monkeypatch)
-    for name in ("_LASTING", "_PASSING"):
+    for name in ("_LASTING", "_PASSING", "_LIT"):
         monkeypatch.setattr(pairs, name, 0.0)
     column_sine = 2 * 0.0092 / 128 / 0.021  # a DIGIT's pad is 18.4 mm wide and bent about 21 mm
     given, angle = samples([50]), np.radians(4.0)
@@ -150,6 +150,7 @@ def test_a_group_is_moved_over_the_gel_and_its_directions_with_it(monkeypatch: p
 
 def test_clouds_are_smooth_and_some_last_all_through_a_group(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pairs, "_TINT", 0.0)
+    monkeypatch.setattr(pairs, "_LIT", 0.0)
     given = samples([50])
     given = dataclasses.replace(given, difference=np.zeros((50, 32, 128, 3), np.float16))
     seen = varied_batch(given, np.zeros((400, 2), int), DIGIT, np.random.default_rng(0))
@@ -160,6 +161,23 @@ def test_clouds_are_smooth_and_some_last_all_through_a_group(monkeypatch: pytest
     alike, other = (clouds[:, 0] * clouds[:, 1]).mean(), 0.5 * ((clouds[:, 0] - clouds[:, 1]) ** 2).mean()
     assert 0.4 * 0.12**2 / 3 < alike < 0.12**2 / 3 and 0.4 * 0.06**2 / 3 < other < 0.06**2 / 3
     assert np.abs(np.diff(clouds, axis=-1)).mean() < 0.1 * np.abs(clouds).mean()
+
+
+def test_each_light_is_stronger_here_and_weaker_there_all_through_a_group(monkeypatch: pytest.MonkeyPatch):
+    lit = pairs._LIT
+    clear(monkeypatch)
+    plain(monkeypatch)
+    monkeypatch.setattr(pairs, "_LIT", lit)
+    given = dataclasses.replace(samples([50]), difference=np.ones((50, 32, 128, 3), np.float16))
+    seen = varied_batch(given, np.zeros((400, 2), int), DIGIT, np.random.default_rng(0))
+    strength = np.log(seen.difference.numpy().reshape(400, 2, 3, 32, 128))
+    np.testing.assert_array_equal(strength[:, 0], strength[:, 1])
+    # As of clouds: a strength of 0 to 1, whose mean square is a third, and averages between 4 x 8 points.
+    assert 0.4 / 3 < (strength**2).mean() < 1 / 3 and abs(strength.mean()) < 0.02
+    assert abs((strength[:, 0, 0] * strength[:, 0, 1]).mean()) < 0.02  # each colour has a light of its own
+    unlit = varied_batch(given, np.zeros((4, 2), int), DIGIT, np.random.default_rng(0), is_lit=False)
+    assert (unlit.difference == 1.0).all()
+    assert np.abs(np.diff(strength, axis=-1)).mean() < 0.1 * np.abs(strength).mean()
 
 
 # --- holding out ---

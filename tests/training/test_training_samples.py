@@ -18,7 +18,7 @@ from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS
 from palpate.touch.view import CameraView
-from palpate.training.samples import UNTOUCHED, read_samples, samples_of
+from palpate.training.samples import SHOWN, UNTOUCHED, read_samples, samples_of
 
 RADIUS = DIGIT.radius
 
@@ -220,6 +220,18 @@ def test_images_of_a_unit_are_seen_as_its_calibration_says():
     assert np.array_equal(found.difference, plain.difference)
     assert np.allclose(found.direction, 0.02 + 0.9 * plain.direction)
     assert np.allclose([unit.direction.true(told) for told in found.direction.tolist()], plain.direction)
+
+
+def test_directions_are_those_that_a_recording_says_its_images_show():
+    given = recording(on_left_side(np.zeros(30), 0.1), np.arange(30) >= 10, where=np.full(30, 0.5))
+    shown = np.linspace(0.1, 0.2, 30)
+    given = dataclasses.replace(given, extra={SHOWN: shown})
+    found = samples_of(given)
+    assert np.array_equal(found.direction, shown[found.frame])
+    levels = np.full((64, 128, 3), 100.0, np.float32)
+    unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.02, 0.9))
+    measured = samples_of(given, calibration=unit).direction  # what was measured of the unit counts for more
+    assert np.allclose(measured, 0.02 + 0.9 * samples_of(dataclasses.replace(given, extra={})).direction)
 
 
 def test_without_untouched_frames_the_gel_is_that_of_the_calibration():

@@ -1,12 +1,13 @@
 """The paper's models of relative pose, and how far what a model tells is to be believed."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from palpate.training import heads
+from palpate.training import heads, results
 from palpate.training.scores import COVERAGE, coverage, spread_of, without_offset
 
 # --- the paper's models ---
@@ -115,3 +116,17 @@ def test_an_offset_is_taken_out_of_each_contact():
     # (1 / 1 + 4 / 0.5) / (1 / 1 + 1 / 0.5) = 9 / 3 = 3, and (7 + 9) / 2 = 8.
     found = without_offset(error, variance, np.array([0, 0, 2, 2]))
     np.testing.assert_allclose(found, [-2.0, 1.0, -1.0, 1.0])
+
+
+def test_what_simulation_makes_easy_is_believed_no_more_for_that(monkeypatch: pytest.MonkeyPatch):
+    error = np.random.default_rng(0).normal(size=COUNT)
+    told = {"direction": (0.5 * error, np.ones(COUNT)), "turn": (2.0 * error, np.ones(COUNT))}
+    told["pair"] = (0.5 * error, np.ones(COUNT))
+    monkeypatch.setattr(results, "prediction_errors", lambda *_: told)
+    monkeypatch.setattr(results, "_pairs", lambda _: (None, None, np.array([0.0, 0.2, -0.2])))
+    models: Any = SimpleNamespace(tell={"linear learnt": lambda *_: np.zeros(3)})
+    samples: Any = SimpleNamespace(episode=EPISODE)
+    found = results.measure_spread(samples, samples, models, samples)
+    assert found["direction"].scale == found["pair"].scale == 1.0  # and not a quarter
+    assert found["turn"].scale == pytest.approx(4.0, rel=0.05)
+    assert found["linear"].scale == pytest.approx(2.0 / 3.0 * np.sin(0.2) ** 2)  # measured, not told: as it is

@@ -62,7 +62,7 @@ def train(
         tyro.conf.arg(
             metavar="N",
             help="Most steps of each descent.",
-            help_behavior_hint="(default: 1000 of key points and 3000 of touch; 300 with --from or presses)",
+            help_behavior_hint="(default: 1000 of key points and 4000 of touch; 300 with --from or presses)",
         ),
     ] = None,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that read recordings.")] = 1,

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
+from palpate.parallel import one_thread
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import DIGIT, SensorProfile
@@ -25,7 +26,7 @@ _FRAMES = {
     "object_pose": "simulated motion capture with drawn noise; exact in extra/object_pose_clean",
     "contact": "contacts of the simulation",
     "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation [m], "
-    "pad_angle [rad], as in palpate.simulation.world.Motion",
+    "pad_angle [rad], as in palpate.simulation.world.Motion; shown_angle [rad], that one as images show it",
 }
 WRONG = ", with systematic errors"
 """What a source says of a recording that has them."""
@@ -55,23 +56,15 @@ def simulate_recording(
     `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
     duration that is not allowed.
     """
-    import cv2
-    from threadpoolctl import threadpool_limits
-
     unit_seed, *seeds = _seeds(shape, kind, seed, unit)
     pushes, noise, camera, shoves, wrong = (np.random.default_rng(each) for each in seeds)
     errors = None if ideal else draw_errors(wrong)
     sensor_unit = draw_unit(sensor, unit_seed)
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1):
-            gel = replace(sensor, radius=sensor_unit.radius)
-            drift = errors.gel_drift if errors else (0.0, 0.0)
-            sequence = draw_sequence(shape, kind, gel, pushes, seconds, shoves if knocks else None, drift)
-            pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
-    finally:
-        cv2.setNumThreads(threads)
+    with one_thread():
+        gel = replace(sensor, radius=sensor_unit.radius)
+        drift = errors.gel_drift if errors else (0.0, 0.0)
+        sequence = draw_sequence(shape, kind, gel, pushes, seconds, shoves if knocks else None, drift)
+        pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
     motion = sequence.motion
     exact = Recording(
         time=sequence.time,
@@ -90,6 +83,7 @@ def simulate_recording(
             "slip": motion.slip,
             "indentation": motion.indentation,
             "pad_angle": motion.pad_angle,
+            "shown_angle": sensor_unit.shown_angle(motion.pad_angle),
             "sensor_pose_clean": sequence.sensor_pose,
             "object_pose_clean": motion.object_pose,
             **({"knocked": motion.knocked.astype(np.float64)} if knocks else {}),

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import SettingError
 from palpate.geometry import se2
+from palpate.parallel import one_thread
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import DIGIT
@@ -57,8 +58,6 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
     frames, for a motion that cannot be rendered: object poses or contact are unknown for too long, the gel does not
     reach the contact, or the contact is off its pad.
     """
-    import cv2
-
     unit_seed, *seeds = _seeds(recording, seed, unit)
     draws, camera = (np.random.default_rng(each) for each in seeds)
     sensor_unit = draw_unit(DIGIT, unit_seed)
@@ -71,15 +70,11 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
     shear = draws.uniform(*_FRICTION) * draws.uniform(*_STIFFNESS) * depth * np.tanh(slip / _CREEP)
     side = draw_side(camera)
     poses = se2.between(motion.object_pose, sensor_pose)
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
+    with one_thread():
         pictures = tuple(
             encode_image(render(sensor_unit, recording.shape, *values, rng=camera, side=side))
             for values in zip(poses, depth, shear, strict=True)
         )
-    finally:
-        cv2.setNumThreads(threads)
     return Recording(
         time=motion.time,
         sensor_pose=sensor_pose,
@@ -96,6 +91,7 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
             "real_sensor_pose": np.where(motion.added[:, None], np.nan, motion.sensor_pose),
             "slip": slip,
             "pad_angle": np.where(motion.contact, pad_angle, np.nan),
+            "shown_angle": np.where(motion.contact, sensor_unit.shown_angle(pad_angle), np.nan),
             "indentation": depth,
             "tangential_force": shear,
         },
@@ -229,7 +225,7 @@ def _frames(recording: Recording) -> dict[str, str]:
         "contact": f"real: {recording.frames.get('contact', 'as recorded')}",
         "image": "rendered; the depth of contact is drawn, friction follows the sliding",
         "extra": f"slip [m/s]: real, towards the sensor's +y, averaged over {SMOOTH} frames; pad_angle [rad]: of the "
-        "rendered contact; indentation [m] and tangential_force [N]: drawn",
+        "rendered contact, shown_angle [rad]: as images show it; indentation [m] and tangential_force [N]: drawn",
     }
 
 

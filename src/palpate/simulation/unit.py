@@ -100,6 +100,18 @@ class SensorUnit:
         beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * self.flat_width), 0.0)
         return np.stack([-beyond / np.float32(self.radius), -z / np.float32(self.length_radius)])
 
+    def shown_angle(self, pad_angle: Any) -> Any:
+        """Return the angle at which the profile's geometry takes a contact to lie that is at pad_angle (...) [rad].
+
+        That is all that an image tells: how far its pixels lie apart on this unit, where its middle looks and how round
+        the gel is show nowhere in it. Of a flat gel, whose edges are what shows, it is the angle itself.
+        """
+        if self.flat_width:
+            return pad_angle
+        y, z = self.radius * np.sin(pad_angle) - self.offset[0], -self.offset[1]
+        pixels = (math.cos(self.roll) * y + math.sin(self.roll) * z) / self.pitch
+        return np.arcsin(pixels * 2.0 * self.half_width / self.no_contact.shape[1] / self.profile.radius)
+
     @property
     def half_width(self) -> float:
         """Half the width of the pad along y [m]."""

@@ -38,12 +38,19 @@ def exported_direction(network: DirectionNetwork) -> dict[str, bytes]:
     return {"touch": _onnx(network, {"difference": torch.randn(1, 3, ROWS, COLUMNS)}, ["direction"])}
 
 
+def width_of(file: bytes) -> int:
+    """Return how many channels the encoder in a network's ONNX file has; EstimationError if there is none."""
+    first = _weights(file).get("encoder.layers.0.weight")
+    if first is None or not first.dims:
+        raise EstimationError("the model's network has no encoder")
+    return int(first.dims[0])
+
+
 def restore(network: nn.Module, file: bytes) -> None:
     """Set a network's weights to those of its ONNX file; EstimationError if they do not fit it."""
-    import onnx
     from onnx import numpy_helper
 
-    written = {each.name: each for each in onnx.load_from_string(file).graph.initializer}
+    written = _weights(file)
     state = network.state_dict()
     for name, value in state.items():
         if name.endswith("num_batches_tracked"):
@@ -51,6 +58,12 @@ def restore(network: nn.Module, file: bytes) -> None:
         if name not in written or list(written[name].dims) != list(value.shape):
             raise EstimationError(f"the model's network has no weights {name} {tuple(value.shape)}")
         value.copy_(torch.from_numpy(numpy_helper.to_array(written[name]).copy()))
+
+
+def _weights(file: bytes) -> dict[str, Any]:
+    import onnx
+
+    return {each.name: each for each in onnx.load_from_string(file).graph.initializer}
 
 
 def _onnx(

@@ -12,6 +12,7 @@ from palpate.recording.sensor import SensorProfile
 from palpate.training.fit import FitSettings, fit
 from palpate.training.losses import gaussian_nll, offset_nll
 from palpate.training.networks import (
+    WIDTH,
     Decoder,
     DirectionNetwork,
     KeypointEncoder,
@@ -26,7 +27,7 @@ from palpate.training.samples import Samples
 Indices = NDArray[np.int_]
 Progress = Callable[[int, str], None]
 
-TOUCH, KEYPOINT = FitSettings(steps=3000), FitSettings(steps=1000)
+TOUCH, KEYPOINT = FitSettings(steps=4000), FitSettings(steps=1000)
 _GROUPS, _FRAMES, _IMAGES = 24, 8, 128  # in a batch; the cost of a frame is its encoding, so each is in seven pairs
 _PRESSES = 48  # in a batch, where there are only some hundred
 _HELD_OUT = 4  # batches that the held-out recordings are judged by, always the same
@@ -36,17 +37,17 @@ _FOCUS = 1e-3  # weight of an activation that is spread out
 class Keypoints(nn.Module):
     """The paper's auto-encoder: image to key point and back, and beside it the classifier of contacts."""
 
-    def __init__(self) -> None:
+    def __init__(self, width: int = WIDTH) -> None:
         super().__init__()
-        self.encoder, self.decoder = KeypointEncoder(), Decoder()
+        self.encoder, self.decoder = KeypointEncoder(width), Decoder()
 
 
 class Touch(nn.Module):
     """What an image says, and what two say."""
 
-    def __init__(self, tells_place: bool = False) -> None:
+    def __init__(self, tells_place: bool = False, width: int = WIDTH) -> None:
         super().__init__()
-        self.image, self.pair = TouchNetwork(tells_place), PairNetwork()
+        self.image, self.pair = TouchNetwork(tells_place, width), PairNetwork()
 
 
 def learn_keypoints(
@@ -59,7 +60,10 @@ def learn_keypoints(
     settings: FitSettings = KEYPOINT,
     progress: Progress | None = None,
 ) -> None:
-    """Train the auto-encoder without labels, and its classifier with the kinds of contact."""
+    """Train the auto-encoder without labels, and its classifier with the kinds of contact.
+
+    The light on its images is as it was: without labels, it takes for touch what changes most.
+    """
 
     def draw(samples: Samples, rng: np.random.Generator) -> Indices:
         return rng.integers(len(samples), size=(_IMAGES, 1))
@@ -73,7 +77,7 @@ def learn_keypoints(
             "kind": nn.functional.cross_entropy(logits, torch.from_numpy(samples.kind[chosen.ravel()])),
         }
 
-    _fit("keypoint", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress)
+    _fit("keypoint", network, draw, losses, train, held_out, sensor, seed, folder, settings, progress, is_lit=False)
 
 
 def learn_touch(
@@ -145,15 +149,16 @@ def _fit(
     folder: Path,
     settings: FitSettings,
     progress: Progress | None,
+    is_lit: bool = True,
 ) -> None:
     def drawn(rng: np.random.Generator) -> tuple[Indices, Seen]:
         chosen = draw(train, rng)
-        return chosen, varied_batch(train, chosen, sensor, rng)
+        return chosen, varied_batch(train, chosen, sensor, rng, is_lit)
 
     def judged() -> dict[str, Tensor]:
         rng = np.random.default_rng(0)
         drawn = [draw(held_out, rng) for _ in range(_HELD_OUT)]
-        found = [losses(held_out, chosen, varied_batch(held_out, chosen, sensor, rng)) for chosen in drawn]
+        found = [losses(held_out, chosen, varied_batch(held_out, chosen, sensor, rng, is_lit)) for chosen in drawn]
         return {key: torch.stack([each[key] for each in found]).mean() for key in found[0]}
 
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

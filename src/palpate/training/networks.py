@@ -11,8 +11,8 @@ from palpate.touch.model import KINDS
 
 MAP = (ROWS // 4, COLUMNS // 4)
 """Rows and columns of the feature map."""
-WIDTH = 24
-"""Channels of the encoder and the decoder."""
+WIDTH = 16
+"""Channels of the encoder and the decoder. ONNX Runtime takes sixteen at a time: 24 cost as much as 32."""
 _HIDDEN = 64
 _BLOB = 0.1  # standard deviation of a key point's blob, as a share of the image
 _LEAST, _MOST = -6.0, 1.0  # [log rad] between which a predicted standard deviation lies
@@ -23,30 +23,30 @@ _FAINT = 0.2  # mean difference there, 6 grey levels, that is believed by half
 class Encoder(nn.Module):
     """A small ResNet-18 (paper Sec. IV-A): three stages of two blocks on a map of 8 x 32, a quarter of an image."""
 
-    def __init__(self) -> None:
+    def __init__(self, width: int) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(3, WIDTH, 7, stride=2, padding=3, bias=False),
-            nn.BatchNorm2d(WIDTH),
+            nn.Conv2d(3, width, 7, stride=2, padding=3, bias=False),
+            nn.BatchNorm2d(width),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=2, padding=1),
-            *(_Block() for _ in range(6)),
+            *(_Block(width) for _ in range(6)),
         )
 
     def forward(self, difference: Tensor) -> Tensor:
-        """Return the feature map (B, 24, 8, 32) of the imprint."""
+        """Return the feature map (B, width, 8, 32) of the imprint."""
         return self.layers(imprint(difference))
 
 
 class _Block(nn.Module):
-    def __init__(self) -> None:
+    def __init__(self, width: int) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False),
-            nn.BatchNorm2d(WIDTH),
+            nn.Conv2d(width, width, 3, padding=1, bias=False),
+            nn.BatchNorm2d(width),
             nn.ReLU(),
-            nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False),
-            nn.BatchNorm2d(WIDTH),
+            nn.Conv2d(width, width, 3, padding=1, bias=False),
+            nn.BatchNorm2d(width),
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -56,10 +56,10 @@ class _Block(nn.Module):
 class KeypointEncoder(nn.Module):
     """Images to one key point and its activation map (paper Sec. IV-A, after Minderer 2019), and to a class."""
 
-    def __init__(self) -> None:
+    def __init__(self, width: int = WIDTH) -> None:
         super().__init__()
-        self.encoder = Encoder()
-        self.heat = nn.Conv2d(WIDTH, 1, 1)
+        self.encoder = Encoder(width)
+        self.heat = nn.Conv2d(width, 1, 1)
         self.classifier = nn.Sequential(
             nn.Flatten(),
             nn.Linear(MAP[0] * MAP[1], 32),
@@ -107,12 +107,12 @@ class Decoder(nn.Module):
 class TouchNetwork(nn.Module):
     """Images to all that one image says: where it is touched, how the sensor is turned, and a descriptor."""
 
-    def __init__(self, tells_place: bool = False) -> None:
+    def __init__(self, tells_place: bool = False, width: int = WIDTH) -> None:
         """Take whether the gel is flat, so that where along it it is touched is told besides."""
         super().__init__()
-        self.encoder = Encoder()
-        self.points = nn.Conv2d(WIDTH, 4, 1)
-        self.reduce = nn.Conv2d(WIDTH, 8, 1)
+        self.encoder = Encoder(width)
+        self.points = nn.Conv2d(width, 4, 1)
+        self.reduce = nn.Conv2d(width, 8, 1)
         self.body = nn.Sequential(
             nn.Linear(8 * 2 * MAP[1] + 8, 2 * _HIDDEN), nn.ReLU(), nn.Linear(2 * _HIDDEN, _HIDDEN), nn.ReLU()
         )

@@ -20,6 +20,7 @@ CLOSEST, FARTHEST = 10, 50
 # By how much brightness, each colour and its shift (in units of the difference) may differ from those seen.
 _GAIN, _COLOUR_GAIN, _TINT = (0.7, 1.4), (0.75, 1.3), 0.05
 _LASTING, _PASSING, _CELLS = 0.12, 0.06, (4, 8)  # most that clouds differ by (as above), and how fine they are
+_LIT = 1.0  # most that the strength of a light varies over the image, logarithm
 _AS_IT_IS = 0.5  # share of groups of images that keep their orientation and colours
 _MOVED = 0.5  # share of groups of images that are moved over the gel
 _REACH, _RISE = 0.8, 4  # how far: columns up to this share of the pad's half width, and rows
@@ -112,14 +113,17 @@ class Seen:
         return self.sign * torch.from_numpy(told.astype(np.float32))
 
 
-def varied_batch(samples: Samples, chosen: Indices, sensor: SensorProfile, rng: np.random.Generator) -> Seen:
+def varied_batch(
+    samples: Samples, chosen: Indices, sensor: SensorProfile, rng: np.random.Generator, is_lit: bool = True
+) -> Seen:
     """Return differences of groups of samples (G, F) as of other units, touched elsewhere.
 
     Each group is of one unit in one guise; brightness, colours and their slopes over the image differ from those seen.
-    Half of the groups are moved over the gel: what turns the contact by an angle moves the imprint, so that its
-    place, and not the light there, has to tell the direction. Besides, clouds lie over the image, for all of a group
-    and for each by itself: the untouched gel is never known exactly, and a gel gives way a little everywhere. Without
-    them, a network reads much into what is nothing.
+    Half of the groups are moved over the gel: what turns the contact by an angle moves the imprint, so that its place,
+    and not the light there, has to tell the direction. Besides, clouds lie over the image, for all of a group and for
+    each by itself: the untouched gel is never known exactly, and a gel gives way a little everywhere. Without them, a
+    network reads much into what is nothing. With `is_lit`, each colour's light is stronger here and weaker there: on
+    real gels a light from the left hardly reaches the right, where an imprint then lacks a flank and a shadow.
     """
     groups, size = chosen.shape
     difference = samples.difference[chosen].astype(np.float32)
@@ -136,9 +140,12 @@ def varied_batch(samples: Samples, chosen: Indices, sensor: SensorProfile, rng: 
     shift = tint + across * columns[:, None] + along * rows[:, None, None]
     difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
     clouds = _clouds(groups, _LASTING, rng).repeat_interleave(size, dim=0) + _clouds(groups * size, _PASSING, rng)
-    clouds = nn.functional.interpolate(clouds, difference.shape[1:3], mode="bicubic", align_corners=False)
+    seen = _tensor(difference) + _spread(clouds, difference.shape[1:3])
+    if is_lit:
+        light = _spread(_clouds(groups, _LIT, rng), difference.shape[1:3]).exp()
+        seen = seen * light.repeat_interleave(size, dim=0)
     moved = (right * _column_sine(sensor))[:, None].astype(np.float32)
-    return Seen(_tensor(difference) + clouds, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(moved))
+    return Seen(seen, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(moved))
 
 
 def _column_sine(sensor: SensorProfile) -> float:
@@ -183,6 +190,11 @@ def _clouds(count: int, most: float, rng: np.random.Generator) -> Tensor:
     """Draw smooth values (count, 3, 4, 8) of any strength up to this one, to be spread over an image."""
     strength = rng.uniform(0.0, most, (count, 1, 1, 1))
     return torch.from_numpy((strength * rng.normal(size=(count, 3, *_CELLS))).astype(np.float32))
+
+
+def _spread(clouds: Tensor, size: tuple[int, ...]) -> Tensor:
+    """Return clouds (count, 3, 4, 8) as they lie over images of this size, (count, 3, *size)."""
+    return nn.functional.interpolate(clouds, size, mode="bicubic", align_corners=False)
 
 
 def _tensor(difference: NDArray[np.float32]) -> Tensor:

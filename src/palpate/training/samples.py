@@ -27,6 +27,8 @@ from palpate.touch.model import KINDS
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
+SHOWN = "shown_angle"
+"""Field of a recording's `extra`: the angle of the contact on the tip as its images show it (N,) [rad]."""
 CUT, SHORTEST = 2, 5
 """Frames left out at both ends of a contact, where it is half made, and the fewest left that are worth it."""
 UNTOUCHED = 30
@@ -49,7 +51,7 @@ class Samples:
     yaw: Array
     """Yaw of the sensor in the object frame, (N,) [rad]."""
     direction: Array
-    """Angle of the contact on the tip, (N,) [rad]; see `measurements.ContactDirection`."""
+    """Angle of the contact on the tip as images show it, (N,) [rad]; see `measurements.ContactDirection`."""
     place: Array
     """Where along y the pad is touched, (N,) [m]; see `measurements.ContactPlace`."""
     kind: Indices
@@ -102,7 +104,8 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     """Return the samples of one recording; raises FileError where it lacks what is needed.
 
     With the calibration of its unit, images are seen as it says they lie, directions are what its correction makes the
-    true ones of, and a recording without untouched frames is compared with its untouched gel.
+    true ones of, and a recording without untouched frames is compared with its untouched gel. A simulated recording
+    says itself at which angles its images show contacts: what a unit has of its own no image tells.
     """
     name = recording.file or "the recording"
     if lacks := lacking(recording):
@@ -121,13 +124,17 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
     images = [_without(is_marked, image(index)) for index in frame.tolist()]
     direction, place, kind = geometry_of(recording, g[frame])
+    if calibration:
+        direction = calibration.direction.told(direction)
+    elif SHOWN in recording.extra:
+        direction = np.asarray(recording.extra[SHOWN], dtype=np.float64)[frame]
     return Samples(
         np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
         episode,
         frame,
         g[frame, 2],
-        calibration.direction.told(direction) if calibration else direction,
+        direction,
         place,
         kind,
         np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),

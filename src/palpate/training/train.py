@@ -18,10 +18,11 @@ from palpate.recording.sensor import SensorProfile
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import ModelSettings, TouchModel, write_model
 from palpate.training import figures
-from palpate.training.export import exported, restore
+from palpate.training.export import exported, restore, width_of
 from palpate.training.features import features_of, fit_pair_models
 from palpate.training.fit import FitSettings
 from palpate.training.learn import KEYPOINT, TOUCH, Keypoints, Touch, learn_keypoints, learn_touch
+from palpate.training.networks import WIDTH
 from palpate.training.pairs import draw_pairs
 from palpate.training.results import judge, measure_spread
 from palpate.training.samples import Samples, read_samples
@@ -111,7 +112,8 @@ def _train(
         draw_pairs(part, 1, np.random.default_rng(0))  # raises now what it would after an hour of training
     work.mkdir(exist_ok=True)
     torch.manual_seed(settings.seed)
-    keypoints, touch = Keypoints(), Touch(tells_place=sensor.flat_width > 0.0)
+    width = WIDTH if base is None else width_of(base.networks["touch"])
+    keypoints, touch = Keypoints(width), Touch(tells_place=sensor.flat_width > 0.0, width=width)
     settings = replace(settings, touch=settings.touch if base is None else FINE)
     if settings.steps is not None:
         settings = replace(
