@@ -112,7 +112,7 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
         "friction_cone": {"still": 3e-5, "share": 0.14, "width": 0.02, "kernel": None},
         "priors": {
             "direction_bias": (0.0, 0.02),
-            "direction_scale": (0.0, 0.04),  # nor this
+            "direction_scale": (0.0, 0.06),  # nor this
             "depth": (2e-4, 3e-4),
             "friction_ratio": (0.1, 0.6),
             "friction_center": (0.0, 0.07),

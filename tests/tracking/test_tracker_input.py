@@ -184,7 +184,7 @@ def test_the_settings_that_ship():
         "friction_cone": {"still": 2e-5, "share": 0.13, "width": 0.03, "kernel": 2.0},
         "priors": {
             "direction_bias": (0.0, 0.02),
-            "direction_scale": (0.0, 0.04),
+            "direction_scale": (0.0, 0.06),
             "depth": (3e-4, 4e-4),
             "friction_ratio": (0.2, 0.66),
             "friction_center": (0.0, 0.06),

@@ -75,7 +75,7 @@ DIRECTION_SCALE = Unknown(
     1,
     "1",
     "What share of themselves all contact directions of one sensor and object are too large by.",
-    prior=(0.0, 0.04),
+    prior=(0.0, 0.06),
 )
 DEPTH = Unknown(
     "depth",
