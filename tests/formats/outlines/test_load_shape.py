@@ -140,8 +140,11 @@ def test_a_scan_of_points_in_any_order():
     round_ = scanned(Disc(0.05).outline(300), 300, 2e-4)
     found = shape_of_scan(round_)
     assert np.abs(found.shape.signed_distance(Disc(0.05).outline(200))).max() < 6e-4
-    with pytest.raises(PalpateError, match="50 or more finite points"):
+    with pytest.raises(PalpateError, match="50 or more points"):
         shape_of_scan(points[:30])
+    points[70, 1] = 1e200
+    with pytest.raises(PalpateError, match=r"a scan's point 70 is \(.*, 1e\+200\); it must be finite, up to 1e\+06 m"):
+        shape_of_scan(points)
 
 
 @pytest.mark.parametrize("name", ["butterfly", "rounded-square"])

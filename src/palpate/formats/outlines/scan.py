@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import ShapeError
+from palpate.files import is_near
+from palpate.geometry.polygon import check_near
 from palpate.geometry.shapes import Polygon
 
 Array = NDArray[np.float64]
@@ -33,7 +35,7 @@ class ScannedShape(NamedTuple):
 
 def is_scan(points: Array) -> bool:
     """Whether points (N, 2) [m] are many and noisy, so that they are no corners of an outline."""
-    if len(points) < POINTS or not np.isfinite(points).all():
+    if len(points) < POINTS or not is_near(points).all():
         return False
     return NOISE[0] < _noise(_in_order(points)) < NOISE[1] * float(np.ptp(points, axis=0).max())
 
@@ -47,8 +49,9 @@ def shape_of_scan(points: ArrayLike) -> ScannedShape:
     import shapely
 
     given = np.asarray(points, np.float64)
-    if given.ndim != 2 or given.shape[1] != 2 or len(given) < POINTS or not np.isfinite(given).all():
-        raise ShapeError(f"a scan is {POINTS} or more finite points (N, 2), found shape {given.shape}")
+    if given.ndim != 2 or given.shape[1] != 2 or len(given) < POINTS:
+        raise ShapeError(f"a scan is {POINTS} or more points (N, 2), found shape {given.shape}")
+    check_near(given, "a scan's point")
     ring = _in_order(given)
     ring = np.roll(ring, -int(np.argmax(np.linalg.norm(ring - ring.mean(axis=0), axis=1))), axis=0)
     noise = max(_noise(ring), NOISE[0])
