@@ -51,7 +51,7 @@ TOUCH, RELEASE = 2.5e-3, 3.5e-3
 CLEARANCE = 1e-3
 """[m] that the hand moves from where an action starts before it can touch: it starts clear of the object."""
 
-ROW = re.compile(rf"({NUMBER}\s*,\s*){{7}}{NUMBER}\s*")
+ROW = re.compile(rf"[ \t]*({NUMBER}[ \t]*,[ \t]*){{7}}{NUMBER}[ \t]*")
 
 
 def detect(path: Path) -> bool:
@@ -137,7 +137,7 @@ def _rows(path: Path) -> NDArray[np.float64]:
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip():
             continue
-        if not ROW.fullmatch(line.strip()):
+        if not ROW.fullmatch(line):
             raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers with commas between")
         rows.append([float(value) for value in line.split(",")])
         if not is_near(np.array(rows[-1][1:])).all():
