@@ -19,12 +19,12 @@ from palpate.errors import EstimationError
 from palpate.files import whole_file
 from palpate.locks import held_folder
 from palpate.touch.difference import COLUMNS, ROWS
-from palpate.touch.model import KINDS, NETWORKS, TouchModel, session
+from palpate.touch.model import KINDS, NETWORKS, SHIPPED_OF, TouchModel, session
 from palpate.training import export, features, heads, learn, results, train
-from palpate.training.export import restore
+from palpate.training.export import restore, width_of
 from palpate.training.fit import FitSettings
 from palpate.training.learn import Keypoints, Touch
-from palpate.training.networks import PairNetwork
+from palpate.training.networks import WIDTH, PairNetwork
 
 MODELS = ["constant", "linear engineered", "nonlinear engineered", "linear learnt", "nonlinear learnt"]
 MODELS += ["descriptor pair", "image turn"]
@@ -218,6 +218,17 @@ def test_the_model_is_that_of_the_descent(trained, networks):
 def test_weights_that_do_not_fit(model):
     with pytest.raises(EstimationError, match=r"the model's network has no weights layers.0.weight \(64, 32\)"):
         restore(PairNetwork(), model.networks["touch"])
+
+
+def test_a_network_goes_on_as_wide_as_it_is(model):
+    assert width_of(model.networks["touch"]) == width_of(model.networks["keypoint"]) == WIDTH
+    wider = TouchModel(SHIPPED_OF["GelSight Mini"]).networks["touch"]
+    network = Touch(tells_place=True, width=width_of(wider)).image
+    restore(network, wider)
+    with pytest.raises(EstimationError, match="has no weights encoder"):
+        restore(Touch(tells_place=True, width=width_of(wider) + 1).image, wider)
+    with pytest.raises(EstimationError, match="the model's network has no encoder to go on from"):
+        width_of(model.networks["pair"])
 
 
 def test_an_export_that_differs_is_an_error(model):

@@ -232,6 +232,9 @@ def test_directions_are_those_that_a_recording_says_its_images_show():
     unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.02, 0.9))
     measured = samples_of(given, calibration=unit).direction  # what was measured of the unit counts for more
     assert np.allclose(measured, 0.02 + 0.9 * samples_of(dataclasses.replace(given, extra={})).direction)
+    for wrong in (np.full(30, np.nan), np.ones((30, 2)), shown + 180.0):
+        with pytest.raises(FileError, match=r"extra/shown_angle must be an angle \[rad\] in each frame of a contact"):
+            samples_of(dataclasses.replace(given, extra={SHOWN: wrong}))
 
 
 def test_without_untouched_frames_the_gel_is_that_of_the_calibration():

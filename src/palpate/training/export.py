@@ -42,7 +42,7 @@ def width_of(file: bytes) -> int:
     """Return how many channels the encoder in a network's ONNX file has; EstimationError if there is none."""
     first = _weights(file).get("encoder.layers.0.weight")
     if first is None or not first.dims:
-        raise EstimationError("the model's network has no encoder")
+        raise EstimationError("the model's network has no encoder to go on from; was it learnt from presses?")
     return int(first.dims[0])
 
 

@@ -127,7 +127,9 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     if calibration:
         direction = calibration.direction.told(direction)
     elif SHOWN in recording.extra:
-        direction = np.asarray(recording.extra[SHOWN], dtype=np.float64)[frame]
+        direction = np.asarray(recording.extra[SHOWN][frame], dtype=np.float64)
+        if direction.ndim != 1 or not (np.abs(direction) <= np.pi).all():
+            raise FileError(f"{name}: extra/{SHOWN} must be an angle [rad] in each frame of a contact, or not there")
     return Samples(
         np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
