@@ -52,7 +52,8 @@ def read_bag(
     try:
         recording, plane = _recording(found, chosen, choices, read_streams(found, chosen, choices), shape, sensor)
     except FileError as error:
-        raise FileError(f"{path}: {error}") from error
+        said = " ".join(str(error).split())  # names of topics may hold line breaks
+        raise FileError(f"{path}: {said}") from error
     return BagReading(recording, plane, chosen)
 
 
