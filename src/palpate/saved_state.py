@@ -19,7 +19,7 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = 1
+VERSION = 2  # steps that left a window stood one by one in the first
 _HOME = "palpate."
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}

@@ -90,7 +90,7 @@ class Window:
         self._past, self._past_at = _nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
         self._left_costs = np.empty((len(priors), 0, 2))
-        self._left: list[Array] = []  # g and e (B, 2, 3) of the steps that left
+        self._left: list[Array] = []  # g and e of the steps that left, in pieces (B, N, 2, 3)
         self.is_lost = np.zeros(len(priors), np.bool_)
         """Whether the graph of a smoother has no solution (B,)."""
         self._costs: Array | None = None  # as they were asked for since the last frame, and below errors
@@ -160,7 +160,7 @@ class Window:
         other._past = Gaussian(first._past.steps, information, gradient)
         other._covariance = joined(lambda one: one._covariance)
         other._left_costs = joined(lambda one: one._left_costs)
-        other._left = list(joined(lambda one: np.array(one._left), 1)) if first._left else []
+        other._left = [joined(Window._in_one_piece)] if first._left else []
         other.is_lost = joined(lambda one: one.is_lost)
         other._gather()
         other._linearised.linearise(joined_values(lambda one: one._linearised.at))
@@ -172,6 +172,11 @@ class Window:
         other._times, other._left = [*self._times], [*self._left]
         other._terms = [grown.copy() for grown in self._terms]
         return other
+
+    def _in_one_piece(self) -> Array:
+        """Return g and e (B, N, 2, 3) of the steps that left, which from now on are one piece: there may be 100 000."""
+        self._left = [np.concatenate(self._left, axis=1)]
+        return self._left[0]
 
     @property
     def smoothers(self) -> int:
@@ -194,7 +199,7 @@ class Window:
         g, e = self._values[SENSOR_IN_OBJECT], self._values[SENSOR]
         if not self._left:
             return g, e
-        left = np.stack(self._left, axis=1)
+        left = self._in_one_piece()
         return np.concatenate([left[:, :, 0], g], axis=1), np.concatenate([left[:, :, 1], e], axis=1)
 
     def pushing_angle(self) -> Array:
@@ -297,7 +302,7 @@ class Window:
         self._left_costs = np.concatenate([self._left_costs, self._linearised.costs()[:, :1]], axis=1)[:, -_REMEMBERED:]
         for grown in self._terms:
             grown.drop_oldest()
-        self._left.append(np.stack([self._values[one][:, 0] for one in (SENSOR_IN_OBJECT, SENSOR)], axis=1))
+        self._left.append(np.stack([self._values[one][:, :1] for one in (SENSOR_IN_OBJECT, SENSOR)], axis=2))
         self._values = self._values.without_oldest()
         del self._times[0]
 
