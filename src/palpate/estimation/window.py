@@ -175,7 +175,8 @@ class Window:
 
     def _in_one_piece(self) -> Array:
         """Return g and e (B, N, 2, 3) of the steps that left, which from now on are one piece: there may be 100 000."""
-        self._left = [np.concatenate(self._left, axis=1)]
+        if len(self._left) > 1:
+            self._left = [np.concatenate(self._left, axis=1)]
         return self._left[0]
 
     @property
