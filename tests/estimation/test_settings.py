@@ -78,11 +78,13 @@ def sigmas(noise: NoiseSettings, angle: Any, moved: float = 1e-3, grip: float = 
 @pytest.mark.parametrize("angle", [0.0, 0.1, -0.1])
 def test_inside_the_cone_the_contact_holds(angle):
     # Still: the floors. Moved by 1 mm: hypot(3e-5, 4e-5) = 5e-5 m and hypot(4e-6, 0.5 * 1e-3 * 0.06 = 3e-5) m^2. The
-    # cone's edge is at 0.3805 rad and sliding begins around 0.2805, nine widths away: tanh leaves 1e-8 of it.
+    # cone's edge is at 0.3805 rad and sliding begins around 0.2805, nine widths away.
     found = np.concatenate([sigmas(SLIDE, angle, moved) for moved in (0.0, 1e-3)])
     np.testing.assert_allclose(found[:, :3], [[3e-5, 3e-5, 4e-6], [5e-5, 5e-5, np.hypot(4e-6, 3e-5)]], rtol=1e-6)
-    # Nothing says that it is at the cone's edge: there are 14 widths to it.
-    assert (found[:, 3] > 1e5 * 5e-5).all()
+    # Nothing at all says that it is at the cone's edge, up to one and a half widths from it.
+    assert np.isinf(found[:, 3]).all()
+    assert np.isinf(sigmas(SLIDE, EDGE - 0.0301)[0, 3])
+    assert np.isfinite(sigmas(SLIDE, EDGE - 0.0299)[0, 3])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -98,17 +100,16 @@ def test_outside_the_cone_it_slides_and_the_force_is_at_the_edge(side):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_between_holding_and_sliding(side):
     holds, slides, off = 5e-5, np.hypot(3e-5, 3e-3), np.hypot(3e-5, 5e-5)
-    # Half way at cone_margin from the edge: the geometric mean. The cone is still 5 widths away: 1 / (1 + e^10) = 5e-5
-    # of its weight.
+    # Half way at the margin from the edge: the geometric mean. The cone is still 5 widths away.
     found = sigmas(SLIDE, side * (EDGE - 0.1))[0]
     np.testing.assert_allclose(found[:2], np.sqrt(holds * slides), rtol=1e-9)
-    assert found[3] == pytest.approx(off * np.sqrt(1 + np.exp(10.0)))
+    assert np.isinf(found[3])
     # At the edge it slides, and half the weight is on the cone.
     found = sigmas(SLIDE, side * EDGE)[0]
     np.testing.assert_allclose(found[:2], slides, rtol=1e-3)
     assert found[3] == pytest.approx(off * np.sqrt(2))
-    # One width further (1 + tanh 1) / 2 = 1 / (1 + e^-2).
-    assert sigmas(SLIDE, side * (EDGE + 0.02))[0, 3] == pytest.approx(off * np.sqrt(1 + np.exp(-2.0)))
+    # A width further, five sixths of the way: (5/6)^2 (3 - 5/3) = 25/27.
+    assert sigmas(SLIDE, side * (EDGE + 0.02))[0, 3] == pytest.approx(off * np.sqrt(27 / 25))
     # The better the grip the wider the cone.
     np.testing.assert_allclose(sigmas(SLIDE, side * EDGE, grip=0.8)[0, :2], holds, rtol=1e-4)
 

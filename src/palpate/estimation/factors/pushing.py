@@ -4,8 +4,6 @@ All of it is quasi-static pushing over one step from 0 to 1. The object's motion
 seen from the object at step 1, where the centre was at `g1 e1^-1 e0 g0^-1 center` at step 0.
 """
 
-import math
-
 import numpy as np
 
 from palpate.compiled import Array, Complex, compiled
@@ -63,5 +61,10 @@ def put_center_derivatives(lever: complex, by_sensor0: Complex, by_sensor1: Comp
 
 @compiled
 def beyond(angle: float, limit: float, width: float) -> float:
-    """Return how far an angle is beyond a limit, from 0 inside to 1 outside, going over around it within the width."""
-    return 0.5 + 0.5 * math.tanh((abs(angle) - limit) / width)
+    """Return how far an angle is beyond a limit, from 0 inside to 1 outside, going over within 1.5 widths of it.
+
+    Farther inside it is 0 and not merely little: a contact that holds for minutes says little very often, and the
+    friction cone would shrink to where the force is.
+    """
+    part = min(max(0.5 + (abs(angle) - limit) / (3.0 * width), 0.0), 1.0)
+    return part * part * (3.0 - 2.0 * part)
