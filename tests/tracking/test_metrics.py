@@ -108,6 +108,11 @@ def test_silently_wrong_is_far_off_and_outside_and_content():
     # Of the six since the first contact the 1st, 4th and 5th.
     assert found["silently_wrong_share"] == 0.5
     assert found["in_95_share"] == pytest.approx(1 / 6)
+    assert found["silently_wrong_unfelt_share"] is None
+    # Knocked at first in contact and then not: of the 4th and 5th nothing could tell.
+    knocked = np.isin(np.arange(7), (3, 4))
+    found = metrics.summarise(trajectory, np.zeros((7, 3)), np.ones(7), **how, knocked=knocked)
+    assert (found["silently_wrong_share"], found["silently_wrong_unfelt_share"]) == (0.5, pytest.approx(1 / 3))
     mute = metrics.summarise(replace(trajectory, status=None), np.zeros((7, 3)), np.ones(7), **how)
     assert mute["silently_wrong_share"] is None
     unsure = metrics.summarise(replace(trajectory, covariance=None), np.zeros((7, 3)), np.ones(7), **how)
@@ -130,7 +135,8 @@ KEYS = [
     *("frames", "contact_frames", "episodes", "tactile", "smoother", "wall_s", "step_ms", "final_pose", "final_sigma"),
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
     *("nees_mean", "statuses", "yaw_shows", "scored_frames", "final_scored_time_s"),
-    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share"),
+    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final"),
+    *("silently_wrong_share", "silently_wrong_unfelt_share"),
     *("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "error_after_knock_mm"),
 ]
 

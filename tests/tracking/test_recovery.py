@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from palpate.recording.trajectory import Trajectory
-from palpate.tracking.recovery import recovery
+from palpate.tracking.recovery import recovery, unfelt
 
 NAN = float("nan")
 
@@ -74,6 +74,13 @@ def test_only_scored_frames_count():
     assert found["error_after_knock_mm"]["1"] is None
     error[21:] = 20.0
     assert recovery(trajectory(), error, np.zeros(40), frames(5))["knock_recovery_s"] == [None]
+
+
+def test_unfelt_from_a_knock_to_the_next_touch():
+    knocked = np.array([0, 1, 1, 0, 0, 0, 1, 0, 0], np.bool_)
+    contact = np.array([1, 1, 0, 0, 1, 1, 1, 1, 0], np.bool_)
+    np.testing.assert_array_equal(unfelt(knocked, contact), [0, 0, 1, 1, 0, 0, 0, 0, 0])
+    assert not unfelt(np.zeros(3, np.bool_), np.zeros(3, np.bool_)).any()
 
 
 def test_without_knocks_and_without_truth():

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.geometry import se2
 from palpate.recording.trajectory import Trajectory
 from palpate.tracking.poses import world_sigma
-from palpate.tracking.recovery import is_far, recovery
+from palpate.tracking.recovery import is_far, recovery, unfelt
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -89,7 +89,8 @@ def summarise(
     `coverage` says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,); unless
     `yaw_shows`, as that of a disc does not, it is left out there.
     `silently_wrong_share` is of the frames since the first contact, as they are: those that `is_far` and that are
-    outside the 95 % region while their status is one of CONTENT.
+    outside the 95 % region while their status is one of CONTENT. `silently_wrong_unfelt_share` is the part of it that
+    nothing could tell: the object was knocked and has not been touched since. It is None without knocks.
     """
     if truth is None:
         truth = np.full((len(trajectory), 3), np.nan)
@@ -103,9 +104,12 @@ def summarise(
     consistency = _known(squared)
     contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
     wrong = is_far(translation, rotation) & ~inside_95(squared)
-    silent = None
+    silent = silent_unfelt = None
     if trajectory.status is not None:
-        silent = _share((wrong & np.isin(trajectory.status, CONTENT))[since_contact(contact, squared)])
+        is_silent, since = wrong & np.isin(trajectory.status, CONTENT), since_contact(contact, squared)
+        silent = _share(is_silent[since])
+        if knocked is not None:
+            silent_unfelt = _share((is_silent & unfelt(knocked, contact))[since])
     return {
         "frames": len(trajectory),
         "contact_frames": int(np.sum(contact)),
@@ -127,6 +131,7 @@ def summarise(
         "final_scored_time_s": None if last is None else float(trajectory.time[last]),
         **coverage(contact, squared),
         "silently_wrong_share": silent,
+        "silently_wrong_unfelt_share": silent_unfelt,
         **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
 

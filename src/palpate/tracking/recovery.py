@@ -75,6 +75,13 @@ def is_far(translation: Array, rotation: Array) -> Flags:
     return (translation > FAR_MM) | (np.abs(rotation) > FAR_DEG)
 
 
+def unfelt(knocked: Flags, contact: Flags) -> Flags:
+    """Return the frames (N,) in which the object has been knocked and not touched since."""
+    frames = np.arange(len(knocked))
+    last_knocked, last_touched = (np.maximum.accumulate(np.where(flags, frames, -1)) for flags in (knocked, contact))
+    return last_knocked > last_touched
+
+
 def _nearest(time: Array, error: Array, wanted: float) -> float:
     """The error at the frame nearest to a time; NaN where there is none beside it."""
     off = np.abs(time - wanted)
