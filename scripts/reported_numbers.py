@@ -155,8 +155,10 @@ def knocked_facts() -> set[str]:
 
 
 def knocked_silent() -> set[str]:
-    """Return the share of silently wrong frames when somebody shoves the object."""
-    return {silent(sequences("knocked")).removesuffix(" %")}
+    """Return the share of silently wrong frames when somebody shoves the object, and what of it touch could tell."""
+    rows = sequences("knocked")
+    felt = mean(rows, "silently_wrong_share") - mean(rows, "silently_wrong_unfelt_share")
+    return {silent(rows).removesuffix(" %"), f"{100.0 * felt:.1f}"}
 
 
 def coverage_facts() -> set[str]:

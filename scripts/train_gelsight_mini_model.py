@@ -2,7 +2,7 @@
 
     python scripts/train_gelsight_mini_model.py FOLDER
 
-Half an hour on two cores. Weights may differ in the last digits from one processor to another.
+An hour on two cores. Weights may differ in the last digits from one processor to another.
 """
 
 import subprocess
@@ -16,11 +16,11 @@ from palpate.simulation.objects import PAPER, find_shape
 from palpate.training.fit import FitSettings
 from palpate.training.train import TrainSettings, train
 
-RECORDINGS = 25
+RECORDINGS = 60
 """Of each of the paper's objects, to learn from."""
 STUDIED = ("disc", "rectangle-edges", "ellipse")
 """Kinds of contact of the study; true corners on a flat pad are not what it is good for."""
-SEQUENCES = 10
+SEQUENCES = 50
 """Of each kind."""
 
 
@@ -29,15 +29,15 @@ def main(folder: Path) -> None:
     shapes = dict(map(find_shape, PAPER))
     learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI)
     with progress_bar("simulating", len(learned)) as progress:
-        simulate_folder(folder / "train", learned, seconds=6.0, resume=True, progress=progress)
-    settings = TrainSettings(keypoint=FitSettings(steps=60, check=30), touch=FitSettings(steps=450, check=75))
+        simulate_folder(folder / "train", learned, seconds=6.0, workers=2, resume=True, progress=progress)
+    settings = TrainSettings(keypoint=FitSettings(steps=200), touch=FitSettings(steps=2500))
     train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
     for name, ideal in (("real", False), ("ideal", True)):
-        jobs = plan(shapes, 3 * SEQUENCES, seed=3, ideal=ideal, sensor=GELSIGHT_MINI)
+        jobs = plan(shapes, 3 * SEQUENCES, seed=7, ideal=ideal, sensor=GELSIGHT_MINI)
         judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
         with progress_bar(f"simulating, {name}", len(judged)) as progress:
-            simulate_folder(folder / name, judged, seconds=10.0, resume=True, progress=progress)
-        study = ["evaluate", str(folder / name), "--out", str(folder / f"results-{name}"), "--tactile", "learnt"]
+            simulate_folder(folder / name, judged, seconds=10.0, workers=2, resume=True, progress=progress)
+        study = ["evaluate", str(folder / name), "--out", str(folder / f"results-{name}"), "--tactile", "learnt", "--workers", "2"]
         subprocess.run([sys.executable, "-m", "palpate", *study, "--model", str(folder / "model")], check=True)
 
 

@@ -21,6 +21,8 @@ from palpate.view.scene import Scene
 CAMERA = SensorProfile(name="small", radius=0.01, half_width=0.006, image_height=40, image_width=30)
 FRAMES, FIRST, LAST = 50, 20, 39
 """Frames, and the first and last of contact."""
+LEARNT = (0.3, 0.05)
+"""What is known of friction at the end."""
 
 
 def without_display(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,14 +53,16 @@ def imaged_push() -> Recording:
 
 @cache
 def tracked_push() -> Run:
-    """Its run, with a second answer in frame 30."""
+    """Its run, with a second answer in frame 30, and friction learnt in the last frame of contact."""
     run = track(imaged_push())
     known = run.online
     assert known.covariance is not None
     best = Answer(known.pose[30], known.covariance[30], 0.7)
     other = Answer(known.pose[30] + (0.01, 0.0, 0.1), 2.0 * known.covariance[30], 0.3)
     answers: Any = tuple((best, other) if index == 30 else () for index in range(FRAMES))
-    return replace(run, answers=answers)
+    friction = run.friction.copy()
+    friction[LAST:] = LEARNT
+    return replace(run, answers=answers, friction=friction)
 
 
 def write_run(run: Run, folder: Path, force: bool = False) -> None:

@@ -3,7 +3,7 @@ import shutil
 
 import numpy as np
 import pytest
-from view_samples import FIRST, FRAMES, LAST, imaged_push, scene_of, tracked_push, write_run
+from view_samples import FRAMES, LAST, LEARNT, imaged_push, scene_of, tracked_push, write_run
 
 from palpate import formats
 from palpate.errors import FileError
@@ -53,11 +53,12 @@ def test_a_run_folder_shows_what_the_run_did(run_folder):
     assert found.name == "run"
 
 
-def test_friction_is_learnt_from_contact_on(run_folder):
+def test_friction_is_as_believed_until_something_tells(run_folder):
     friction = load_scene(run_folder).friction
     assert friction is not None and friction.shape == (FRAMES, 2)
-    np.testing.assert_array_equal(friction[:FIRST], [tracked_push().settings.noise.priors.grip] * FIRST)
-    assert (friction[:, 1] > 0.0).all() and friction[LAST, 0] != friction[0, 0]
+    # A straight push says nothing of the friction cone's edge.
+    np.testing.assert_array_equal(friction[:LAST], [tracked_push().settings.noise.priors.grip] * LAST)
+    np.testing.assert_array_equal(friction[LAST:], [LEARNT] * (FRAMES - LAST))
 
 
 def test_a_recording_shows_itself(tmp_path):
