@@ -19,7 +19,7 @@ from palpate.errors import EstimationError
 from palpate.files import whole_file
 from palpate.locks import held_folder
 from palpate.touch.difference import COLUMNS, ROWS
-from palpate.touch.model import KINDS, NETWORKS, SHIPPED_OF, TouchModel, session
+from palpate.touch.model import KINDS, NETWORKS, TouchModel, session
 from palpate.training import export, features, heads, learn, results, train
 from palpate.training.export import restore, width_of
 from palpate.training.fit import FitSettings
@@ -221,12 +221,15 @@ def test_weights_that_do_not_fit(model):
 
 
 def test_a_network_goes_on_as_wide_as_it_is(model):
-    assert width_of(model.networks["touch"]) == width_of(model.networks["keypoint"]) == WIDTH
-    wider = TouchModel(SHIPPED_OF["GelSight Mini"]).networks["touch"]
-    network = Touch(tells_place=True, width=width_of(wider)).image
-    restore(network, wider)
+    written = model.networks["touch"]
+    assert width_of(written) == width_of(model.networks["keypoint"]) == WIDTH
+    wider = onnx.load_from_string(written)
+    first = next(each for each in wider.graph.initializer if each.name == "encoder.layers.0.weight")
+    first.CopyFrom(onnx.numpy_helper.from_array(np.zeros((WIDTH + 8, 3, 7, 7), np.float32), first.name))
+    assert width_of(wider.SerializeToString()) == WIDTH + 8
+    restore(Touch(width=WIDTH).image, written)
     with pytest.raises(EstimationError, match="has no weights encoder"):
-        restore(Touch(tells_place=True, width=width_of(wider) + 1).image, wider)
+        restore(Touch(width=WIDTH + 8).image, written)
     with pytest.raises(EstimationError, match="the model's network has no encoder to go on from"):
         width_of(model.networks["pair"])
 
