@@ -16,7 +16,7 @@ from palpate.simulation.objects import PAPER, find_shape
 from palpate.training.fit import FitSettings
 from palpate.training.train import TrainSettings, train
 
-RECORDINGS = 160
+RECORDINGS = 60
 """Of each of the paper's objects, to learn from."""
 STUDIED = ("disc", "rectangle-edges", "ellipse")
 """Kinds of contact of the study; true corners on a flat pad are not what it is good for."""
@@ -30,10 +30,10 @@ def main(folder: Path) -> None:
     learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI)
     with progress_bar("simulating", len(learned)) as progress:
         simulate_folder(folder / "train", learned, seconds=6.0, workers=2, resume=True, progress=progress)
-    settings = TrainSettings(keypoint=FitSettings(steps=1000), touch=FitSettings(steps=4000))
+    settings = TrainSettings(keypoint=FitSettings(steps=200), touch=FitSettings(steps=2500))
     train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
     for name, ideal in (("real", False), ("ideal", True)):
-        jobs = plan(shapes, 3 * SEQUENCES, seed=9, ideal=ideal, sensor=GELSIGHT_MINI)
+        jobs = plan(shapes, 3 * SEQUENCES, seed=7, ideal=ideal, sensor=GELSIGHT_MINI)
         judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
         with progress_bar(f"simulating, {name}", len(judged)) as progress:
             simulate_folder(folder / name, judged, seconds=10.0, workers=2, resume=True, progress=progress)
