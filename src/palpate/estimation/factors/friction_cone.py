@@ -36,7 +36,7 @@ class FrictionConeSettings(Settings):
     share: float | None = setting(0.13, at_least=0.0, optional=True, tune=Tunable(1e-3, 10.0))
     """The same as a share of the sensor's motion; None leaves the cone out."""
     width: float = setting(0.03, tune=Tunable(1e-3, 0.5, usual=False))
-    """Angle over which the edge begins to count [rad]."""
+    """A third of the angle over which the edge begins to count [rad]."""
     kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the cone."""
 

@@ -39,7 +39,7 @@ class StickingSettings(Settings):
     margin: float = setting(0.04, tune=Tunable(1e-3, 0.5))
     """How far inside the cone's edge the force must be to hold the contact [rad]."""
     width: float = setting(0.03, tune=Tunable(1e-3, 0.5, usual=False))
-    """Angle over which holding goes over into sliding [rad]."""
+    """A third of the angle over which holding goes over into sliding [rad]."""
     kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0))
     """Scale of the Cauchy kernel on both rows together [standard deviations]; None is a plain square."""
 
