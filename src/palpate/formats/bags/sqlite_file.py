@@ -58,7 +58,10 @@ def _opened(path: Path) -> sqlite3.Connection:
 
 def _topics(path: Path, database: sqlite3.Connection) -> dict[int, Channel]:
     """Topics by their numbers. FileError unless the tables are plain ones: a view can make rows without end."""
-    statements = [row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")]
+    try:
+        statements = [row[0] for row in database.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")]
+    except MemoryError:  # what SQLite says of some damaged ones, having asked for hardly any
+        raise sqlite3.DatabaseError("its list of tables is damaged") from None
     if unusual := [each for each in statements if not isinstance(each, str) or not PLAIN.match(each)]:
         raise FileError(f"{path}: has a table that is none of a bag's: {str(unusual[0])[:80]!r}")
     rows = database.execute(_TOPICS).fetchall()
