@@ -37,17 +37,9 @@ def main(folder: Path) -> None:
         judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
         with progress_bar(f"simulating, {name}", len(judged)) as progress:
             simulate_folder(folder / name, judged, seconds=10.0, workers=2, resume=True, progress=progress)
-        study = [
-            "evaluate",
-            str(folder / name),
-            "--out",
-            str(folder / f"results-{name}"),
-            "--tactile",
-            "learnt",
-            "--workers",
-            "2",
-        ]
-        subprocess.run([sys.executable, "-m", "palpate", *study, "--model", str(folder / "model")], check=True)
+        study = ["evaluate", str(folder / name), "--out", str(folder / f"results-{name}"), "--tactile", "learnt"]
+        options = ["--model", str(folder / "model"), "--workers", "2"]
+        subprocess.run([sys.executable, "-m", "palpate", *study, *options], check=True)
 
 
 if __name__ == "__main__":
