@@ -80,6 +80,7 @@ def test_track_shows_how_long_recovery_took_where_there_are_knocks(capsys):
     first, second = json.loads(Path("runs/knocked/summary.json").read_text())["knock_recovery_contact_s"]
     assert second is None  # at the end nothing can be seen to stay
     assert ["knocks", "2"] in lines
+    assert any(" ".join(line) == "silently wrong before a touch 0 % of frames since contact" for line in lines)
     shown = "-," if first is None else f"{first:.2f},"
     assert ["recovered", "after", shown, "-", "s", "in", "contact"] in lines
 

@@ -1,4 +1,7 @@
-"""Poses of a topic as `palpate live` takes them, run by the Python that has rclpy: what came of four."""
+"""Poses of a topic as `palpate live` takes them, run by the Python that has rclpy: what came of four.
+
+First, which threads one leaves that is closed without having been used.
+"""
 
 import threading
 import time
@@ -14,7 +17,11 @@ rclpy.init()
 node = rclpy.create_node("robot")
 publisher = node.create_publisher(PoseStamped, "/robot/sensor_pose", 10)
 stop = threading.Event()
-source = ros2_poses("/robot/sensor_pose", Clock(time.time()))
+before = threading.active_count()
+unused, close = ros2_poses("/robot/sensor_pose", Clock(time.time()))
+close()
+print(threading.active_count() - before)
+source, _ = ros2_poses("/robot/sensor_pose", Clock(time.time()))
 
 
 def publish() -> None:

@@ -180,7 +180,8 @@ def test_without_rclpy_it_says_what_to_do(capsys):
 def test_poses_of_a_topic_are_those_of_the_plane_through_the_first():
     script = [str(PYTHON), str(Path(__file__).with_name("pose_topic.py"))]
     done = subprocess.run(script, capture_output=True, text=True, env=environment(), timeout=PATIENCE)
-    first, off, broken, last = done.stdout.splitlines()
+    left, first, off, broken, last = done.stdout.splitlines()
+    assert left == "0"
     assert (first, last) == ("[0.5, 0.0, 0.0]", "[0.5, 0.0, 0.0]")
     assert "30.0 mm off the plane of the first" in off and "a quaternion of length 1" in broken
 

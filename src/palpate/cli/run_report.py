@@ -53,8 +53,8 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
 
 
 def _knock_rows(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
-    """Rows about knocks, where there are some: how long it took to recover from each."""
-    from palpate.cli.console import number
+    """Rows about knocks, where there are some: how long it took to recover from each, and what no touch could tell."""
+    from palpate.cli.console import number, percent
 
     if not summary["knocks"]:
         return []
@@ -62,6 +62,7 @@ def _knock_rows(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
     return [
         ("knocks", str(summary["knocks"]), ""),
         *(("recovered after", ", ".join(number(each, 2) for each in summary[key]), unit) for key, unit in times),
+        ("silently wrong before a touch", percent(summary["silently_wrong_unfelt_share"]), "% of frames since contact"),
     ]
 
 

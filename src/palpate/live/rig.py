@@ -126,7 +126,7 @@ def check_size(what: str, found: tuple[int, int], expected: tuple[int, int]) -> 
 def _pose_source(name: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
     """The source of poses with this name, and what closes it where it is not used."""
     if name.startswith("ros2:"):
-        return ros2_poses(name.removeprefix("ros2:"), clock), _nothing
+        return ros2_poses(name.removeprefix("ros2:"), clock)
     if not name.startswith("udp:"):
         return own_poses(name, clock), _nothing
     port: Any = name.removeprefix("udp:")

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -89,8 +89,11 @@ class Ros2Poses:
         return TimedPose(time, placed[0])
 
 
-def ros2_poses(topic: str, clock: Clock) -> PoseSource:
-    """Poses of the sensor on a topic, by a node of their own. Raises SettingError without rclpy."""
+def ros2_poses(topic: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
+    """Poses of the sensor on a topic, by a node of their own, and what closes it where it is not used.
+
+    Raises SettingError without rclpy.
+    """
     ros = Ros2Node("palpate_live")
 
     def poses(stop: threading.Event) -> Iterator[TimedPose | Refused | str]:
@@ -99,7 +102,7 @@ def ros2_poses(topic: str, clock: Clock) -> PoseSource:
         finally:
             ros.close()
 
-    return poses
+    return poses, ros.close
 
 
 def _time(message: Any, clock: Clock, epoch: int) -> float:
