@@ -24,6 +24,7 @@ from palpate.estimation.unknowns import (
     FRICTION_RATIO,
     IN_OBJECT,
     OBJECT_SIZE,
+    OUTLINE_SCALE,
     TURN_OFFSET,
     Priors,
 )
@@ -230,7 +231,9 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
         rows.append(se2.log(se2.between(given.sensor, e)) / noise.sensor_pose.deviation)
         for tip in range(model.tips):
             gap, normal, point = outline_at(g, model, tip)
-            rows.append((gap + values[IN_OBJECT[DEPTH]]) / noise.contact.deviation)
+            reach = np.sum(normal * (point - [model.friction_center.real, model.friction_center.imag]), axis=-1) - gap
+            overlap = values[IN_OBJECT[DEPTH]] - values[IN_OBJECT[OUTLINE_SCALE]] * reach
+            rows.append((gap + overlap) / noise.contact.deviation)
             before = se2.transform(g[:-1], se2.transform(se2.inverse(g[1:]), point[1:]))
             rows.append((before - point[1:]) / slip_sigma)
             if model.tips == 1:

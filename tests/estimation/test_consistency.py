@@ -26,6 +26,7 @@ from palpate.estimation.unknowns import (
     GRIP,
     IN_OBJECT,
     OBJECT_SIZE,
+    OUTLINE_SCALE,
 )
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
@@ -59,7 +60,8 @@ def draw(noise: NoiseSettings, count: int, seed: int, direction: float = FELT, t
     friction = {unknown: values[:, IN_OBJECT[unknown]].T for unknown in (FRICTION_RATIO, FRICTION_CENTER)}
     gap, slip, torque = draw_residuals(model, noise, steering.speed, np.pi, STEPS, count, rng)
     g = touching(model, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
-    g[:, 0] -= gap - values[:, IN_OBJECT[DEPTH]][:, 0]
+    reach = 0.5 * 0.2363
+    g[:, 0] -= gap - values[:, IN_OBJECT[DEPTH]][:, 0] + values[:, IN_OBJECT[OUTLINE_SCALE]][:, 0] * reach
     anywhere, phase = rng.uniform(-np.pi, np.pi, (count, 3)), rng.uniform(0, 2 * np.pi, count)
     o, e = push(model, anywhere, g, STEPS, steering, phase, slip, torque, friction)
     g = se2.between(o, e)
@@ -187,7 +189,10 @@ def test_what_belongs_to_the_object_is_known_as_well_as_said(count, seed, felt):
     # Something has been learnt: of the depth from the contact, of where the centre of friction is along the side from
     # which way the object turned, of the bias where directions are felt.
     learnt = np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0) / prior
-    assert learnt[IN_OBJECT[DEPTH]] < 0.8
+    depth, scale = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start
+    apart = np.array([1.0, -0.5 * 0.2363])  # by the depth and by what the object is larger
+    together = np.ix_(range(count), [depth, scale], [depth, scale])
+    assert (covariance[together] @ apart @ apart).mean() < 0.6 * (prior[[depth, scale]] @ apart**2)
     assert learnt[IN_OBJECT[FRICTION_CENTER]][1] < 0.6
     bias = learnt[IN_OBJECT[DIRECTION_BIAS]]
     assert bias < 0.5 if felt else bias == pytest.approx(1.0)

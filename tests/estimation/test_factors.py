@@ -32,6 +32,7 @@ from palpate.estimation.unknowns import (
     FRICTION_RATIO,
     GRIP,
     OBJECT_SIZE,
+    OUTLINE_SCALE,
     SHARED_SIZE,
     STEP_SIZE,
     TURN_OFFSET,
@@ -204,8 +205,8 @@ def test_first_pose(where):
     root = np.eye(3 + OBJECT_SIZE) + 0.3 * rng.normal(size=(STATES, 3 + OBJECT_SIZE, 3 + OBJECT_SIZE))
     values = rng.normal(size=(STATES, OBJECT_SIZE))
     factor = FirstPose([Prior(*each) for each in zip(pose, values, root @ root.transpose(0, 2, 1), strict=True)])
-    bias, scale, depth, ratio, *center, grip = rng.normal(size=(OBJECT_SIZE, STATES))
-    shared = {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale, DEPTH: depth}
+    bias, scale, depth, larger, ratio, *center, grip = rng.normal(size=(OBJECT_SIZE, STATES))
+    shared = {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale, DEPTH: depth, OUTLINE_SCALE: larger}
     shared |= {FRICTION_RATIO: ratio, FRICTION_CENTER: np.array(center), GRIP: grip}
     at = values_at(DISC, g[:, None], e[:, None], shared)
     check(factor, at, terms_of(factor, at), tolerance=1e-6)  # an inverse root may be as large as 100
@@ -222,7 +223,8 @@ def test_contact_and_pushing(name, radius, where):
     # Steps far larger than real ones: the Jacobian must not only be right where the residual vanishes.
     g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
     contact = Contact(ContactSettings(), model)
-    at = values_at(model, g1[:, None], e1[:, None], {DEPTH: rng.normal(0.0, 1e-3, STATES)})
+    shared = {DEPTH: rng.normal(0.0, 1e-3, STATES), OUTLINE_SCALE: rng.normal(0.0, 0.05, STATES)}
+    at = values_at(model, g1[:, None], e1[:, None], shared)
     check(contact, at, terms_of(contact, at), tolerance=1e-7)
     for shared in ({}, friction(rng)):
         at = values_at(model, np.stack([g0, g1], axis=1), np.stack([e0, e1], axis=1), shared)

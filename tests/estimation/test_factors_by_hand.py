@@ -37,6 +37,7 @@ from palpate.estimation.unknowns import (
     FRICTION_RATIO,
     GRIP,
     OBJECT_SIZE,
+    OUTLINE_SCALE,
     TURN_OFFSET,
 )
 from palpate.geometry import se2
@@ -63,9 +64,10 @@ def object_pose(g: Array, e: Array, measured: Any, covariance: Array | None = No
     return rows.residual[0, 0], rows.jacobian[0, 0]
 
 
-def contact(g: Any, depth: float, model: ContactModel) -> tuple[Array, Array]:
-    """Residual (1,) and Jacobian (1, 4) by g and the depth."""
-    rows = rows_of(Contact(ContactSettings(), model), values_at(model, [[g]], shared={DEPTH: depth}))
+def contact(g: Any, depth: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
+    """Residual (1,) and Jacobian (1, 5) by g, the depth and the scale."""
+    shared = {DEPTH: depth, OUTLINE_SCALE: scale}
+    rows = rows_of(Contact(ContactSettings(), model), values_at(model, [[g]], shared=shared))
     return rows.residual[0, 0], rows.jacobian[0, 0]
 
 
@@ -132,13 +134,15 @@ def test_first_pose_by_hand():
     # As above, the pose is 0.1 m from where it is known to be; what belongs to the object is off by the difference, in
     # its order, each in standard deviations.
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
-    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 1e-3, 0.5, 0.2, 0.2, 0.1])
-    known = Prior(np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 5e-4, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2))
+    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
+    known = Prior(
+        np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2)
+    )
     shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, DEPTH: 2e-4}
-    shared |= {FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
+    shared |= {OUTLINE_SCALE: 0.02, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
     factor = FirstPose([known])
     rows = rows_of(factor, values_at(ANY, [[g]], [[e]], shared))
-    np.testing.assert_allclose(rows.residual[0, 0], [2.0, 0, 0, 4.0, -1.0, -0.3, -1.0, 1.0, -0.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(rows.residual[0, 0], [2.0, 0, 0, 4.0, -1.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0], atol=1e-12)
     jacobian = rows.jacobian[0, 0] * deviation[:, None]
     np.testing.assert_allclose(jacobian[3:], np.eye(OBJECT_SIZE, 6 + OBJECT_SIZE, 6), atol=1e-15)
     np.testing.assert_allclose(jacobian[:3, 6:], 0.0, atol=1e-15)
@@ -159,13 +163,13 @@ def test_contact_by_hand():
     # The apex 3 mm off the left side: the centre is at -0.103 - 0.021, 0.024 from the side, less the radius.
     residual, jacobian = contact(np.array([-0.103, 0.02, 0.0]), 0.0, model)
     np.testing.assert_allclose(residual, [0.003], atol=1e-9)
-    np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1]], atol=1e-9)
+    np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, -0.1]], atol=1e-9)
     # Turned to the left by 90 degrees the apex at (-0.13, 0.021) has its centre at (-0.13, 0), 0.03 - 0.021 off. The
     # side's normal is now the sensor's +y. Turning further moves the centre, 0.021 below, to the right: closer by
     # 0.021.
     residual, jacobian = contact(np.array([-0.13, 0.021, math.pi / 2]), 0.0, model)
     np.testing.assert_allclose(residual, [0.009], atol=1e-9)
-    np.testing.assert_allclose(jacobian, [[0, 1, -0.021, 1]], atol=1e-9)
+    np.testing.assert_allclose(jacobian, [[0, 1, -0.021, 1, -0.1]], atol=1e-9)
     # The centre 30 mm left of and 40 mm above a corner: 50 mm from it, less the radius. The spline is good to
     # micrometres.
     residual, _ = contact(np.array([-0.109, 0.14, 0.0]), 0.0, model)
@@ -177,7 +181,19 @@ def test_contact_by_hand():
     for x, wanted in ((-0.0997, 0.0), (-0.102, 2.3e-3), (-0.0995, -2e-4)):
         residual, jacobian = contact(np.array([x, 0.02, 0.0]), 3e-4, model)
         np.testing.assert_allclose(residual, [wanted], atol=1e-9)
-        np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1]], atol=1e-9)
+        np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, -0.1]], atol=1e-9)
+
+
+def test_contact_with_an_object_that_is_larger_than_its_outline_by_hand():
+    # 2 % larger than the square its left side is at -0.102: 1 mm off the outline is 1 mm in the object.
+    model = square(RADIUS)
+    assert contact(np.array([-0.101, 0.02, 0.0]), 0.0, model, 0.02)[0] == pytest.approx(-1e-3, abs=1e-9)
+    # Its corner is at (-0.102, 0.102), so that the centre 30 mm left of and 40 mm above that of the outline is
+    # hypot(28, 38) = 47.2 mm away.
+    assert contact(np.array([-0.109, 0.14, 0.0]), 0.0, model, 0.02)[0] == pytest.approx(0.0472 - RADIUS, abs=2e-5)
+    # It grows about its centroid, wherever the outline's frame is: 0.19 m from it this is 0.1 m.
+    aside = model_with(DistanceField.of(Rectangle(0.2, 0.2), margin=0.08), 0j, 0.0, 0.05, 0.09 + 0j)
+    assert contact(np.array([-0.1, 0.02, 0.0]), 0.0, aside, 0.02)[0] == pytest.approx(-0.02 * 0.19, abs=1e-9)
 
 
 def test_direction_by_hand():

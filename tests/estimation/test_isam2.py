@@ -30,7 +30,7 @@ from palpate.estimation.fixed_lag import FixedLag
 from palpate.estimation.isam2 import Isam2
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother
-from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OF_OBJECT, SENSOR
+from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OF_OBJECT, OUTLINE_SCALE, SENSOR
 from palpate.estimation.values import Values
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement, ObjectPose
@@ -215,11 +215,14 @@ def test_the_first_step_is_the_first_pose_seen_in_contact():
     deviation = np.sqrt(np.diag(prior.covariance))
     belief = Isam2(make_factors(PLAIN, model), model, prior, sensor_pose).belief()
     sensor_deviation, depth_deviation = PLAIN.sensor_pose.deviation[0], deviation[3 + IN_OBJECT[DEPTH].start]
-    variance = deviation[0] ** 2 + sensor_deviation**2 + PLAIN.contact.deviation**2 + depth_deviation**2
+    scale_deviation = deviation[3 + IN_OBJECT[OUTLINE_SCALE].start] * 0.2363 / 2
+    told = PLAIN.contact.deviation**2 + depth_deviation**2 + scale_deviation**2
+    variance = deviation[0] ** 2 + sensor_deviation**2 + told
     off = 3e-3 + prior[DEPTH][0]
     np.testing.assert_allclose(belief.prior.pose[0], -off * deviation[0] ** 2 / variance, rtol=1e-3)
     np.testing.assert_allclose(belief.prior[DEPTH], prior[DEPTH][0] - off * depth_deviation**2 / variance, rtol=1e-3)
-    untold = [place for one in OF_OBJECT if one is not DEPTH for place in range(*IN_OBJECT[one].indices(99))]
+    learnt = DEPTH, OUTLINE_SCALE
+    untold = [place for one in OF_OBJECT if one not in learnt for place in range(*IN_OBJECT[one].indices(99))]
     np.testing.assert_allclose(np.diag(belief.covariance)[6:][untold], deviation[3:][untold] ** 2, rtol=1e-6)
 
 

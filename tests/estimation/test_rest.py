@@ -28,7 +28,7 @@ SINCE, NOW = 10.0, 12.0  # [s], of rest
 def known(seed: int = 0, size: float = 1e-4, pose: Any = (0.3, -0.2, 3.1)) -> Prior:
     """What is known of an object, all of it correlated."""
     rng = np.random.default_rng(seed)
-    root = size * (np.eye(3 + OBJECT_SIZE) + 0.4 * rng.normal(size=(3 + OBJECT_SIZE, 3 + OBJECT_SIZE)))
+    root = size * (np.eye(3 + OBJECT_SIZE) + 0.3 * rng.normal(size=(3 + OBJECT_SIZE, 3 + OBJECT_SIZE)))
     return Prior(np.array(pose, np.float64), rng.normal(size=OBJECT_SIZE), root @ root.T)
 
 

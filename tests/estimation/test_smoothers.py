@@ -31,7 +31,7 @@ from palpate.errors import EstimationError, SettingError
 from palpate.estimation import isam2
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.smoother import Smoother
-from palpate.estimation.unknowns import DEPTH, GRIP, IN_OBJECT, LAG
+from palpate.estimation.unknowns import DEPTH, GRIP, IN_OBJECT, LAG, OUTLINE_SCALE
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 
@@ -107,18 +107,21 @@ def test_both_smoothers_agree_on_poses_as_they_come(noise):
 def test_the_first_step_is_the_first_pose_seen_in_contact(name):
     # One step: the object's pose with its covariance, the sensor with its, the depth with its, and the distance between
     # them. The pose is 3 mm short of contact, at which they are 0.3 mm deep: of these 3.3 mm each takes a share in
-    # proportion to its variance.
+    # proportion to its variance. What the outline is wrong by, a share of its 118 mm, takes its share too.
     deviation = np.array([3.7e-3, 1e-3, 1e-3])
     object_pose, sensor_pose = np.zeros(3), np.array([-0.2363 / 2 - 3e-3, 0.0, 0.0])
     depth, depth_deviation = 3e-4, 4e-4
+    reach, scale_deviation = 0.2363 / 2, 5e-3
     noise = with_settings(
-        PLAIN, first_pose={"deviation": tuple(deviation.tolist())}, priors={"depth": (depth, depth_deviation)}
+        PLAIN,
+        first_pose={"deviation": tuple(deviation.tolist())},
+        priors={"depth": (depth, depth_deviation), "outline_scale": (0.0, scale_deviation)},
     )
     begin = make(name, contact(1, PLAIN), PLAIN)
     smoother = begin(prior_at(object_pose, noise), sensor_pose, (), 0.0)
     belief = smoother.belief()
     prior, place = belief.prior, 3 + IN_OBJECT[DEPTH].start
-    gap_variance = 3.7e-3**2 + 1e-4**2 + 1e-3**2 + depth_deviation**2
+    gap_variance = 3.7e-3**2 + 1e-4**2 + 1e-3**2 + depth_deviation**2 + (reach * scale_deviation) ** 2
     off = 3e-3 + depth
     np.testing.assert_allclose(prior.pose[0], -off * 3.7e-3**2 / gap_variance, rtol=1e-3)
     np.testing.assert_allclose(prior.covariance[0, 0], 3.7e-3**2 - 3.7e-3**4 / gap_variance, rtol=1e-3)
@@ -128,8 +131,11 @@ def test_the_first_step_is_the_first_pose_seen_in_contact(name):
     np.testing.assert_allclose(prior.covariance[place, place], variance, rtol=1e-3)
     both = -((3.7e-3 * depth_deviation) ** 2) / gap_variance
     np.testing.assert_allclose(prior.covariance[0, place], both, rtol=1e-3)
+    scale = off * reach * scale_deviation**2 / gap_variance
+    np.testing.assert_allclose(prior[OUTLINE_SCALE], scale, rtol=1e-3)
     # Nothing has said anything of the rest.
-    rest = [k for k in range(len(belief.values)) if k != IN_OBJECT[DEPTH].start]
+    learnt = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start
+    rest = [k for k in range(len(belief.values)) if k not in learnt]
     np.testing.assert_allclose(belief.values[rest], noise.priors.mean[rest], atol=1e-9)
     np.testing.assert_allclose(np.diag(belief.covariance)[6:][rest], noise.priors.deviation[rest] ** 2, rtol=1e-6)
     assert smoother.last_errors() == {}

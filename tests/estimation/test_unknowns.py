@@ -25,6 +25,7 @@ from palpate.estimation.unknowns import (
     OF_CONTACT,
     OF_OBJECT,
     OF_STEP,
+    OUTLINE_SCALE,
     SENSOR,
     SENSOR_IN_OBJECT,
     SHARED,
@@ -53,7 +54,7 @@ def test_unknowns_follow_one_another_without_a_gap(unknowns, places, size):
 def test_where_they_stand():
     assert (IN_STEP[SENSOR_IN_OBJECT], IN_STEP[SENSOR]) == (slice(0, 3), slice(3, 6))
     assert OF_CONTACT == (TURN_OFFSET,)
-    assert OF_OBJECT == (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, FRICTION_RATIO, FRICTION_CENTER, GRIP)
+    assert OF_OBJECT == (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, OUTLINE_SCALE, FRICTION_RATIO, FRICTION_CENTER, GRIP)
     assert SHARED == OF_CONTACT + OF_OBJECT  # those of the contact first, so that the others are one piece
     assert set(UNKNOWNS) == set(OF_STEP) | set(SHARED)
     assert SHARED_SIZE == CONTACT_SIZE + OBJECT_SIZE
@@ -65,8 +66,9 @@ def test_where_they_stand():
 def test_each_is_known_by_its_name():
     for unknown in (OBJECT_POSE, *UNKNOWNS):
         assert named(unknown.name) is unknown
-    names = "object_pose, sensor_in_object, sensor, turn_offset, direction_bias, direction_scale, depth, friction_ratio"
-    with pytest.raises(SettingError, match=f"unknown 'yaw' is not known; known are {names}, friction_center, grip"):
+    names = "object_pose, sensor_in_object, sensor, turn_offset, direction_bias, direction_scale, depth, outline_scale"
+    known = f"{names}, friction_ratio, friction_center, grip"
+    with pytest.raises(SettingError, match=f"unknown 'yaw' is not known; known are {known}"):
         named("yaw")
 
 

@@ -21,7 +21,7 @@ from tracker_samples import CALIBRATED, SMOOTHERS, poses, settings, statuses, tr
 from palpate.errors import EstimationError
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.settings import PUBLISHED, NoiseSettings
-from palpate.estimation.unknowns import DEPTH, IN_OBJECT
+from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OUTLINE_SCALE
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement
@@ -154,10 +154,11 @@ def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
         np.testing.assert_array_equal(estimate.pose, before.pose)
         np.testing.assert_array_equal(estimate.covariance, before.covariance)
     # The first frame of contact adds resting and then one distance, the sensor's pose being uncertain too, less the
-    # depth by which they overlap: with all that is known of pose and depth together.
+    # depth by which they overlap and what the disc is larger by: with all that is known of them and the pose together.
     known = knew[50].loosened(np.diag(np.square(noise.first_pose.rest))).covariance
     gap = np.zeros(len(known))
     gap[:3], gap[3:][IN_OBJECT[DEPTH]] = distance_by(before.pose, e[51], moved=0), 1.0
+    gap[3:][IN_OBJECT[OUTLINE_SCALE]] = -0.088
     by_sensor = distance_by(before.pose, e[51], moved=1)
     of_sensor = by_sensor @ np.diag(np.square(noise.sensor_pose.deviation)) @ by_sensor
     variance = noise.contact.deviation**2 + gap @ known @ gap + of_sensor

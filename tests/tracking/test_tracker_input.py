@@ -186,6 +186,7 @@ def test_the_settings_that_ship():
             "direction_bias": (0.0, 0.02),
             "direction_scale": (0.0, 0.06),
             "depth": (3e-4, 4e-4),
+            "outline_scale": (0.0, 0.007),
             "friction_ratio": (0.2, 0.66),
             "friction_center": (0.0, 0.06),
             "grip": (0.4, 0.1),

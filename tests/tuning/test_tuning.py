@@ -11,6 +11,7 @@ from push_samples import SHAPES, contact_directions, model_of, noisy, sensor, to
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation import estimator
 from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.unknowns import Priors
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Turn
 from palpate.recording.recording import Recording
@@ -34,9 +35,7 @@ TRUE = with_settings(
     balance={"still": 1e-6, "share": 0.5, "kernel": None},
     friction_cone={"share": None, "kernel": None},
     # What belongs to the object is as nominal as it is drawn.
-    priors=dict.fromkeys(
-        ("direction_bias", "direction_scale", "depth", "friction_ratio", "friction_center"), (0.0, 1e-6)
-    ),
+    priors={field.name: (0.0, 1e-6) for field in fields(Priors) if field.name != "grip"},
 )
 
 
@@ -65,7 +64,7 @@ def drawn(count: int, seed: int = 0) -> tuple[RecordedTouch, ...]:
 
 
 def settings(**groups: dict[str, Any]) -> TrackerSettings:
-    return TrackerSettings(tactile="learnt", noise=with_settings(TRUE, **groups))
+    return TrackerSettings(tactile="learnt", noise=with_settings(TRUE, **groups), hypotheses=1)
 
 
 def test_noise_that_pushes_were_drawn_with_is_found_again():

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.factors.contact import overlap
 from palpate.estimation.factors.direction import true_angle
-from palpate.estimation.unknowns import DEPTH
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement
 
@@ -184,4 +184,6 @@ class Diagnosis:
         """Estimated distance between sensor and object [m], and its derivative by the object's pose (3,)."""
         g = se2.between(prior.pose, sensor_pose)
         nearest = self._model.nearest(g)
-        return float(nearest["gap"] + prior[DEPTH][0]), -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))
+        gap, normal = nearest["gap"], nearest["normal"]
+        apart = gap + overlap(prior, self._model, nearest["point"] - gap * normal, normal)
+        return float(apart), -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))

@@ -85,6 +85,14 @@ DEPTH = Unknown(
     "How deep the object lies in the gel, and what else outline, gel and mounting are apart by all the time.",
     prior=(3e-4, 4e-4),
 )
+OUTLINE_SCALE = Unknown(
+    "outline_scale",
+    "object",
+    1,
+    "1",
+    "What share of its size the object is larger by than its outline says.",
+    prior=(0.0, 0.007),
+)
 FRICTION_RATIO = Unknown(
     "friction_ratio",
     "object",
@@ -120,6 +128,7 @@ UNKNOWNS = (
     DIRECTION_BIAS,
     DIRECTION_SCALE,
     DEPTH,
+    OUTLINE_SCALE,
     FRICTION_RATIO,
     FRICTION_CENTER,
     GRIP,
@@ -173,6 +182,8 @@ class Priors(Settings):
     """See DIRECTION_SCALE."""
     depth: Normal = _prior(DEPTH, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
     """See DEPTH [m]."""
+    outline_scale: Normal = _prior(OUTLINE_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))
+    """See OUTLINE_SCALE."""
     friction_ratio: Normal = _prior(FRICTION_RATIO, Tunable(0.01, 2.0, components=(1,)))
     """See FRICTION_RATIO."""
     friction_center: Normal = _prior(FRICTION_CENTER, Tunable(0.01, 1.0, components=(1,)))

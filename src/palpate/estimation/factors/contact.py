@@ -1,19 +1,22 @@
 """Contact: the tip's round surface is on the outline, up to a depth by which it overlaps (paper Eq. 11, two-sided).
 
-The residual is `gap + depth` [m]: positive where tip and outline are further apart than the depth says, negative where
-they overlap more. The gap is the outline's signed distance at the tip's centre of curvature less the tip's radius.
+The residual is `gap + depth - scale reach` [m]: positive where tip and object are further apart than the depth says,
+negative where they overlap more. The gap is the outline's signed distance at the tip's centre of curvature less the
+tip's radius. The reach is how far the outline is from its centroid along its normal; an object that is larger than its
+outline by a small share, the scale, reaches farther by that share.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.compiled import Array, Given, Places, Records, compiled
+from palpate.compiled import Array, Complex, Given, Places, Records, compiled
+from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
-from palpate.estimation.planar import cauchy
+from palpate.estimation.planar import cauchy, dot
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import DEPTH, IN_SHARED, SENSOR_IN_OBJECT
+from palpate.estimation.unknowns import DEPTH, IN_SHARED, OUTLINE_SCALE, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
 
 DATA = np.dtype([("tip", np.int64)])
@@ -29,7 +32,7 @@ class ContactSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
 
 
-_DEPTH = IN_SHARED[DEPTH].start
+_DEPTH, _SCALE = IN_SHARED[DEPTH].start, IN_SHARED[OUTLINE_SCALE].start
 
 
 @compiled
@@ -43,16 +46,30 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, _e, shared, touching, _angle, _c, _model_center, _knocks = state
+    g, _e, shared, touching, _angle, _c, model_center, _knocks = state
     inverse_variance, kernel = given
     for b in range(len(g)):
+        scale = shared[_SCALE, b]
         for t in range(len(places)):
             touch = touching[b, places[t, 0], data[t].tip]
-            residual[b, t, 0] = touch.gap + shared[_DEPTH, b]
-            jacobian[b, t, 0, :3] = touch.gap_by_g
-            jacobian[b, t, 0, 3] = 1.0
+            arm = touch.point - model_center
+            reach = dot(touch.normal, arm) - touch.gap
+            residual[b, t, 0] = touch.gap + shared[_DEPTH, b] - scale * reach
+            for k in range(3):
+                reach_by = dot(touch.normal_by_g[k], arm) + dot(touch.normal, touch.point_by_g[k]) - touch.gap_by_g[k]
+                jacobian[b, t, 0, k] = touch.gap_by_g[k] - scale * reach_by
+            jacobian[b, t, 0, 3], jacobian[b, t, 0, 4] = 1.0, -reach
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+
+
+def overlap(prior: Prior, model: ContactModel, point: Complex, normal: Complex) -> Array:
+    """Return how far the tip is in the outline (N,) [m] where it touches the object, by what is believed of both.
+
+    Points (N,) [m] of the outline and its outward normals there (N,) are in the object frame.
+    """
+    reach = (normal.conjugate() * (point - model.friction_center)).real
+    return prior[DEPTH][0] - prior[OUTLINE_SCALE][0] * reach
 
 
 class Contact(Factor):
@@ -60,7 +77,7 @@ class Contact(Factor):
 
     name = "contact"
     steps = ((SENSOR_IN_OBJECT,),)
-    shared = (DEPTH,)
+    shared = (DEPTH, OUTLINE_SCALE)
     rows = 1
     data = DATA
     kernel = _linearise
