@@ -1,6 +1,7 @@
 """What makes status and covariance: strain, displacement, uncertainty and calibration, by hand."""
 
 from copy import copy
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -18,7 +19,7 @@ from palpate.estimation.diagnosis import (
     Diagnosis,
     Status,
 )
-from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OBJECT_SIZE
+from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection
 
@@ -34,7 +35,7 @@ EXACT = (0.0, 0.0, 0.0)  # frames that agree
 def known(deviation: tuple[float, float, float] = (4e-4, 1e-3, 1e-3), depth: float = 0.0) -> Prior:
     values = np.zeros(OBJECT_SIZE)
     values[IN_OBJECT[DEPTH]] = depth
-    return Prior(np.zeros(3), values, np.diag(np.square([*deviation, *[0.1] * OBJECT_SIZE])))
+    return Prior(np.zeros(3), values, np.diag(np.square([*deviation, *[1e-9] * OBJECT_SIZE])))
 
 
 ROUGH = known((6e-3, 1e-3, 1e-3))
@@ -53,6 +54,25 @@ def test_nothing_is_wrong_at_first():
     assert diagnosis.at_rest(known()) == "resting"
     np.testing.assert_array_equal(diagnosis.covariance(known()), known().pose_covariance)
     assert not diagnosis.displacement_covariance().any()
+
+
+def test_a_gap_is_known_as_well_as_all_that_it_follows_from():
+    rng = np.random.default_rng(1)
+    root = 1e-3 * rng.normal(size=(3 + OBJECT_SIZE, 3 + OBJECT_SIZE))
+    values = np.zeros(OBJECT_SIZE)
+    values[IN_OBJECT[DEPTH]], values[IN_OBJECT[OUTLINE_SCALE]] = 3e-4, 0.02
+    prior, diagnosis = Prior(np.array([0.3, -0.2, 3.1]), values, root @ root.T), Diagnosis(ONE_TIP, CONTACT, EXACT)
+    sensor_pose = se2.compose(prior.pose, at(2e-3, 0.03))
+    # 2 mm off the outline, 0.3 mm more until it is as deep as it will be, 2 % of the side's 118 mm less.
+    gap, deviation = diagnosis.gap(prior, sensor_pose)
+    assert gap == pytest.approx(2.3e-3 + 0.02 * LEFT, abs=1e-6)
+
+    def moved(step: Array) -> float:
+        other = replace(prior, pose=se2.compose(prior.pose, se2.exp(step[:3])), values=prior.values + step[3:])
+        return diagnosis.gap(other, sensor_pose)[0]
+
+    by_all = np.array([(moved(step) - moved(-step)) / 2e-6 for step in 1e-6 * np.eye(3 + OBJECT_SIZE)])
+    assert deviation == pytest.approx(np.sqrt(by_all @ prior.covariance @ by_all + CONTACT**2), rel=1e-3)
 
 
 @pytest.mark.parametrize(("beyond", "displaced"), [(0.99, False), (1.01, True)])

@@ -19,9 +19,11 @@ from palpate.estimation.unknowns import (
     GRIP,
     IN_OBJECT,
     OBJECT_SIZE,
+    OUTLINE_SCALE,
 )
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES as SIMULATED
+from palpate.geometry.shapes import scaled
 from palpate.recording.measurements import ContactDirection, Measurement, Turn
 
 Array = np.ndarray
@@ -89,6 +91,14 @@ def test_places_lie_on_the_outline_all_the_way_round(name):
     farther = outline.signed_distance(center - 1e-3 * np.column_stack((np.cos(way), np.sin(way))))
     is_so = np.abs(farther - outline.signed_distance(center) - 1e-3) < 2e-5
     assert is_so.all() if name not in ("concave", "t") else is_so.mean() > 0.95
+
+
+@pytest.mark.parametrize("name", ["rectangle", "disc", "ellipse"])
+def test_an_object_that_is_larger_than_its_outline_is_touched_farther_out(name):
+    model, prior = model_of(name), known(FAR)
+    prior.values[IN_OBJECT[OUTLINE_SCALE]] = 0.02  # some two millimetres
+    center = se2.transform(seen(starts(prior, model, POSE, felt(0.2)), POSE), model.centers.view(np.float64))
+    np.testing.assert_allclose(scaled(OUTLINES[name], 1.02).signed_distance(center), RADIUS, atol=4e-4)
 
 
 @pytest.mark.parametrize("name", ["rectangle", "disc", "ellipse", "butterfly"])

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.contact import overlap
+from palpate.estimation.factors.contact import overlap, reaches
 from palpate.estimation.factors.direction import true_angle
+from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement
 
@@ -87,8 +88,8 @@ class Diagnosis:
 
         The strain is left out: it puts pushing in doubt, not where the outline was last touched.
         """
-        gap, by_object = self._seen_gap(prior, sensor_pose)
-        variance = by_object @ prior.pose_covariance @ by_object + self._contact_deviation**2
+        gap, by_prior = self._seen_gap(prior, sensor_pose)
+        variance = by_prior @ prior.covariance @ by_prior + self._contact_deviation**2
         return gap, float(np.sqrt(variance))
 
     def see_rest(self, prior: Prior, sensor_pose: Array) -> None:
@@ -104,7 +105,7 @@ class Diagnosis:
         """
         (before, by_before), (now, by_now) = (self._seen_gap(prior, pose) for pose in (touched_from, sensor_pose))
         apart = by_now - by_before
-        deviation = np.sqrt(apart @ (self._strain * prior.pose_covariance) @ apart + _STILL**2)
+        deviation = np.sqrt(self._strain * apart @ prior.covariance @ apart + _STILL**2)
         if now < before - _SURPRISE * deviation:
             self._displacement = max(self._displacement, min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * since))
 
@@ -181,9 +182,12 @@ class Diagnosis:
         return least if least > _SURPRISE * deviation else 0.0
 
     def _seen_gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, Array]:
-        """Estimated distance between sensor and object [m], and its derivative by the object's pose (3,)."""
+        """Estimated distance between sensor and object [m], and its derivative by what is known (3 + OBJECT_SIZE,)."""
         g = se2.between(prior.pose, sensor_pose)
         nearest = self._model.nearest(g)
         gap, normal = nearest["gap"], nearest["normal"]
-        apart = gap + overlap(prior, self._model, nearest["point"] - gap * normal, normal)
-        return float(apart), -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))
+        reach = reaches(self._model, nearest["point"] - gap * normal, normal)
+        by_object = np.zeros(OBJECT_SIZE)
+        by_object[IN_OBJECT[DEPTH]], by_object[IN_OBJECT[OUTLINE_SCALE]] = 1.0, -reach
+        by_pose = -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))
+        return float(gap + overlap(prior, reach)), np.concatenate([by_pose, by_object])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.contact import overlap
+from palpate.estimation.factors.contact import overlap, reaches
 from palpate.estimation.factors.direction import true_angle
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, Measurement
@@ -74,7 +74,7 @@ def _at_places(
     """Poses of the object (N, 3) at which the sensor touches it at each place, and _PLACE there in the world."""
     center, normal = places(model)
     tip = model.centers[0]
-    center = center - overlap(prior, model, center - model.radius * normal, normal) * normal
+    center = center - overlap(prior, reaches(model, center - model.radius * normal, normal)) * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
     if said:
         yaw = (np.angle(-normal) - true_angle(said[0], prior))[:, None]

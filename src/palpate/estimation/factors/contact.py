@@ -63,12 +63,16 @@ def _linearise(
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
 
 
-def overlap(prior: Prior, model: ContactModel, point: Complex, normal: Complex) -> Array:
+def reaches(model: ContactModel, points: Complex, normals: Complex) -> Array:
+    """Return how far the outline is from its centroid along its outward normals (N,) at its points (N,) [m]."""
+    return (normals.conjugate() * (points - model.friction_center)).real
+
+
+def overlap(prior: Prior, reach: Array) -> Array:
     """Return how far the tip is in the outline (N,) [m] where it touches the object, by what is believed of both.
 
-    Points (N,) [m] of the outline and its outward normals there (N,) are in the object frame.
+    There the outline reaches so far (N,) [m].
     """
-    reach = (normal.conjugate() * (point - model.friction_center)).real
     return prior[DEPTH][0] - prior[OUTLINE_SCALE][0] * reach
 
 
