@@ -253,6 +253,34 @@ def direction_scale_facts() -> set[str]:
     return {str(found["units"]), *told, *(f"{100.0 * one['scale_deviation']:.0f}" for one in pressed)}
 
 
+SET_UP_ERRORS = {
+    "none": "none",
+    "mounting": "mounting",
+    "outline": "outline",
+    "late": "late images",
+    "first_pose": "first pose",
+    "all": "all four",
+    "outline, taken for exact": "outline, taken for exact",
+    "all, outline taken for exact": "all four, outline taken for exact",
+}
+"""Cases in their order, and how they are called."""
+
+
+def set_up_errors() -> str:
+    """Return the table of what each error of a set-up costs by itself."""
+    cases = loaded("docs/study/set_up_errors.json")["cases"]
+    rows = [
+        [
+            told,
+            f"{cases[name]['contact_mm']:.1f} mm",
+            f"{cases[name]['final_mm']:.1f} mm, {cases[name]['final_deg']:.1f}°",
+            f"{percent(cases[name]['contact_inside_95'])}, {percent(cases[name]['final_inside_95'])}",
+        ]
+        for name, told in SET_UP_ERRORS.items()
+    ]
+    return table(("error", "mean error in contact", "final error", "in 95 %: contact, end"), rows)
+
+
 def paper_system() -> str:
     """Return the table of the paper's own system beside palpate's."""
     rows = [
@@ -493,7 +521,7 @@ def faults_facts() -> set[str]:
     told = [row for row in others if float(row["told_percent"]) >= 95.0 and not float(row["inside_percent"]) < 85.0]
     silent = [row for row in rows if float(row["silent_percent"]) > 0.0]
     counts = [sum(int(row["runs"]) for row in rows), len(broken), len(broken) - len(others), len(told), len(others)]
-    stated = {"12", "2994", "2995", "95", "85", "20", "10", "15", f"{WELL:g}"}
+    stated = {"12", "4994", "4995", "95", "85", "20", "10", "15", f"{WELL:g}"}
     return {*stated, *map(str, (*counts, len(silent)))}
 
 
@@ -560,6 +588,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "unknowns": unknowns,
     **{f"settings-of-{group.replace('_', '-')}": partial(settings_of, group) for group in field_docs(NoiseSettings)},
     "systematic": systematic,
+    "set-up-errors": set_up_errors,
     "plain": plain,
     "knocked": knocked,
     "ways": ways,

@@ -87,7 +87,7 @@ def hit(mit: list[Run]) -> list[tuple[Run, Run]]:
 def test_a_knocked_object_is_found_again(hit):
     assert len(hit) >= 6
     several, one = (np.array([final(run) for run in runs]) for runs in zip(*hit, strict=True))
-    # Ends of 1, 1, 2, 3, 5 and 52 mm with several hypotheses, 1, 32, 99, 100, 100 and 105 mm with one. Pushes that end
+    # Ends of 1, 2, 2, 2, 6 and 52 mm with several hypotheses, 1, 32, 99, 100, 100 and 105 mm with one. Pushes that end
     # soon after a hand has turned the object leave up to 20 degrees open.
     assert (several[:, 0] < 10.0).sum() >= len(hit) - 1
     assert np.median(several[:, 0]) < 6.0 and np.median(several[:, 1]) < 4.0
