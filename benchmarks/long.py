@@ -27,7 +27,14 @@ from pushes import RATE, SHAPE
 
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.unknowns import DEPTH, DIRECTION_BIAS, FRICTION_CENTER, FRICTION_RATIO, IN_OBJECT
+from palpate.estimation.unknowns import (
+    DEPTH,
+    DIRECTION_BIAS,
+    FRICTION_CENTER,
+    FRICTION_RATIO,
+    IN_OBJECT,
+    OUTLINE_SCALE,
+)
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, Measurement, Turn
@@ -64,9 +71,9 @@ def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) ->
     objects, sensors, flags = [np.zeros((1, 3))], list[Array](), list[NDArray[np.bool_]]()
     while sum(map(len, flags)) < count:
         steps = min(contact, count - sum(map(len, flags))) - 1
-        gap = gaps(steps + 1, rng) - values[IN_OBJECT[DEPTH]]
         quarter, along, turned = rng.integers(4), rng.uniform(-0.03, 0.03), rng.uniform(-0.2, 0.2)
         side, far, r = [0.0, 0.0, quarter * np.pi / 2], 0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2], DIGIT.radius
+        gap = gaps(steps + 1, rng) - values[IN_OBJECT[DEPTH]] + values[IN_OBJECT[OUTLINE_SCALE]] * far
         first = se2.compose(side, [-far - gap[0] + r * (np.cos(turned) - 1.0), along + r * np.sin(turned), turned])
         slid = rng.normal(0.0, np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed), steps)
         c = MODEL.friction_radius
