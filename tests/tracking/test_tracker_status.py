@@ -126,10 +126,11 @@ def test_displacement_is_said_until_the_contact_ends():
 @pytest.mark.parametrize(("heading", "status"), [(0.0, "resting"), (0.5 * math.pi, "displaced")])
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_a_gap_is_judged_by_what_is_known_along_it(heading, status, turn):
-    # The disc is known to 5 mm along its x and far better along y. A sensor 4 mm deep along x is no surprise; along
-    # y, where three standard deviations of contact are 3 mm, it is. `turn` turns the sensor about its centre.
+    # The disc is known to 5 mm along its x and far better along y. A sensor 6 mm deep along x is no surprise; along
+    # y, where three standard deviations of contact, depth and size are 3.7 mm, it is. `turn` turns the sensor about
+    # its centre.
     noise = with_settings(NoiseSettings(), first_pose={"deviation": (5e-3, 1e-5, 1e-5)})
-    center = se2.compose([0.0, 0.0, heading], [-0.088 + 4e-3 - RADIUS, 0.0, turn])
+    center = se2.compose([0.0, 0.0, heading], [-0.088 + 6e-3 - RADIUS, 0.0, turn])
     tracker = disc_tracker(settings(noise=noise))
     pose = se2.compose(center, [RADIUS, 0.0, 0.0])
     assert tracker.update(Frame(0.0, pose, contact=False)).status == status
@@ -142,8 +143,8 @@ def test_a_sensor_that_stands_where_the_object_should_be():
     e = np.column_stack([x, np.zeros((30, 2))])
     _, found = track("rectangle", frames(np.zeros((30, 3)), e, False), first, settings())
     said = statuses(found)
-    # Known to 0.5 mm and seen to 1 mm, three sigmas are 3.4 mm.
-    assert said == ["resting" if depth < 3.4e-3 else "displaced" for depth in np.maximum.accumulate(x) + 0.2363 / 2]
+    # Known to 0.5 mm, to 0.4 mm of depth and to 0.8 mm of its size, and seen to 1 mm: three sigmas are 4.4 mm.
+    assert said == ["resting" if depth < 4.4e-3 else "displaced" for depth in np.maximum.accumulate(x) + 0.2363 / 2]
     assert all(estimate.pose.tolist() == [0, 0, 0] for estimate in found)
 
 
