@@ -71,7 +71,7 @@ def reaches(model: ContactModel, points: Complex, normals: Complex) -> Array:
 def overlap(prior: Prior, reach: Array) -> Array:
     """Return how far the tip is in the outline (N,) [m] where it touches the object, by what is believed of both.
 
-    There the outline reaches so far (N,) [m].
+    `reach` (N,) [m] is how far the outline is from its centroid there; see `reaches`.
     """
     return prior[DEPTH][0] - prior[OUTLINE_SCALE][0] * reach
 
