@@ -166,7 +166,7 @@ class Touching:
 def touching(g: Array, model: ContactModel) -> Touching:
     """Return how the tip touches the outline at g (3,)."""
     turn = np.exp(1j * g[..., 2])
-    center = complex(model.centers[0])
+    center = complex(model.parts[0])
     placed, placed_by_g = _position(g) + turn * center, _moving(turn, center)
     distance, gradient, hessian = model.field.value_gradient_hessian(np.array([placed.real, placed.imag]))
     normal, bend_x, bend_y = _position(gradient), _position(hessian[..., 0]), _position(hessian[..., 1])

@@ -281,6 +281,26 @@ def set_up_errors() -> str:
     return table(("error", "mean error in contact", "final error", "in 95 %: contact, end"), rows)
 
 
+TOUCH = {"oracle": "true relative yaw", "none": "none"}
+"""What is felt of pushes by two fingers, and how it is called."""
+
+
+def two_fingers() -> str:
+    """Return the table of simulated pushes by two fingers."""
+    found = loaded("docs/study/two_fingers.json")
+    rows = [
+        [
+            told,
+            str(found["recordings"]),
+            f"{of['final_mm_median']:.1f} mm, {of['final_deg_median']:.1f}° ({of['final_mm_worst']:.0f} mm)",
+            f"{percent(of['inside_contact_mean'])}, {percent(of['inside_final_mean'])}",
+            f"{100 * of['silent_mean']:.1f} %",
+        ]
+        for told, of in ((told, found["touch"][name]) for name, told in TOUCH.items())
+    ]
+    return table(("touch", "recordings", "final error", "in 95 %: contact, end", "silently wrong"), rows)
+
+
 def paper_system() -> str:
     """Return the table of the paper's own system beside palpate's."""
     rows = [
@@ -598,6 +618,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "balls": balls,
     "real-motion": real_motion,
     "real-runs": real_runs,
+    "two-fingers": two_fingers,
     "expected": expected,
     "step-times": step_times,
     "faults": faults,

@@ -87,14 +87,14 @@ def rows_of(
 
 
 def gaps(g: Array, model: ContactModel) -> Array:
-    """Gaps (..., tips) [m] between tips and outline at sensor poses g (..., 3) in the object frame."""
-    return model.touching(np.array(g, np.float64).reshape(1, -1, 3))["gap"].reshape(*np.shape(g)[:-1], model.tips)
+    """Gaps (...) [m] between sensor and outline at sensor poses g (..., 3) in the object frame."""
+    return model.touching(np.array(g, np.float64).reshape(1, -1, 3))["gap"].reshape(np.shape(g)[:-1])
 
 
 def contact_directions(g: Array, model: ContactModel) -> Array:
     """Where the tip is touched (...) [rad] at sensor poses g (..., 3) in the object frame."""
     at = values_at(model, np.reshape(g, (-1, 1, 3)))
-    rows = rows_of(Direction(DirectionSettings(), model), at, [ContactDirection(0.0, 1.0)])
+    rows = rows_of(Direction(DirectionSettings()), at, [ContactDirection(0.0, 1.0)])
     return rows.residual[:, 0, 0].reshape(np.shape(g)[:-1])
 
 
@@ -104,14 +104,14 @@ def pushing_residuals(
     """Residuals (..., 3) of sticking and balance over steps from g0, e0 to g1, e1 (..., 3)."""
     g, e = (np.stack([np.reshape(pose, (-1, 3)) for pose in ends], axis=1) for ends in ((g0, g1), (e0, e1)))
     at = values_at(model, g, e, shared)
-    factors = Sticking(StickingSettings(), model), Balance(BalanceSettings(), model)
+    factors = Sticking(StickingSettings()), Balance(BalanceSettings(), model)
     residual = np.concatenate([rows_of(factor, at).residual[:, 0] for factor in factors], axis=-1)
     return residual.reshape(*np.shape(g1)[:-1], 3)
 
 
 def pushing_angles(g: Array, e: Array, model: ContactModel, shared: Shared | None = None) -> NDArray[np.float64]:
     """Angles (N - 1,) of the pushing force at all steps (N, 3) but the first."""
-    return values_at(model, g[None], e[None], shared).pushing_angle[0, 1:, 0]
+    return values_at(model, g[None], e[None], shared).pushing_angle[0, 1:]
 
 
 def touching(model: ContactModel, y: Array | float, theta: Array | float = 0.0) -> Array:
@@ -119,7 +119,7 @@ def touching(model: ContactModel, y: Array | float, theta: Array | float = 0.0) 
     g = np.stack(np.broadcast_arrays(-0.13, y, theta), axis=-1).astype(float)
     for _ in range(50):
         # Never overshoots: the distance falls no faster than x grows.
-        g[..., 0] += gaps(g, model)[..., 0]
+        g[..., 0] += gaps(g, model)
     return g
 
 
@@ -130,9 +130,10 @@ def pushed(
     first: Array | None = None,
     steering: Steering | None = None,
     radius: float = RADIUS,
+    tips: Any = ((0.0, 0.0),),
 ) -> tuple[Array, Array]:
     """Noise-free object and sensor poses (steps + 1, 3) of one push from the left."""
-    model = model_of(name, sensor(radius))
+    model = model_of(name, sensor(radius, tuple(tips)))
     first = np.zeros(3) if first is None else first
     o, e = push(model, first[None], touching(model, np.array([y]), 0.05), steps, steering or Steering())
     return o[:, 0], e[:, 0]

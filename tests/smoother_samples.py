@@ -61,6 +61,8 @@ PLAIN = with_settings(
 POSES = slice(0, 6)
 """Of a belief's unknowns, g and e."""
 TWO_TIPS = ((0.0, 0.025), (0.0, -0.025))
+SOFT = 2e-4
+"""[m] See `contact_model`."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,7 @@ def contact(
 ) -> Contact:
     """A push with relative poses at most steps; `felt` adds the rest."""
     rng = np.random.default_rng(seed)
-    o, e = pushed(name, steps)
-    if len(tips) > 1:  # two points on one side hold the object as they are
-        o = se2.compose(e, se2.inverse(np.array([-0.2363 / 2, 0.01, 0.0])))
+    o, e = pushed(name, steps, tips=tips)
     g = se2.between(o, e)
     sigmas = noise.relative_pose.oracle
     covariance = np.diag(np.square(sigmas))
@@ -210,7 +210,8 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     moved = np.hypot(*np.diff(given.sensor[:, :2], axis=0).T)
     slip_sigma = np.hypot(noise.sticking.still, noise.sticking.share * moved)[:, None]
-    torque_sigma = np.hypot(noise.balance.still, noise.balance.share * moved * model.friction_radius)
+    of_c, of_width = noise.balance.share * model.friction_radius, noise.balance.load * model.span
+    torque_sigma = np.sqrt(noise.balance.still**2 + (of_c * moved) ** 2 + (of_width * moved) ** 2)
     start = np.stack([np.broadcast_to(se2.between(prior.pose, given.sensor[0]), given.sensor.shape), given.sensor], 1)
     nothing = RelativePoses(np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 3)))
     said = [(t, relative or nothing) for t, relative in enumerate(given.relative)]
@@ -229,18 +230,16 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
         known = se2.log(se2.between(prior.pose, se2.compose(e[0], se2.inverse(g[0]))))
         rows = [root @ np.concatenate([known, values - prior.values])]
         rows.append(se2.log(se2.between(given.sensor, e)) / noise.sensor_pose.deviation)
-        for tip in range(model.tips):
-            gap, normal, point = outline_at(g, model, tip)
-            reach = np.sum(normal * (point - [model.friction_center.real, model.friction_center.imag]), axis=-1) - gap
-            overlap = values[IN_OBJECT[DEPTH]] - values[IN_OBJECT[OUTLINE_SCALE]] * reach
-            rows.append((gap + overlap) / noise.contact.deviation)
-            before = se2.transform(g[:-1], se2.transform(se2.inverse(g[1:]), point[1:]))
-            rows.append((before - point[1:]) / slip_sigma)
-            if model.tips == 1:
-                rows.append(imbalance(g, e, point, model, values) / torque_sigma)
+        gap, normal, point = outline_at(g, model)
+        reach = np.sum(normal * (point - [model.friction_center.real, model.friction_center.imag]), axis=-1) - gap
+        overlap = values[IN_OBJECT[DEPTH]] - values[IN_OBJECT[OUTLINE_SCALE]] * reach
+        rows.append((gap + overlap) / noise.contact.deviation)
+        before = se2.transform(g[:-1], se2.transform(se2.inverse(g[1:]), point[1:]))
+        rows.append((before - point[1:]) / slip_sigma)
+        rows.append(imbalance(g, e, point, model, values) / torque_sigma)
         apart = se2.log(se2.between(measured, se2.between(g[i], g[j])))
         rows.append(np.einsum("nij,nj->ni", whiten, apart))
-        _, normal, _ = outline_at(g[directed], model, 0)
+        _, normal, _ = outline_at(g[directed], model)
         touched = np.arctan2(-normal[:, 1], -normal[:, 0]) - g[directed, 2]
         bias, scale = values[IN_OBJECT[DIRECTION_BIAS]], values[IN_OBJECT[DIRECTION_SCALE]]
         rows.append(se2.wrap(touched + bias - (1.0 - scale) * direction) / direction_sigma)
@@ -269,11 +268,17 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     return Solved(poses, values, offset, covariance)
 
 
-def outline_at(g: Array, model: ContactModel, tip: int) -> tuple[Array, Array, Array]:
-    """Gap (N,), outward normal and the tip's nearest point (N, 2) at sensor poses (N, 3) in the object frame."""
-    center = se2.transform(g, np.array([model.centers[tip].real, model.centers[tip].imag]))
+def outline_at(g: Array, model: ContactModel) -> tuple[Array, Array, Array]:
+    """Gap (N,), outward normal and the sensor's nearest point (N, 2) at sensor poses (N, 3) in the object frame.
+
+    A part bears more the nearer it is.
+    """
+    center = se2.transform(g[:, None], np.column_stack([model.parts.real, model.parts.imag]))
     distance, normal, _ = model.field.value_gradient_hessian(center)
-    return distance - model.radius, normal, center - model.radius * normal
+    bears = np.exp(-(distance - distance.min(axis=1, keepdims=True)) / SOFT)
+    gap = distance.min(axis=1) - SOFT * np.log(bears.mean(axis=1)) - model.radius
+    share = (bears / bears.sum(axis=1, keepdims=True))[..., None]
+    return gap, np.sum(share * normal, axis=1), np.sum(share * (center - model.radius * normal), axis=1)
 
 
 def imbalance(g: Array, e: Array, point: Array, model: ContactModel, values: Array) -> Array:

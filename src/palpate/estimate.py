@@ -49,14 +49,14 @@ class Estimate(ByValue):
     friction: tuple[float, float] = (math.nan, math.nan)
     """Coulomb friction between sensor and object as learnt so far, with its standard deviation; by the best answer."""
     contact_point: Array | None = None
-    """Where the sensor touches the object, (2,) [m], world frame, by the best answer; None between contacts. Of several
-    tips it is the one that is deepest in the object."""
+    """Where the sensor touches the object, (2,) [m], world frame, by the best answer; None between contacts. Of a wide
+    pad or several tips it is the middle of what bears the load."""
     contact_normal: Array | None = None
     """The outline's outward normal there, (2,), world frame; None between contacts."""
     sliding: float = math.nan
     """How likely it is that the contact slides and does not hold, from 0 to 1, by the best answer: whether the pushing
-    force is outside the friction cone. NaN where that is not known: between contacts, at the first frame of one, with
-    several tips, and by smoothers other than fixed-lag and batch."""
+    force is outside the friction cone. NaN where that is not known: between contacts, at the first frame of one, and
+    by smoothers other than fixed-lag and batch."""
     touch_age: float = math.inf
     """How long ago the object was last touched [s]: 0 in contact, infinite before the first."""
 

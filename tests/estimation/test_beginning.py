@@ -23,7 +23,7 @@ Begin = Callable[..., list[Beginning]]
 def sensed() -> tuple[Array, Array, list[ContactDirection]]:
     """Poses of object and sensor at the first frame of a push on the left side, and what is felt."""
     o, e = pushed("rectangle", 1)
-    normal = MODEL.touching(se2.between(o[0], e[0])[None, None])[0, 0, 0]["normal"]
+    normal = MODEL.touching_at(se2.between(o[0], e[0]))["normal"]
     yaw = se2.between(o[0], e[0])[2]
     return o[0], e[0], [ContactDirection(float(np.angle(-normal * np.exp(-1j * yaw))), 1e-3)]
 

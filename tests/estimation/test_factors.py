@@ -111,13 +111,13 @@ def close_to_pi(rng: np.random.Generator) -> Array:
 def model_with(name: str, radius: float, others: tuple[complex, ...] = ()) -> ContactModel:
     """A sensor whose tip's centre is on neither axis of it, and an object with the centre of friction aside."""
     known = model_of(name, sensor(radius))
-    centers = np.array([complex(-radius, 0.004), *others])
-    return ContactModel(known.field, centers, radius, known.friction_radius, 0.013 - 0.021j)
+    parts = np.array([complex(-radius, 0.004), *others])
+    return ContactModel(known.field, parts, radius, known.friction_radius, 0.013 - 0.021j)
 
 
 def with_first_tip_at(centers: Array, model: ContactModel, theta: Array) -> Array:
     """Sensor poses in the object frame (STATES, 3) with the first tip's centre of curvature at centers (STATES, 2)."""
-    first = np.array([model.centers[0].real, model.centers[0].imag])
+    first = np.array([model.parts[0].real, model.parts[0].imag])
     offset = se2.transform(np.column_stack([np.zeros((STATES, 2)), theta]), first)
     return np.column_stack([centers - offset, theta])
 
@@ -222,21 +222,21 @@ def test_contact_and_pushing(name, radius, where):
     e1 = random_poses(rng, where)
     # Steps far larger than real ones: the Jacobian must not only be right where the residual vanishes.
     g0, e0 = se2.compose(g1, small(rng, 0.05)), se2.compose(e1, small(rng, 0.05))
-    contact = Contact(ContactSettings(), model)
+    contact = Contact(ContactSettings())
     shared = {DEPTH: rng.normal(0.0, 1e-3, STATES), OUTLINE_SCALE: rng.normal(0.0, 0.05, STATES)}
     at = values_at(model, g1[:, None], e1[:, None], shared)
     check(contact, at, terms_of(contact, at), tolerance=1e-7)
     for shared in ({}, friction(rng)):
         at = values_at(model, np.stack([g0, g1], axis=1), np.stack([e0, e1], axis=1), shared)
         for factor in (
-            Sticking(StickingSettings(), model),
+            Sticking(StickingSettings()),
             Balance(BalanceSettings(), model),
-            FrictionCone(FrictionConeSettings(), model),
+            FrictionCone(FrictionConeSettings()),
         ):
             check(factor, at, terms_of(factor, at, moved=1e-3), tolerance=1e-6)
 
 
-def test_contact_and_sticking_of_the_second_tip():
+def test_contact_and_sticking_of_two_tips():
     # Two tips on the flat left side, each another one's mirror image.
     rng = np.random.default_rng(9)
     model = model_with("rectangle", RADIUS, (complex(-RADIUS, -0.03),))
@@ -247,9 +247,8 @@ def test_contact_and_sticking_of_the_second_tip():
     )
     g0 = se2.compose(g1, small(rng, 0.01))
     at = values_at(model, np.stack([g0, g1], axis=1))
-    for factor in (Contact(ContactSettings(), model), Sticking(StickingSettings(), model)):
+    for factor in (Contact(ContactSettings()), Sticking(StickingSettings())):
         terms = terms_of(factor, at, moved=1e-3)
-        assert terms.data["tip"].tolist() == [0, 1]
         check(factor, at, terms, tolerance=1e-6)
 
 
@@ -265,7 +264,7 @@ def test_direction(name, where, error):
         bias = rng.uniform(-0.3, 0.3, STATES)
         scale = rng.uniform(-0.2, 0.2, STATES)
         measured = se2.wrap(contact_directions(g, model) + bias - error) / (1.0 - scale)
-        factor = Direction(DirectionSettings(), model)
+        factor = Direction(DirectionSettings())
         at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
         terms = terms_of(factor, at, [ContactDirection(float(angle), 1.0) for angle in measured])
         # The Hessian's slope jumps between cells, by most where the L's inner corner bends the field: the rows of
@@ -279,7 +278,7 @@ def test_direction(name, where, error):
 def test_turn(where, error):
     rng = np.random.default_rng(6)
     g, offset = random_poses(rng, where), rng.uniform(-10.0, 10.0, STATES)
-    factor = Turn(TurnSettings(), DISC)
+    factor = Turn(TurnSettings())
     at = values_at(DISC, g[:, None], shared={TURN_OFFSET: offset})
     terms = terms_of(factor, at, [said.Turn(float(angle), 1.0) for angle in se2.wrap(g[:, 2] - offset - error)])
     check(factor, at, terms)

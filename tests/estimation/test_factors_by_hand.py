@@ -1,6 +1,7 @@
 """Residuals of the factors against values worked out by hand, and against the paper's own form."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,13 +68,13 @@ def object_pose(g: Array, e: Array, measured: Any, covariance: Array | None = No
 def contact(g: Any, depth: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
     """Residual (1,) and Jacobian (1, 5) by g, the depth and the scale."""
     shared = {DEPTH: depth, OUTLINE_SCALE: scale}
-    rows = rows_of(Contact(ContactSettings(), model), values_at(model, [[g]], shared=shared))
+    rows = rows_of(Contact(ContactSettings()), values_at(model, [[g]], shared=shared))
     return rows.residual[0, 0], rows.jacobian[0, 0]
 
 
 def direction(g: Any, angle: float, bias: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
     """Residual (1,) and Jacobian (1, 5) by g, the bias and the scale."""
-    factor, shared = Direction(DirectionSettings(), model), {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale}
+    factor, shared = Direction(DirectionSettings()), {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale}
     rows = rows_of(factor, values_at(model, [[g]], shared=shared), [ContactDirection(angle, 1.0)])
     return rows.residual[0, 0], rows.jacobian[0, 0]
 
@@ -86,7 +87,7 @@ def balance(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, sha
 
 def cone(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared: Shared) -> tuple[float, Array]:
     """Residual and Jacobian (15,) by g0, e0, g1, e1, the centre of friction and the grip."""
-    rows = rows_of(FrictionCone(FrictionConeSettings(), model), values_at(model, [[g0, g1]], [[e0, e1]], shared))
+    rows = rows_of(FrictionCone(FrictionConeSettings()), values_at(model, [[g0, g1]], [[e0, e1]], shared))
     return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0]
 
 
@@ -252,7 +253,7 @@ def test_direction_on_a_disc_by_hand():
 
 def test_turn_by_hand():
     # 3.1 less an offset of -3.0 is 6.1, which is -0.1831853; measured -0.2.
-    factor = Turn(TurnSettings(), ANY)
+    factor = Turn(TurnSettings())
     rows = rows_of(factor, values_at(ANY, [[[0.4, 0.5, 3.1]]], shared={TURN_OFFSET: -3.0}), [said.Turn(-0.2, 1.0)])
     np.testing.assert_allclose(rows.residual[0, 0], [6.1 - 2 * math.pi + 0.2], atol=1e-12)
     assert rows.jacobian[0, 0].tolist() == [[0.0, 0.0, 1.0, -1.0]]
@@ -261,7 +262,7 @@ def test_turn_by_hand():
 def test_the_first_turn_of_a_contact_gives_its_offset():
     # Two smoothers at two steps; the turns 3.0 and 1.0 are of the last one, whose yaws are -3.1 and 0.2. The first of
     # them counts: -6.1 is 0.1831853, and -2.8.
-    factor = Turn(TurnSettings(), ANY)
+    factor = Turn(TurnSettings())
     at = values_at(ANY, [[[0, 0, 9.0], [0, 0, -3.1]], [[0, 0, 9.0], [0, 0, 0.2]]], shared={TURN_OFFSET: 5.0})
     guess = factor.first_guess(at, terms_of(factor, at, [said.Turn(3.0, 1.0), said.Turn(1.0, 1.0)]))
     assert list(guess) == [TURN_OFFSET]
@@ -327,6 +328,16 @@ def test_balance_with_another_c_and_another_centre():
     # That is the same as a model whose centre is there.
     there = model_with(model.field, 0j, 0.0, 0.06, 0.03 - 0.015j)
     assert found(of=there)[0] == pytest.approx(residual, abs=1e-15)
+
+
+def test_how_sure_the_balance_is_by_hand():
+    # c is 50 mm, of which a step of 2 mm has a share of 1.3 %; fingers 30 mm apart add eight tenths of that.
+    two = replace(square(0.0), parts=np.array([0.015j, -0.015j]), span=0.03)
+    for model, lever in ((square(0.0), 0.0), (two, 0.8 * 0.03)):
+        g = np.tile([-0.1, 0.0, 0.0], (1, 2, 1))
+        rows = rows_of(Balance(BalanceSettings(), model), values_at(model, g), moved=2e-3)
+        variance = 2e-7**2 + (0.013 * 2e-3 * 0.05) ** 2 + (lever * 2e-3) ** 2
+        np.testing.assert_allclose(rows.information[0, 0], 1.0 / variance, rtol=1e-12)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -493,14 +504,14 @@ def test_rest_marginalised_is_a_first_pose_with_summed_covariance():
 
 def test_contact_model_of_a_sensor():
     model = contact_model(SHAPES["concave"], sensor(0.004, ((0.0, 0.03), (0.001, -0.03))), 0.05)
-    assert model.tips == 2
-    np.testing.assert_allclose(model.centers, [-0.004 + 0.03j, -0.003 - 0.03j])
+    np.testing.assert_allclose(model.parts, [-0.004 + 0.03j, -0.003 - 0.03j])
     # The L is 0.16 x 0.06 about (-0.01, -0.03) and 0.07 x 0.07 about (-0.055, 0.035): areas 0.0096 and 0.0049.
     # x = (0.0096 * -0.01 + 0.0049 * -0.055) / 0.0145, y = (0.0096 * -0.03 + 0.0049 * 0.035) / 0.0145
     assert model.friction_center == pytest.approx(-0.02520690 - 0.00803448j, abs=1e-8)
     assert model.friction_radius == 0.05
     alone = contact_model(Disc(0.09), sensor())
-    assert alone.tips == 1
+    assert alone.parts.tolist() == [-RADIUS]
+    assert (model.span, alone.span) == (pytest.approx(math.hypot(0.06, 0.001)), 0.0)
     assert alone.friction_radius == pytest.approx(0.06)  # 2 r / 3 for uniform pressure
     # The centre of a tip of radius r stands r off the outline: the grid reaches further.
     wide = contact_model(Disc(0.09), sensor(0.1)).field
@@ -512,8 +523,8 @@ def test_how_a_tip_touches_is_what_the_distance_field_says(name):
     # Inside the grid and beyond it.
     model, rng = model_of(name), np.random.default_rng(3)
     g = np.column_stack([rng.uniform(-0.3, 0.3, (400, 2)), rng.uniform(-math.pi, math.pi, 400)])
-    touch = model.touching(g[None])[0, :, 0]
-    center = se2.transform(g, np.array([model.centers[0].real, model.centers[0].imag]))
+    touch = model.touching(g[None])[0]
+    center = se2.transform(g, np.array([model.parts[0].real, model.parts[0].imag]))
     distance, normal, _ = model.field.value_gradient_hessian(center)
     np.testing.assert_allclose(touch["gap"], distance - model.radius, atol=1e-14)
     np.testing.assert_allclose(touch["normal"], normal[:, 0] + 1j * normal[:, 1], atol=1e-12)

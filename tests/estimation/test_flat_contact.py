@@ -1,4 +1,4 @@
-"""How a flat pad touches an outline, and the place on it that touch tells."""
+"""How a flat pad and several tips touch an outline, and the place on a pad that touch tells."""
 
 import math
 
@@ -19,10 +19,11 @@ from palpate.recording.sensor import GELSIGHT_MINI, SensorProfile
 SQUARE = contact_model(Rectangle(0.09, 0.09), GELSIGHT_MINI)
 DISC = contact_model(Disc(0.05), GELSIGHT_MINI)
 HALF = 0.5 * GELSIGHT_MINI.flat_width
+FINGERS = contact_model(Rectangle(0.09, 0.09), SensorProfile("hand", radius=0.0025, tips=((0.0, 0.01), (0.001, -0.01))))
 
 
 def touch(model, *pose):
-    return model.touching(np.array([[pose]], np.float64))[0, 0, 0]
+    return model.touching_at(np.array(pose, np.float64))
 
 
 def test_flush_on_a_side_it_is_touched_in_the_middle_and_leaning_at_its_edge():
@@ -52,7 +53,19 @@ def test_a_round_outline_is_touched_where_it_lies_on_the_pad():
     assert at_edge < beyond["gap"] < at_edge + 2e-4 * math.log(15)
 
 
-@pytest.mark.parametrize("model", [SQUARE, DISC, contact_model(Ellipse(0.105, 0.131), GELSIGHT_MINI)])
+def test_fingers_bear_the_more_the_deeper_they_are():
+    # The second finger stands 1 mm ahead, 0.2 mm in the side: it bears e^2 times as much as the first, 0.8 mm off it.
+    s = 2e-4
+    both = touch(FINGERS, -0.0458, 0.0, 0.0)
+    first = 1.0 / (1.0 + math.exp(1e-3 / s))
+    assert both["gap"] == pytest.approx(-s * math.log(0.5 * (math.exp(-0.8e-3 / s) + math.exp(0.2e-3 / s))), abs=1e-7)
+    assert both["material"] == pytest.approx(first * 0.01j + (1.0 - first) * (0.001 - 0.01j), abs=1e-7)
+    # One that is beyond the side's end, many times s off, bears nothing.
+    alone = touch(FINGERS, -0.045, -0.053, -0.1)
+    assert alone["material"].imag == pytest.approx(0.01, abs=5e-4)
+
+
+@pytest.mark.parametrize("model", [SQUARE, DISC, FINGERS, contact_model(Ellipse(0.105, 0.131), GELSIGHT_MINI)])
 def test_derivatives(model):
     def numbers(pose):
         found = touch(model, *pose)
@@ -70,7 +83,7 @@ def test_derivatives(model):
 
 
 def test_the_factor_of_the_place():
-    factor = Place(PlaceSettings(share=4.0, kernel=None), DISC)
+    factor = Place(PlaceSettings(share=4.0, kernel=None))
     g = np.array([[[-0.05, -0.003, 0.02]]])
     values = Values(DISC, {SENSOR_IN_OBJECT: g, SENSOR: g}, np.zeros((SHARED_SIZE, 1)))
     terms = factor.terms(Step(g[0, 0], None, [ContactPlace(0.001, 1e-6)], [0.0]))

@@ -99,9 +99,9 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
     The object moves as the balance says with the force at the cone's edge, and the sensor stays on its side.
     """
     factors = (
-        Sticking(StickingSettings(), MODEL),
+        Sticking(StickingSettings()),
         Balance(BalanceSettings(), MODEL),
-        FrictionCone(FrictionConeSettings(), MODEL),
+        FrictionCone(FrictionConeSettings()),
     )
     by_g1 = slice(3, 6), slice(6, 9), slice(6, 9)
     on_normal_balance_and_cone = [0, 2, 3]

@@ -100,9 +100,9 @@ def test_as_it_comes_is_close_to_a_batch_solution(what):
     wanted = batch(given, PLAIN)
     smoother = fed(make("isam2", given, PLAIN), given)
     mean, spread = scaled_difference(smoother.belief(), wanted)
-    assert mean < 0.05
-    assert spread < 0.05
-    assert (apart(smoother.path(), wanted.poses) < 3e-4).all()
+    assert mean < 0.06
+    assert spread < 0.06
+    assert (apart(smoother.path(), wanted.poses) < 4e-4).all()
 
 
 @pytest.mark.parametrize("noise", [PLAIN, ROBUST], ids=["plain", "robust"])

@@ -41,7 +41,7 @@ def knocked(at: Values) -> Values:
 def touching_left_side(y: float) -> np.ndarray:
     """A tip that pushes the left side of the rectangle at height y, along +x."""
     g = np.array([[[-0.2, y, 0.0]]])
-    return np.array([-0.2 - float(MODEL.touching(g)["gap"][0, 0, 0]) * -1.0, y, 0.0])
+    return np.array([-0.2 - float(MODEL.touching(g)["gap"][0, 0]) * -1.0, y, 0.0])
 
 
 def two_steps(y0: float, y1: float) -> Values:
@@ -50,7 +50,7 @@ def two_steps(y0: float, y1: float) -> Values:
 
 def test_a_slide_along_the_outline_less_what_is_expected():
     """Counter-clockwise is down the left side, where the sensor goes, so that the object slides the other way."""
-    factor, at = Sticking(StickingSettings(), MODEL), two_steps(0.01, 0.003)
+    factor, at = Sticking(StickingSettings()), two_steps(0.01, 0.003)
     rows = factor.linearise(knocked(at), terms_of(factor))
     np.testing.assert_allclose(rows.residual[0, 0], [-0.007 - KNOCK.slid, 0.0], atol=1e-9)
     np.testing.assert_allclose(rows.information[0, 0], [KNOCK.spread**-2, 2e-3**-2])
@@ -65,14 +65,14 @@ def test_the_jacobian_of_a_knocked_step(shape, radius):
         [np.array([-0.07, 0.01, 0.2]) + random.normal(0, [4e-3, 4e-3, 0.1], (20, 3)) for _ in range(2)], axis=1
     )
     at = knocked(values_at(model, g))
-    factor = Sticking(StickingSettings(), model)
+    factor = Sticking(StickingSettings())
     terms = terms_of(factor)
     difference = numeric_jacobian(factor, at, terms) - spread_jacobian(factor, at, terms)
     assert np.abs(difference).max() < 1e-6 + STEP
 
 
 def test_nothing_of_pushing_holds_in_a_knocked_step():
-    factor, at = FrictionCone(FrictionConeSettings(), MODEL), two_steps(0.01, 0.03)
+    factor, at = FrictionCone(FrictionConeSettings()), two_steps(0.01, 0.03)
     assert (factor.linearise(at, terms_of(factor)).information > 0.0).all()
     rows = factor.linearise(knocked(at), terms_of(factor))
     assert not rows.weight.any() and not rows.information.any()
@@ -103,7 +103,7 @@ def test_a_tip_goes_along_a_side_and_round_a_disc():
     moved = MODEL.moved_along(np.stack([start, start]), np.array([0.015, -0.01]))
     np.testing.assert_allclose(moved - start, [[0, -0.015, 0], [0, 0.01, 0]], atol=1e-6)
     disc, length = model_of("disc", sensor(0.0)), 0.02
-    radius = -float(disc.touching(np.zeros((1, 1, 3)))["gap"][0, 0, 0])
+    radius = -float(disc.touching_at(np.zeros(3))["gap"])
     after = disc.moved_along(np.array([[radius, 0.0, 0.3]]), np.array([length]))[0]
     np.testing.assert_allclose(
         after[:2], radius * np.array([math.cos(length / radius), math.sin(length / radius)]), atol=2e-5

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.errors import EstimationError, SettingError
+from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel, contact_model
 from palpate.estimation.factor_list import make_factors
@@ -97,9 +97,9 @@ def model_of(name: str = "rectangle", tips: tuple[tuple[float, float], ...] = ON
 
 
 @cache
-def pushed(name: str, steps: int) -> tuple[Array, Array]:
+def pushed(model: ContactModel, steps: int) -> tuple[Array, Array]:
     """Noise-free object and sensor poses (steps + 1, 3) of one push from the left."""
-    model, g = model_of(name), np.array([[-0.13, 0.01, 0.05]])
+    g = np.array([[-0.13, 0.01, 0.05]])
     for _ in range(50):
         g[0, 0] += gap_of(model, g[0])  # never overshoots: the distance falls no faster than x grows
     o, e = push(model, np.zeros((1, 3)), g, steps, Steering())
@@ -107,7 +107,7 @@ def pushed(name: str, steps: int) -> tuple[Array, Array]:
 
 
 def gap_of(model: ContactModel, g: Array) -> float:
-    return float(model.touching(np.array([[g]], np.float64))["gap"][0, 0, 0])
+    return float(model.touching_at(np.array(g, np.float64))["gap"])
 
 
 def prior_at(pose: Array, settings: NoiseSettings) -> Prior:
@@ -134,11 +134,10 @@ def contact(
 ) -> Contact:
     """A push of an object whose frame is turned, with what is said of most steps: pairs, directions, turns, sights."""
     rng = np.random.default_rng(0)
-    o, e = pushed(name, steps)
-    if len(tips) > 1:  # two points on one side hold the object as they are
-        o = se2.compose(e, se2.inverse(np.array([-0.2363 / 2, 0.01, 0.0])))
+    model = model_of(name, tips)
+    o, e = pushed(model, steps)
     o = se2.compose(o, [0.0, 0.0, turned])
-    g, model = se2.between(o, e), model_of(name, tips)
+    g = se2.between(o, e)
     sensor = noisy(e, settings.sensor_pose.deviation, rng)
     prior = prior_at(noisy(o[0], settings.first_pose.deviation, rng), settings)
     measured: list[list[Measurement]] = [[] for _ in g]
@@ -150,7 +149,7 @@ def contact(
             covariance[0, 2] = covariance[2, 0] = 0.3 * TURNED  # not every one is diagonal
             measured[t].append(RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3))))
         if "directions" in said and t % 4 != 3:
-            normal = complex(model.touching(g[None, t : t + 1])["normal"][0, 0, 0])
+            normal = complex(model.touching_at(g[t])["normal"])
             angle = float(np.angle(-normal * np.exp(-1j * g[t, 2])))
             measured[t].append(ContactDirection(angle + rng.normal(0.0, FELT), FELT**2))
         if "turns" in said and t % 4 != 3:
@@ -212,7 +211,8 @@ def test_it_believes_what_the_batch_does(what):
     found = filtered(given, PLAIN, count=8000).belief().prior
     wanted = fed("batch", given, PLAIN).belief().prior
     deviation = np.sqrt(np.diag(wanted.covariance))
-    assert (np.abs(se2.log(se2.between(wanted.pose, found.pose))) < 0.5 * deviation[POSE]).all()
+    near = 1.0 if what == "two tips" else 0.5  # the load goes over from one to the other, which is not linear
+    assert (np.abs(se2.log(se2.between(wanted.pose, found.pose))) < near * deviation[POSE]).all()
     assert (np.abs(found.values - wanted.values) < deviation[3:]).all()
     ratio = np.sqrt(np.diag(found.covariance)) / deviation
     assert (ratio[POSE] > 0.65).all()
@@ -226,7 +226,7 @@ def test_it_believes_what_the_batch_does(what):
 
 def test_it_follows_a_push_that_sticks_without_any_touch():
     # Without noise a filter that knows the first pose, friction and outline follows by motion alone.
-    o, e = pushed("rectangle", 60)
+    o, e = pushed(model_of("rectangle"), 60)
     settings = replace(
         PLAIN,
         sensor_pose=SURE,
@@ -308,7 +308,7 @@ def test_the_offset_that_a_first_turn_brings_into_being_stays_together():
     count, yaw = 5000, 0.01 * np.random.default_rng(0).normal(size=5000)
     g = np.stack([np.full(count, -0.13), np.zeros(count), yaw], axis=-1)[:, None]
     at = Values(model_of(), {SENSOR_IN_OBJECT: g, SENSOR: g}, np.zeros((SHARED_SIZE, count)))
-    factor = Turn(ROBUST.turn, model_of())
+    factor = Turn(ROBUST.turn)
     term = factor.terms(Step(np.zeros(3), None, [TurnMeasurement(math.pi, FELT**2)], [0.0]))
     assert term is not None
     shared = drawn_from(factor, term, at, factor.first_guess(at, term), np.random.default_rng(1))
@@ -386,12 +386,6 @@ def test_one_bad_image_is_let_go_and_what_nothing_explains_is_told():
     pose, covariance = np.tile([0.0, 0.0, 3.0], (10, 1)), np.tile(np.diag([1.0, 1.0, 4e-4]), (10, 1, 1))
     with pytest.raises(EstimationError, match="no particle explains what is measured"):
         smoother.add(given.sensor[-1], [RelativePoses(np.arange(1, 11), pose, covariance)], time_of(15))
-
-
-def test_of_several_tips_nobody_knows_which_is_meant():
-    given = contact(1, ROBUST, tips=TWO_TIPS)
-    with pytest.raises(SettingError, match="the sensor has 2 tips"):
-        begun(replace(given, said=[[TurnMeasurement(0.1, 1e-4)], []]))
 
 
 def test_pairs_beyond_its_memory_are_dropped():

@@ -37,7 +37,6 @@ from palpate.recording import measurements as said
 from palpate.recording.measurements import ContactDirection
 
 ONE_TIP = contact_model(SHAPES["rectangle"], sensor(), 0.06)
-TWO_TIPS = contact_model(SHAPES["rectangle"], sensor(tips=((0.0, 0.02), (0.0, -0.02))), 0.06)
 EDGE = np.arctan(0.4)  # half angle of the friction cone at a grip of 0.4
 SLIDE = with_settings(  # holds to 5e-5 m, slides by 3e-3 m, where the sensor moves by 1 mm
     NoiseSettings(),
@@ -59,10 +58,8 @@ def pushed_at(angle: Any, model: ContactModel, noise: NoiseSettings, moved: floa
     at = values_at(model, g, se2.compose(o, g), {GRIP: grip})
     wanted = ("sticking", "balance", "friction_cone")
     pushing = [factor for factor in make_factors(noise, model) if factor.name in wanted]
-    if model.tips > 1 or noise.friction_cone.share is None:
+    if noise.friction_cone.share is None:
         pushing = [factor for factor in pushing if factor.name != "friction_cone"]
-    if model.tips > 1:
-        pushing = [factor for factor in pushing if factor.name != "balance"]
     return {factor.name: rows_of(factor, at, moved=moved) for factor in pushing}
 
 
@@ -123,22 +120,6 @@ def test_a_contact_that_holds_whatever_the_angle():
     assert np.isinf(found[:, 3]).all()
 
 
-def test_of_several_tips_none_knows_how_force_and_torque_are_shared():
-    # They hold at any angle, for nothing tells that of one of them, and balance and cone say nothing.
-    g = np.tile(touching(TWO_TIPS, 0.0), (3, 2, 1))
-    at = values_at(TWO_TIPS, g, shared={GRIP: 0.4})
-    arrived = {factor.name: factor for factor in make_factors(SLIDE, TWO_TIPS)}
-    rows = rows_of(arrived["sticking"], at, moved=1e-3)
-    assert rows.information.shape == (3, 2, 2)
-    for angle in (0.0, EDGE, 1.5):
-        rows = pushed_at(angle, TWO_TIPS, SLIDE)
-        assert list(rows) == ["sticking"]
-        np.testing.assert_allclose(rows["sticking"].information ** -0.5, 5e-5)
-    for name in ("balance", "friction_cone"):
-        with pytest.raises(AssertionError):  # no terms arrive
-            rows_of(arrived[name], at)
-
-
 def cauchy(rows: Rows, scale: float, together: bool) -> np.ndarray:
     """Weights by 1 / (1 + e^2 / k^2): 1 at no error, 1/2 at k, 1/10 at 3 k."""
     square = rows.information * rows.residual**2
@@ -155,7 +136,7 @@ def cauchy(rows: Rows, scale: float, together: bool) -> np.ndarray:
 )
 def test_the_kernel_of_sticking_is_on_both_rows_together(slid, left):
     # On a flat side at which the sensor is where it was and the object 3e-5 m times this further, still.
-    factor = Sticking(StickingSettings(still=3e-5, kernel=3.0), ONE_TIP)
+    factor = Sticking(StickingSettings(still=3e-5, kernel=3.0))
     g0 = touching(ONE_TIP, 0.02)
     at = values_at(ONE_TIP, [[g0, g0 - [*(3e-5 * np.array(slid)), 0.0]]], shared={GRIP: 0.4})
     rows = rows_of(factor, at, moved=0.0)
@@ -187,7 +168,7 @@ def test_the_weight_of_contact(kernel):
     # 9 mm are 9 standard deviations: 1 / (1 + 81 / 9) = 0.1.
     g = touching(ONE_TIP, 0.02)
     at = values_at(ONE_TIP, [[g], [g - [9e-3, 0.0, 0.0]]])
-    rows = rows_of(Contact(ContactSettings(deviation=1e-3, kernel=kernel), ONE_TIP), at)
+    rows = rows_of(Contact(ContactSettings(deviation=1e-3, kernel=kernel)), at)
     np.testing.assert_allclose(rows.weight[:, 0, 0], [1e6, 1e6 if kernel is None else 1e5], rtol=1e-4)
     np.testing.assert_allclose(rows.information[:, 0, 0], 1e6)
 
@@ -198,8 +179,8 @@ def test_the_weights_of_direction_and_turn(kernel):
     # The variance is four times what touch says.
     at = values_at(ONE_TIP, [[touching(ONE_TIP, 0.02)]])
     for factor, told in (
-        (Direction(DirectionSettings(share=4.0, kernel=kernel), ONE_TIP), ContactDirection),
-        (Turn(TurnSettings(share=4.0, kernel=kernel), ONE_TIP), said.Turn),
+        (Direction(DirectionSettings(share=4.0, kernel=kernel)), ContactDirection),
+        (Turn(TurnSettings(share=4.0, kernel=kernel)), said.Turn),
     ):
         rows = rows_of(factor, at, [told(0.0, 0.25e-4), told(0.09, 0.25e-4)])
         np.testing.assert_allclose(rows.information[0, :, 0], 1e4)

@@ -108,7 +108,7 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
             "width": 0.02,
             "kernel": 2.5,
         },
-        "balance": {"still": 3e-7, "share": 0.014, "kernel": None},
+        "balance": {"still": 3e-7, "share": 0.014, "load": 0.8, "kernel": None},  # load is new, too
         "friction_cone": {"still": 3e-5, "share": 0.14, "width": 0.02, "kernel": None},
         "priors": {
             "direction_bias": (0.0, 0.02),

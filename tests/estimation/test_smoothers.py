@@ -31,7 +31,7 @@ from palpate.errors import EstimationError, SettingError
 from palpate.estimation import isam2
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.smoother import Smoother
-from palpate.estimation.unknowns import DEPTH, GRIP, IN_OBJECT, LAG, OUTLINE_SCALE
+from palpate.estimation.unknowns import DEPTH, IN_OBJECT, LAG, OUTLINE_SCALE
 from palpate.geometry import se2
 from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 
@@ -65,7 +65,7 @@ def test_fixed_lag_equals_a_batch_solution(name, what):
     mean, spread = scaled_difference(smoother.belief(), wanted)
     assert mean < 5e-4
     assert spread < 5e-4
-    assert (apart(smoother.path(), wanted.poses) < 1e-6).all()
+    assert (apart(smoother.path(), wanted.poses) < 2e-6).all()
 
 
 @pytest.mark.parametrize("what", BATCHES)
@@ -168,25 +168,13 @@ def test_last_errors_are_those_of_the_last_step(name):
 
 def touched(g: Array, given: Contact) -> Array:
     """The point (2,) of the tip's surface nearest to the outline, object frame."""
-    point = given.model.touching(g[None, None])["point"][0, 0, 0]
+    point = given.model.touching_at(g)["point"]
     return np.array([point.real, point.imag])
 
 
 def material(g: Array, given: Contact) -> Array:
     """The same in the sensor frame."""
     return se2.transform(se2.inverse(g), touched(g, given))
-
-
-def test_of_several_tips_the_one_worst_off_is_told():
-    given = contact(3, ROBUST, tips=TWO_TIPS)
-    smoother = fed(make("fixed-lag", given, ROBUST), given)
-    found = smoother.last_errors()
-    assert set(found) == {"sticking"}
-    g, e = smoother.path()
-    sticking = next(factor for factor in make_factors(ROBUST, given.model) if factor.name == "sticking")
-    moved = float(np.hypot(*(given.sensor[-1] - given.sensor[-2])[:2]))
-    rows = rows_of(sticking, values_at(given.model, g[None], e[None], {GRIP: 0.4}), moved=moved)
-    np.testing.assert_allclose(found["sticking"], np.abs(rows.residual * np.sqrt(rows.information))[0].max(axis=0))
 
 
 def test_names():
@@ -263,24 +251,6 @@ def test_one_bad_image_does_not_bend_the_path(name, by):
     assert np.abs(bad - good).max() < 0.3 * FELT
     bent = fed(make(name, given, PLAIN), with_one_bad_image(given, by)).path()[0][:, 2]
     assert np.abs(bent - good).max() > 3 * np.abs(bad - good).max()
-
-
-@pytest.mark.parametrize("said", [ContactDirection(0.1, 1e-4), Turn(0.1, 1e-4)])
-@pytest.mark.parametrize("name", SMOOTHERS)
-def test_of_several_tips_nobody_knows_which_is_meant(name, said):
-    given = contact(2, ROBUST, tips=TWO_TIPS)
-    begin = make(name, given, ROBUST)
-    message = "the sensor has 2 tips; touch can say direction and turn for one tip only"
-    with pytest.raises(SettingError, match=message):
-        begin(given.prior, given.sensor[0], [said], 0.0)
-    smoother = begin(given.prior, given.sensor[0], (), 0.0)
-    with pytest.raises(SettingError, match=message):
-        smoother.add(given.sensor[1], [said], 1 / 30)
-    # Nothing has changed: it goes on with what can be used.
-    smoother.add(given.sensor[1], (), 1 / 30)
-    wanted = begin(given.prior, given.sensor[0], (), 0.0)
-    wanted.add(given.sensor[1], (), 1 / 30)
-    np.testing.assert_array_equal(smoother.path()[0], wanted.path()[0])
 
 
 @pytest.mark.parametrize("name", SMOOTHERS)

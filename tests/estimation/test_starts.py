@@ -62,7 +62,7 @@ def seen(found: list[tuple[Prior, float]], sensor_pose: Array) -> Array:
 
 def touched(g: Array, model: ContactModel) -> Array:
     """How the tip touches at poses (N, 3)."""
-    return model.touching(g[None])[0, :, 0]
+    return model.touching(g[None])[0]
 
 
 def in_order(touch: Array, radius: float) -> Array:
@@ -83,7 +83,7 @@ def test_places_lie_on_the_outline_all_the_way_round(name):
     found = starts(known(FAR, depth=depth), model, POSE, felt(angle))
     g = seen(found, POSE)
     # By the outline itself, and not by the grid: the tip's centre is as far off as its radius, less the depth.
-    center = se2.transform(g, model.centers.view(np.float64))
+    center = se2.transform(g, model.parts.view(np.float64))
     outline = OUTLINES[name]
     np.testing.assert_allclose(outline.signed_distance(center), RADIUS - depth, atol=3e-4)
     # Against the direction that is felt it is outward: 1 mm that way is 1 mm farther, but where two sides are near.
@@ -97,7 +97,7 @@ def test_places_lie_on_the_outline_all_the_way_round(name):
 def test_an_object_that_is_larger_than_its_outline_is_touched_farther_out(name):
     model, prior = model_of(name), known(FAR)
     prior.values[IN_OBJECT[OUTLINE_SCALE]] = 0.02  # some two millimetres
-    center = se2.transform(seen(starts(prior, model, POSE, felt(0.2)), POSE), model.centers.view(np.float64))
+    center = se2.transform(seen(starts(prior, model, POSE, felt(0.2)), POSE), model.parts.view(np.float64))
     np.testing.assert_allclose(scaled(OUTLINES[name], 1.02).signed_distance(center), RADIUS, atol=4e-4)
 
 
@@ -144,7 +144,7 @@ def test_a_direction_tells_yaw(name, angle, bias, scale):
     np.testing.assert_allclose(off, 0.0, atol=2e-3)
     # And that is what the graph makes of it.
     at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
-    rows = rows_of(Direction(DirectionSettings(), model), at, felt(angle))
+    rows = rows_of(Direction(DirectionSettings()), at, felt(angle))
     np.testing.assert_allclose(rows.residual[:, 0, 0], off, atol=1e-9)
     # What touch says of something else does not matter.
     again = starts(prior, model, POSE, [Turn(1.0, 1e-3), *felt(angle)])

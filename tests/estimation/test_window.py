@@ -33,7 +33,7 @@ from palpate.estimation.unknowns import OBJECT_SIZE, SENSOR, SENSOR_IN_OBJECT, T
 from palpate.estimation.values import Knock
 from palpate.estimation.window import Window
 from palpate.geometry import se2
-from palpate.recording.measurements import Measurement, ObjectPose, RelativePoses, Turn
+from palpate.recording.measurements import Measurement, ObjectPose, OwnMeasurement, RelativePoses, Turn
 
 Array = np.ndarray
 RATE = 30.0
@@ -309,9 +309,12 @@ def test_a_measurement_of_a_step_that_left_the_window_is_left_out(caplog):
 
 
 def test_a_step_that_is_refused_leaves_the_window_as_it_was():
-    given = contact(3, ROBUST, tips=TWO_TIPS)
+    class OfYaw(OwnMeasurement):
+        on = ("yaw",)
+
+    given = contact(3, ROBUST)
     window = Window(make_factors(ROBUST, given.model), given.model, [given.prior], given.sensor[0])
     before = window.values
-    with pytest.raises(SettingError, match="the sensor has 2 tips"):
-        window.add(given.sensor[1], [Turn(0.1, 1e-4)], 1 / RATE)
+    with pytest.raises(SettingError, match="unknown 'yaw' is not known"):
+        window.add(given.sensor[1], [OfYaw()], 1 / RATE)
     assert window.values is before

@@ -1,10 +1,12 @@
-"""Pushing with a flat pad, and what its images show."""
+"""Pushing with a flat pad or a hand of two fingers, and what the images of a pad show."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from palpate.formats.cmu_two_finger import HAND
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
@@ -32,6 +34,24 @@ def test_a_side_is_turned_towards_the_pad(tilt):
     assert abs(turned - yaw) < 0.5 * abs(yaw) + 1e-3
     assert 1.5 < motion.normal_force[-10:].mean() < 3.0
     assert 1e-4 < motion.indentation[-1] < 1e-3
+
+
+@pytest.mark.parametrize(("y", "fingers"), [(0.0, 2), (-0.04, 1)])
+def test_both_fingers_push_the_middle_of_a_side_and_one_its_end(y, fingers):
+    hand = replace(HAND, rate=30.0)
+    start = np.array([-0.046, y, 0.0])
+    world = World(WorldSettings(feet=FEET, gel_stiffness=4000.0), SQUARE, hand, np.zeros(3), start)
+    path = start + np.linspace(0.0, 0.015, 200)[1:, None] * np.array([1.0, 0.0, 0.0])
+    motion = world.run(path)
+    depth = hand.radius - SQUARE.signed_distance(
+        se2.transform(se2.between(motion.object_pose, path)[:, None], hand.centers)
+    )
+    assert (depth[-1] > 0.0).sum() == fingers
+    # Each is a spring of its own, and two of them are in by the same depth.
+    force, indentation = motion.normal_force[-100:].mean(), motion.indentation[-100:].mean()
+    assert force == pytest.approx(fingers * 4000.0 * indentation, rel=0.01)
+    turned = motion.object_pose[-1, 2]
+    assert abs(turned) < 1e-3 if fingers == 2 else turned > 0.05
 
 
 def test_pushes_stay_on_the_pad():

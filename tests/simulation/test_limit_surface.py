@@ -108,7 +108,7 @@ def test_drawn_gaps_and_slips_belong_together():
     g = np.zeros((50, 3))
     g[:, 0] = -0.2363 / 2 - gap
     o, e = push(model, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
-    found = gaps(se2.between(o, e), model)[..., 0]
+    found = gaps(se2.between(o, e), model)
     wanted = gap - np.concatenate([np.zeros((1, 50)), np.cumsum(-slip[..., 0], axis=0)])
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     # Along the side and in torque, plain draws: 1500 of each, whose deviation is known to 1.8 %.

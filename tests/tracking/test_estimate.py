@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sensor
-from tracker_samples import CALIBRATED, settings, track
+from tracker_samples import settings, track
 
 from palpate.estimate import Estimate
 from palpate.estimation.belief import Belief
@@ -133,6 +133,3 @@ def test_who_does_not_know_whether_a_contact_slides_says_so():
     o, e = pushed("rectangle", 3)
     _, found = track("rectangle", frames(o, e), o[0], settings("none", "isam2"))
     assert all(math.isnan(one.sliding) and one.contact_point is not None for one in found)
-    two = sensor(0.004, ((0.0, 0.02), (0.0, -0.02)))
-    tracker = Tracker(SHAPES["rectangle"], two, o[0], settings("none", noise=CALIBRATED))
-    assert all(math.isnan(tracker.update(frame).sliding) for frame in frames(o, e))

@@ -124,6 +124,8 @@ def test_no_real_push_is_indeterminate_and_every_covariance_is_one(mit, sticking
 def test_two_fingered_cmu_pushes(shared_data):
     paths = sorted((shared_data / "cmu_two_finger").glob("*.txt"))
     for path in (paths[0], paths[-1]):
-        translation, rotation = final(track(formats.load_recording(path), ORACLE))
+        run = track(formats.load_recording(path), ORACLE)
+        translation, rotation = final(run)
         assert translation < LIMIT_MM
-        assert rotation < LIMIT_DEG
+        assert rotation < 4.0  # one finger may be off the side, so that two do not hold the yaw as firmly as it seems
+        assert run.summary["in_95_final"]

@@ -180,7 +180,7 @@ def test_the_settings_that_ship():
             "width": 0.03,
             "kernel": 2.0,
         },
-        "balance": {"still": 2e-7, "share": 0.013, "kernel": 2.0},
+        "balance": {"still": 2e-7, "share": 0.013, "load": 0.8, "kernel": 2.0},
         "friction_cone": {"still": 2e-5, "share": 0.13, "width": 0.03, "kernel": 2.0},
         "priors": {
             "direction_bias": (0.0, 0.02),

@@ -1,18 +1,19 @@
-"""What touches what: the object's outline and friction, and the tips of the sensor.
+"""What touches what: the object's outline and friction, and the round parts of the sensor.
 
-`touching` says how tip and outline touch at given sensor poses, with derivatives. It is what contact, direction and
+`touching` says how sensor and outline touch at given sensor poses, with derivatives. It is what contact, direction and
 pushing need of the outline, so that it is looked up once for all of them.
 
-A flat pad is a row of n round parts, of which part i is at the distance d_i from the outline. It is soft: where a part
-is nearer, it bears more of the load. Its share is w_i = exp(-d_i / s) / sum_j exp(-d_j / s), with s the depth to which
-gels are pressed in; point and normal are the means over these shares, and the gap is -s log(mean_i exp(-d_i / s)). So
-the centre of a contact goes over from one edge of the pad to the other as an elastic foundation's centre of pressure
-does (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3), and all is smooth. Of one part all this is the part's own.
+A flat pad is a row of n round parts, and each finger of a hand is one. Part i is at the distance d_i from the outline,
+and where a part is nearer, it bears more of the load. Its share is w_i = exp(-d_i / s) / sum_j exp(-d_j / s), with s
+the depth to which gels are pressed in; point and normal are the means over these shares, and the gap is
+-s log(mean_i exp(-d_i / s)). So the centre of a contact moves from one edge of a pad to the other as an elastic
+foundation's centre of pressure does (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3), a finger that is off the
+object bears nothing, and all is smooth. Of one part all this is the part's own.
 """
 
-import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from palpate.recording.sensor import SensorProfile
 Weights = tuple[float, float, float, float]
 _FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
 _WALK = 1e-3  # [m] at a time along an outline
-_SOFT = 2e-4  # [m] depth to which a flat gel is pressed in
+_SOFT = 2e-4  # [m] depth to which a flat gel is pressed in, and by which fingers give
 
 TOUCHING = np.dtype(
     [
@@ -41,10 +42,10 @@ TOUCHING = np.dtype(
     ],
     align=True,
 )
-"""How a tip and the outline touch at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.
+"""How sensor and outline touch at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.
 
-- gap [m]: distance between the tip's surface and the outline, negative where they overlap.
-- point [m]: the point of the tip's surface nearest to the outline, object frame.
+- gap [m]: distance between the sensor's surface and the outline, negative where they overlap.
+- point [m]: the point of the sensor's surface nearest to the outline, object frame.
 - material [m]: the same point in the sensor frame.
 - normal: the outline's outward normal there, object frame.
 """
@@ -52,46 +53,45 @@ TOUCHING = np.dtype(
 
 @dataclass(frozen=True, eq=False)
 class ContactModel:
-    """An object's outline and friction, and the tips of a sensor."""
+    """An object's outline and friction, and the round parts of a sensor."""
 
     field: DistanceField
     """Signed distance of the object's outline [m], object frame."""
-    centers: NDArray[np.complex128]
-    """Centre of curvature of each tip (tips,) [m], sensor frame."""
+    parts: NDArray[np.complex128]
+    """Centre of curvature of each round part (n,) [m], sensor frame."""
     radius: float
-    """Radius of curvature of the tips [m], of flat ones that of their edges; 0 is the paper's point."""
+    """Radius of curvature of the parts [m]; 0 is the paper's point."""
     friction_radius: float
     """c [m], the largest friction torque over the largest friction force between object and table."""
     friction_center: complex = 0.0 + 0.0j
     """Centre of the pressure distribution [m], object frame."""
-    row: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(1))
-    """Where along y the round parts of a tip stand, from its centre (n,) [m]."""
+    span: float = 0.0
+    """Distance between the outermost tips of the sensor [m]; 0 for one tip."""
 
-    @property
-    def tips(self) -> int:
-        """How many tips there are. With several, each bears an unknown share of the pushing force."""
-        return len(self.centers)
+    @cached_property
+    def center(self) -> complex:
+        """Middle of the parts [m], sensor frame."""
+        return complex(self.parts.mean())
 
     def touching(self, g: Array) -> NDArray[np.void]:
-        """Return how each tip touches the outline at poses g (B, N, 3): TOUCHING (B, N, tips)."""
-        out = np.empty((*g.shape[:2], self.tips), TOUCHING)
+        """Return how the sensor touches the outline at poses g (B, N, 3): TOUCHING (B, N)."""
+        out = np.empty(g.shape[:2], TOUCHING)
         grid = self.field.coefficients, self.field.origin[0], self.field.origin[1], self.field.cell
-        _touching(g, self.centers, self.row, self.radius, *grid, out)
+        _touching(g, self.parts, self.radius, *grid, out)
         return out
 
-    def nearest(self, g: Array) -> np.void:
-        """Return how the tip that is nearest to the outline, or deepest in it, touches at a pose g (3,): TOUCHING."""
-        tips = self.touching(g[None, None])[0, 0]
-        return tips[np.argmin(tips["gap"])]
+    def touching_at(self, g: Array) -> np.void:
+        """Return how the sensor touches the outline at one pose g (3,): TOUCHING."""
+        return self.touching(g[None, None])[0, 0]
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
         """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, in the same yaw.
 
-        The tip that is nearest to the outline stays as near to it.
+        The middle of the sensor's parts stays as near to the outline.
         """
         field, moved = self.field, g.copy()
         grid = field.coefficients, field.origin[0], field.origin[1], field.cell
-        _move_along(moved, lengths, self.centers, *grid)
+        _move_along(moved, lengths, self.center, *grid)
         return moved
 
 
@@ -101,16 +101,17 @@ def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "
     pressure is how the object presses on the table ("uniform", "rim" or "corner"), which gives c, or c itself [m].
     """
     field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
-    centers = np.array([complex(x, y) for x, y in sensor.centers.tolist()])
+    parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
     c = shape.friction_radius(pressure)
-    return ContactModel(field, centers, sensor.radius, c, complex(*shape.centroid.tolist()), sensor.row)
+    tips = sensor.centers
+    span = float(np.linalg.norm(tips[:, None] - tips, axis=-1).max())
+    return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span)
 
 
 @compiled
 def _touching(
     g: Array,
     centers: Complex,
-    row: Array,
     radius: float,
     coefficients: Array,
     x0: float,
@@ -118,14 +119,12 @@ def _touching(
     cell: float,
     out: Records,
 ) -> None:
-    parts = np.empty(len(row), TOUCHING)
+    parts = np.empty(len(centers), TOUCHING)
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
-            for tip in range(len(centers)):
-                for i in range(len(row)):
-                    center = centers[tip] + 1j * row[i]
-                    _put_round(g[b, k], center, radius, coefficients, x0, y0, cell, parts[i])
-                _put_mean(parts, out[b, k, tip])
+            for i in range(len(centers)):
+                _put_round(g[b, k], centers[i], radius, coefficients, x0, y0, cell, parts[i])
+            _put_mean(parts, out[b, k])
 
 
 @compiled
@@ -153,7 +152,7 @@ def _put_round(
 
 @compiled
 def _put_mean(parts: Records, touch: Records) -> None:
-    """Put how a tip touches of which the round parts touch like this."""
+    """Put how a sensor touches of which the round parts touch like this."""
     nearest = math.inf
     for i in range(len(parts)):
         nearest = min(nearest, parts[i].gap)
@@ -183,21 +182,16 @@ def _put_mean(parts: Records, touch: Records) -> None:
 
 @compiled
 def _move_along(
-    g: Array, lengths: Array, centers: Complex, coefficients: Array, x0: float, y0: float, cell: float
+    g: Array, lengths: Array, center: complex, coefficients: Array, x0: float, y0: float, cell: float
 ) -> None:
     for k in range(len(g)):
-        turn = rotation(g[k, 2])
-        place, near = position(g[k]), math.inf
-        tip = centers[0]
-        for center in centers:
-            distance = _distance(place + turn * center, coefficients, x0, y0, cell)[0]
-            if distance < near:
-                tip, near = center, distance
+        place, arm = position(g[k]), rotation(g[k, 2]) * center
+        near = _distance(place + arm, coefficients, x0, y0, cell)[0]
         count = math.ceil(abs(lengths[k]) / _WALK)
         for _ in range(count):
-            normal = _distance(place + turn * tip, coefficients, x0, y0, cell)[1]
+            normal = _distance(place + arm, coefficients, x0, y0, cell)[1]
             place += 1j * normal * lengths[k] / count
-            distance, normal, _bend_x, _bend_y = _distance(place + turn * tip, coefficients, x0, y0, cell)
+            distance, normal, _bend_x, _bend_y = _distance(place + arm, coefficients, x0, y0, cell)
             place += (near - distance) * normal
         g[k, 0], g[k, 1] = place.real, place.imag
 
@@ -264,11 +258,11 @@ def _weights(f: float) -> tuple[Weights, Weights, Weights]:
 def pushing_angles(
     g: Array, e: Array, touch: Records, c: float, center: complex, friction_center: Array, reach: int, out: Array
 ) -> None:
-    """Put the angle of the pushing force from the outline's inward normal, counter-clockwise, into out (B, N, tips).
+    """Put the angle of the pushing force from the outline's inward normal, counter-clockwise, into out (B, N).
 
     On the limit surface the force points along the motion of the centre of friction, which is taken over the `reach`
     steps nearby, for one step of it is mostly noise. At the first step it is 0, for nothing has moved. g and e are
-    (B, N, 3), touch (B, N, tips) is how they touch at g, c [m] and center [m] are the model's and friction_center
+    (B, N, 3), touch (B, N) is how they touch at g, c [m] and center [m] are the model's and friction_center
     (2, B) is where the centre is besides, in c.
     """
     steps = g.shape[1]
@@ -278,9 +272,8 @@ def pushing_angles(
         for k in range(steps):
             turns[k] = rotation(e[b, k, 2] - g[b, k, 2])
             centers[k] = position(e[b, k]) + turns[k] * (in_object - position(g[b, k]))
-        for tip in range(touch.shape[2]):
-            out[b, 0, tip] = 0.0
-            for k in range(1, steps):
-                moved = centers[min(k + reach - 1, steps - 1)] - centers[max(k - reach, 0)]
-                along = moved * (-touch[b, k, tip].normal * turns[k]).conjugate()
-                out[b, k, tip] = math.atan2(along.imag, along.real)
+        out[b, 0] = 0.0
+        for k in range(1, steps):
+            moved = centers[min(k + reach - 1, steps - 1)] - centers[max(k - reach, 0)]
+            along = moved * (-touch[b, k].normal * turns[k]).conjugate()
+            out[b, k] = math.atan2(along.imag, along.real)

@@ -170,12 +170,12 @@ class Diagnosis:
         """
         g = se2.between(prior.pose, sensor_pose)
         covariance = prior.pose_covariance
-        touch = self._model.touching(g[None, None])[0, 0, 0]
+        touch = self._model.touching_at(g)
         along = 1j * touch["normal"]
         by_object = np.array([along.real, along.imag, (along * touch["point"].conjugate()).imag])
         likely = _SURPRISE * np.sqrt(by_object @ covariance @ by_object) * _ALONG
         places = self._model.moved_along(np.tile(g, (len(likely), 1)), likely)
-        normals = self._model.touching(places[None])[0, :, 0]["normal"]
+        normals = self._model.touching(places[None])[0]["normal"]
         off = np.angle(-normals * np.exp(1j * (-true_angle(said, prior) - g[2])))
         deviation = np.sqrt(covariance[2, 2] + self._calibration[2, 2] + said.variance)
         least = float(np.abs(off).min())
@@ -184,7 +184,7 @@ class Diagnosis:
     def _seen_gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, Array]:
         """Estimated distance between sensor and object [m], and its derivative by what is known (3 + OBJECT_SIZE,)."""
         g = se2.between(prior.pose, sensor_pose)
-        nearest = self._model.nearest(g)
+        nearest = self._model.touching_at(g)
         gap, normal = nearest["gap"], nearest["normal"]
         reach = reaches(self._model, nearest["point"] - gap * normal, normal)
         by_object = np.zeros(OBJECT_SIZE)

@@ -69,8 +69,7 @@ class Hypotheses:
     ) -> None:
         """Take what an Estimator takes, and how many hypotheses there may be at most.
 
-        There is one, whatever happens, with smoothers that cannot let go of a step. A sensor with several tips does
-        not look for an object that is known roughly only.
+        There is one, whatever happens, with smoothers that cannot let go of a step.
         """
         self._model, self._settings = model, settings
         self._most = most if smoother in IN_A_WINDOW else 1
@@ -79,7 +78,7 @@ class Hypotheses:
         self._steps = 0  # of this contact
         self._heeds_from = 0  # step of this contact from which an alarm is of something new
         self._untouched: list[Hypothesis] = []  # what there was before it, if nothing was displaced then
-        if self._most > 1 and model.tips == 1:
+        if self._most > 1:
             places(model)  # found now, not when a contact begins
         self._weighing = Weighing(settings.priors)
 
@@ -188,7 +187,7 @@ class Hypotheses:
             self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
             if self.is_displaced or self._most == 1:
                 self._untouched = []
-            if self._most > 1 and self._model.tips == 1:
+            if self._most > 1:
                 self._all = self._begun(sensor_pose, measurements)
             self._all = self._solved(lambda one: one.estimator.touch(sensor_pose, measurements, time), time)
         elif len(self._all) > 1 or self._best.open:

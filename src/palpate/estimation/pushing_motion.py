@@ -56,31 +56,15 @@ class PushingMotion:
         return se2.compose(measured, se2.exp(noise))
 
     def next(self, particles: Values, measured: Sequence[Array]) -> Drawn:
-        """Draw the next step of the particles after their last one.
+        """Draw the next step of the particles after their last one: the sensor pushes their objects to where it is now.
 
         measured are the measured sensor poses (3,) of the last steps, the next one last, FARTHEST steps back at most.
         """
-        e = self.sensors(measured[-1], particles.smoothers)
-        move = self._pushed if self._model.tips == 1 else self._held
-        return move(particles, e, measured)
-
-    def _held(self, particles: Values, e: Array, measured: Sequence[Array]) -> Drawn:
-        """Move the particles' objects along with several tips, which hold them."""
-        centers = self._model.centers
-        apart = 0.5 * np.hypot(np.ptp(centers.real), np.ptp(centers.imag))
-        drawn = student(self._random, particles.smoothers, 3, self._settings.sticking.kernel)
-        slide = drawn * self._slide(_way(measured)) / [1.0, 1.0, apart]
-        g = se2.compose(particles[SENSOR_IN_OBJECT][:, -1], se2.exp(slide))
-        return Drawn(g, e, {Sticking.name: drawn[:, :2]})
-
-    def _pushed(self, particles: Values, e: Array, measured: Sequence[Array]) -> Drawn:
-        """Push the particles' objects to where the sensor is now.
-
-        All vectors are in the object frame before the step.
-        """
         settings, model, count = self._settings, self._model, particles.smoothers
+        e = self.sensors(measured[-1], count)
+        # All vectors are in the object frame before the step.
         g, e_before = particles[SENSOR_IN_OBJECT][:, -1], particles[SENSOR][:, -1]
-        touch = model.touching(np.ascontiguousarray(g[:, None]))[:, 0, 0]
+        touch = model.touching(np.ascontiguousarray(g[:, None]))[:, 0]
         inward, material = -touch["normal"], touch["material"]
         c_squared = model.friction_radius**2 * np.exp(particles[FRICTION_RATIO][0])
         center = model.friction_center + model.friction_radius * _complex(particles[FRICTION_CENTER].T)
@@ -91,8 +75,7 @@ class PushingMotion:
         moved, balance, cone = _way(measured), settings.balance, settings.friction_cone
         creep = student(self._random, count, 2, settings.sticking.kernel)
         off_balance = student(self._random, count, 1, balance.kernel)
-        torque = float(np.hypot(balance.still, balance.share * moved * model.friction_radius))
-        imbalance = torque * off_balance[:, 0]
+        imbalance = Balance(balance, model).deviation(moved) * off_balance[:, 0]
         aside = (cone.share or 0.0) * student(self._random, count, 1, cone.kernel)[:, 0]
 
         # Does it stick? Then v + i omega arm = push and arm x v = c^2 omega, and the force points along v.
@@ -124,7 +107,7 @@ class PushingMotion:
 
     def _with_gap(self, g: Array, gap: Array) -> Array:
         """Return poses (P, 3) moved along the outline's normal to where the gap (P,) [m] is what it should be."""
-        touch = self._model.touching(np.ascontiguousarray(g[:, None]))[:, 0, 0]
+        touch = self._model.touching(np.ascontiguousarray(g[:, None]))[:, 0]
         back = (touch["gap"] - gap) * touch["normal"]
         return g - np.stack([back.real, back.imag, np.zeros(len(g))], axis=-1)
 

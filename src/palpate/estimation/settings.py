@@ -68,7 +68,7 @@ PUBLISHED = NoiseSettings(
     turn=TurnSettings(share=1.0, kernel=None),
     relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 1e-5), constant=(1.0, 1.0, 1e-5), linear=1e-5),
     sticking=StickingSettings(still=1e-3, share=0.0, sliding_share=0.0, kernel=None),
-    balance=BalanceSettings(still=1e-3, share=0.0, kernel=None),
+    balance=BalanceSettings(still=1e-3, share=0.0, load=0.0, kernel=None),
     friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),
     priors=Priors(
         direction_bias=(0.0, 1e-9),

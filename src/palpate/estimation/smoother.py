@@ -45,7 +45,7 @@ class Smoother(Protocol):
     def last_errors(self) -> dict[str, Array]:
         """Return the errors of the last step by factor, of those that tell strain: (rows,) [standard deviations].
 
-        Kernels are left out; of several terms, as of several tips, it is the one worst off.
+        Kernels are left out; of several terms it is the one worst off.
         """
         ...
 

@@ -73,14 +73,13 @@ def _at_places(
 ) -> tuple[Array, Array]:
     """Poses of the object (N, 3) at which the sensor touches it at each place, and _PLACE there in the world."""
     center, normal = places(model)
-    tip = model.centers[0]
     center = center - overlap(prior, reaches(model, center - model.radius * normal, normal)) * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
     if said:
         yaw = (np.angle(-normal) - true_angle(said[0], prior))[:, None]
     else:
         yaw = np.array(_likely_yaws(prior, sensor_pose))[None]
-    place = center[:, None] - np.exp(1j * yaw) * tip
+    place = center[:, None] - np.exp(1j * yaw) * model.center
     seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
     pose = se2.compose(sensor_pose, se2.inverse(seen))
     return pose, _turned(_PLACE, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
@@ -122,15 +121,15 @@ def _at(prior: Prior, pose: Array, covariance: Array) -> Prior:
 def places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return where the centre of a tip may be when it touches and the outward normal there, all round, object frame."""
     start = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
-    centred = replace(model, centers=np.zeros(1, np.complex128), row=np.zeros(1))
+    centred = replace(model, parts=np.zeros(1, np.complex128))
     pose, places, normals = start, [], []
     for _ in range(4):  # the distance is that to the nearest point, but for the grid's border
-        touch = centred.touching(pose[None])[0, 0, 0]
+        touch = centred.touching_at(pose[0])
         way = touch["gap"] * touch["normal"]
         pose = pose - [[way.real, way.imag, 0.0]]
     gone = 0.0
     for _ in range(int(_LONGEST / _STEP)):
-        touch = centred.touching(pose[None])[0, 0, 0]
+        touch = centred.touching_at(pose[0])
         place = complex(*pose[0, :2])
         normal = complex(touch["normal"])
         gone += _STEP

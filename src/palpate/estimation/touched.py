@@ -23,7 +23,7 @@ class Touched:
     """A contact at one instant, world frame."""
 
     point: Array
-    """Where the tip touches the outline, (2,) [m]; of several tips the one that is deepest in the object."""
+    """Where the tip touches the outline, (2,) [m]; of a wide pad or several tips the middle of what bears the load."""
     normal: Array
     """The outline's outward normal there, (2,)."""
     sliding: float
@@ -32,7 +32,7 @@ class Touched:
 
 def touched(model: ContactModel, belief: Belief, force_angle: float) -> Touched:
     """Return what is touched by a belief; force_angle is that of the pushing force from the inward normal [rad]."""
-    nearest = model.nearest(belief.g)
+    nearest = model.touching_at(belief.g)
     pose = belief.prior.pose
     turn = complex(math.cos(pose[2]), math.sin(pose[2]))
     point = complex(pose[0], pose[1]) + turn * nearest["point"]

@@ -23,8 +23,8 @@ from palpate.estimation.unknowns import (
 )
 
 State = tuple[Array, Array, Array, Any, Array, float, complex, Array]
-"""What a kernel takes of values: g and e (B, N, 3), what is shared (SHARED_SIZE, B), TOUCHING (B, N, tips), the angle
-of the pushing force (B, N, tips) [rad], c [m] of the model and its centre of friction [m], and knocks (B, N, 2)."""
+"""What a kernel takes of values: g and e (B, N, 3), what is shared (SHARED_SIZE, B), TOUCHING (B, N), the angle of
+the pushing force (B, N) [rad], c [m] of the model and its centre of friction [m], and knocks (B, N, 2)."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Knock:
 SLID, SPREAD = 0, 1
 """Places of `Knock`'s numbers among knocks; the spread is 0 in a step in which only the sensor moves the object."""
 
-_NO_TOUCHING, _NO_ANGLE = np.empty((0, 0, 0), TOUCHING), np.empty((0, 0, 0))
+_NO_TOUCHING, _NO_ANGLE = np.empty((0, 0), TOUCHING), np.empty((0, 0))
 ANGLE_STEPS = 3
 """Steps before and after the one at which the angle of the pushing force is sought."""
 
@@ -79,13 +79,13 @@ class Values:
 
     @cached_property
     def touching(self) -> NDArray[np.void]:
-        """How each tip touches the outline: TOUCHING (B, N, tips)."""
+        """How the sensor touches the outline: TOUCHING (B, N)."""
         return self.model.touching(self[SENSOR_IN_OBJECT])
 
     @cached_property
     def pushing_angle(self) -> Array:
-        """Angle of the pushing force from the outline's inward normal (B, N, tips) [rad]; see `pushing_angles`."""
-        model, angle = self.model, np.empty((self.smoothers, self.steps, self.model.tips))
+        """Angle of the pushing force from the outline's inward normal (B, N) [rad]; see `pushing_angles`."""
+        model, angle = self.model, np.empty((self.smoothers, self.steps))
         c, center, besides = model.friction_radius, model.friction_center, self[FRICTION_CENTER]
         g, e = self[SENSOR_IN_OBJECT], self[SENSOR]
         pushing_angles(g, e, self.touching, c, center, besides, ANGLE_STEPS, angle)

@@ -206,11 +206,10 @@ class Window:
     def pushing_angle(self) -> Array:
         """Return the angle of the pushing force from the outline's inward normal at the last step (B,) [rad].
 
-        NaN at the first step and with several tips, of which each bears an unknown share of the force.
+        NaN at the first step.
         """
         values = self._values.with_steps(lambda value: value[:, -ANGLE_STEPS - 1 :])
-        known = values.steps > 1 and values.model.tips == 1
-        return values.pushing_angle[:, -1, 0] if known else np.full(self.smoothers, math.nan)
+        return values.pushing_angle[:, -1] if values.steps > 1 else np.full(self.smoothers, math.nan)
 
     def mean_square(self, name: str, steps: int, smoother: int = 0) -> float:
         """Return the mean square error of a factor's terms in the last steps [variances], kernels left out."""
@@ -230,7 +229,7 @@ class Window:
     def last_errors(self) -> dict[str, Array]:
         """Return the errors of the last step by factor, of those that tell strain: (B, rows) [standard deviations].
 
-        Kernels are left out; of several terms, as of several tips, it is the one worst off.
+        Kernels are left out; of several terms it is the one worst off.
         """
         if self._errors is None:
             self._errors = self._linearised.last_errors(self._values)

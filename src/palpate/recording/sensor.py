@@ -88,6 +88,16 @@ class SensorProfile:
         return np.array(self.tips) - np.array((self.radius, 0.0))
 
     @property
+    def center(self) -> NDArray[np.float64]:
+        """Middle of these centres, (2,) [m]."""
+        return self.centers.mean(axis=0)
+
+    @property
+    def width(self) -> float:
+        """Width along y of what stands side by side [m]: the flat part of a pad, the fingers of a hand; else 0."""
+        return self.flat_width + float(np.ptp(self.centers[:, 1]))
+
+    @property
     def row(self) -> NDArray[np.float64]:
         """Where along y the round parts of a tip stand, from its centre (n,) [m]: a flat pad is a row of them."""
         return np.linspace(-0.5, 0.5, _ROW) * self.flat_width if self.flat_width else np.zeros(1)

@@ -93,7 +93,7 @@ class Knocks:
         heading = direction - float(world.object_pose[2])
         way = np.array([np.cos(heading), np.sin(heading)])
         arm, finger = point - self._shape.centroid, point - _FINGER * way
-        gel = self._sensor.radius + 0.5 * self._sensor.flat_width
+        gel = self._sensor.radius + 0.5 * self._sensor.width
         room = float(np.hypot(*(se2.transform(world.object_pose, finger) - self._gel(world)))) - gel
         return bool(
             abs(se2.wrap(heading - normal - np.pi)) < _OFF_NORMAL
@@ -104,4 +104,4 @@ class Knocks:
 
     def _gel(self, world: World) -> Array:
         """Return where the middle of the gel is (2,) [m] in the world."""
-        return se2.transform(world.sensor_pose, self._sensor.centers[0])
+        return se2.transform(world.sensor_pose, self._sensor.center)

@@ -102,9 +102,9 @@ def draw_residuals(
     (steps, count) [m^2] that `push` takes. The graph has two Gaussians on the same gaps, one on each (contact) and one
     on their differences (the normal part of sticking), so they are drawn from the product of both.
     """
-    sticking, balance = noise.sticking, noise.balance
+    sticking = noise.sticking
     slip_sigma = np.hypot(sticking.still, sticking.share * speed)
-    torque_sigma = np.hypot(balance.still, balance.share * speed * model.friction_radius)
+    torque_sigma = Balance(noise.balance, model).deviation(speed)
     differences = np.diff(np.eye(steps + 1), axis=0)
     information = np.eye(steps + 1) / noise.contact.deviation**2 + differences.T @ differences / slip_sigma**2
     gaps = np.linalg.solve(np.linalg.cholesky(information).T, rng.normal(size=(steps + 1, count)))
@@ -115,8 +115,8 @@ def draw_residuals(
 
 
 def _gap(model: ContactModel, g: Array) -> tuple[Array, Array]:
-    """Gap (...) [m] between the first tip and the outline at poses g (..., 3), and the outline's normal (..., 2)."""
-    touch = model.touching(np.ascontiguousarray(g).reshape(1, -1, 3))[0, :, 0]
+    """Gap (...) [m] between sensor and outline at poses g (..., 3), and the outline's normal (..., 2)."""
+    touch = model.touching(np.ascontiguousarray(g).reshape(1, -1, 3))[0]
     normal = np.stack([np.real(touch["normal"]), np.imag(touch["normal"])], axis=-1)
     return touch["gap"].reshape(g.shape[:-1]), normal.reshape(*g.shape[:-1], 2)
 
@@ -129,7 +129,7 @@ def _pushed(g: Array, e: Array, e_next: Array, model: ContactModel, friction: Fr
     for unknown, value in friction.items():
         given = np.asarray(value, np.float64)
         shared[IN_SHARED[unknown]] = given.reshape(unknown.dimension, -1)
-    sticking, balance = Sticking(noise.sticking, model), Balance(noise.balance, model)
+    sticking, balance = Sticking(noise.sticking), Balance(noise.balance, model)
     # The rows of g1 in the Jacobians: sticking is on g0 and g1, balance on g0, e0, g1, e1 and friction.
     columns = (sticking, slice(3, 6)), (balance, slice(6, 9))
     terms = [_on_two_steps(factor.terms(Step(e_next[0], e[0], (), (0.0, 1.0)))) for factor, _ in columns]

@@ -26,11 +26,11 @@ class Surroundings:
 
     def __init__(self, shape: Shape, sensor: SensorProfile) -> None:
         reach = np.hypot(*(shape.outline(200) - shape.centroid).T).max()
-        self.radius = float(reach) + sensor.radius + 0.5 * sensor.flat_width + _CLEARANCE
+        self.radius = float(reach) + sensor.radius + 0.5 * sensor.width + _CLEARANCE
         """[m]"""
         self._shape = shape
         self._middle = np.append(shape.centroid, 0.0)
-        self._center = np.append(sensor.centers[0], 0.0)
+        self._center = np.append(sensor.center, 0.0)
         self._parts = sensor.round_centers
         self._rate = sensor.rate
 

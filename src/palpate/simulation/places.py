@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 _NEAR, _CLEAR = 0.008, 0.015  # [m] from a corner: up to where a patch has it in sight, and from where not
 _PAD_ANGLE, _OFF_NORMAL = np.radians(12.0), np.radians(45.0)
-_FLAT_ANGLE, _FLAT_OFF_NORMAL = np.radians(5.0), np.radians(25.0)  # of a flat pad
+_FLAT_ANGLE, _FLAT_OFF_NORMAL = np.radians(5.0), np.radians(25.0)  # of a flat pad or a hand
 _FLAT_PLACE = 0.3  # part of its width that a contact begins from its middle
 _REACH = 0.06  # [m] before the contact in which the gel must come in freely
 _TRIES = 1000
@@ -44,19 +44,19 @@ def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Ge
     for _ in range(_TRIES):
         point, normal = draw_place(shape, kind, rng)
         inward = normal + np.pi
-        leaning = _FLAT_ANGLE if sensor.flat_width else _PAD_ANGLE
+        leaning = _FLAT_ANGLE if sensor.width else _PAD_ANGLE
         yaw = inward - rng.uniform(-leaning, leaning)
-        aside = _FLAT_OFF_NORMAL if sensor.flat_width else _OFF_NORMAL
+        aside = _FLAT_OFF_NORMAL if sensor.width else _OFF_NORMAL
         heading = inward + rng.uniform(-aside, aside)
         center = point + sensor.radius * _unit(normal)
-        if sensor.flat_width:
-            center -= rng.uniform(-_FLAT_PLACE, _FLAT_PLACE) * sensor.flat_width * _unit(yaw + 0.5 * np.pi)
-            # A pad that leans against a side touches it with its edge.
+        if sensor.width:
+            center -= rng.uniform(-_FLAT_PLACE, _FLAT_PLACE) * sensor.width * _unit(yaw + 0.5 * np.pi)
+            # A pad that leans against a side touches it with its edge, a hand with one finger.
             overlap = sensor.radius - shape.signed_distance(_parts(center, yaw, sensor)).min()
             center += max(overlap, 0.0) * _unit(normal)
         path = _parts(center, yaw, sensor) - np.linspace(0.0, _REACH, 25)[:, None, None] * _unit(heading)
         if (shape.signed_distance(path) > sensor.radius - 1e-4).all():
-            return Touch(np.append(center - _turned(sensor.centers[0], yaw), yaw), heading)
+            return Touch(np.append(center - _turned(sensor.center, yaw), yaw), heading)
     raise SettingError(f"no place was found where the gel of {sensor.name!r} reaches the object at its {kind}")
 
 
@@ -90,8 +90,9 @@ def draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Array
 
 
 def _parts(center: Array, yaw: float, sensor: SensorProfile) -> Array:
-    """Return where the round parts of a tip with its centre here are, (n, 2) [m]."""
-    return center + sensor.row[:, None] * _unit(yaw + 0.5 * np.pi)
+    """Return where the round parts of a sensor with its centre here are, (n, 2) [m]."""
+    ahead, aside = (sensor.round_centers - sensor.center).T[:, :, None]
+    return center + ahead * _unit(yaw) + aside * _unit(yaw + 0.5 * np.pi)
 
 
 def _unit(angle: float) -> Array:

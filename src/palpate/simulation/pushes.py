@@ -20,7 +20,7 @@ is by then. What is drawn, and why:
   at 30 degrees, beyond the edge of a DIGIT's pad (26), the push ends.
 - A flat pad is held flat to the object, for a round one soon rolls off it: the contact begins within 5 degrees, the
   sensor moves within 25 of the normal, turns after the contact past 5, and the push ends at 12 degrees, where nearly
-  all of the image shows nothing.
+  all of the image shows nothing. So is a hand of several fingers.
 """
 
 from dataclasses import dataclass, replace
@@ -161,7 +161,7 @@ def _push(
     The hand shoves the object at the frame `knocked`, or as the sensor stops where that is earlier; the sensor does not
     know.
     """
-    rate, (turn_after, pad_end) = sensor.rate, _FLAT if sensor.flat_width else _ROUND
+    rate, (turn_after, pad_end) = sensor.rate, _FLAT if sensor.width else _ROUND
     speed = float(np.exp(rng.uniform(*np.log(_SPEED))))
     curvature = rng.uniform(-_CURVATURE, _CURVATURE) if rng.uniform() < 0.5 else 0.0
     turn = curvature * speed + rng.uniform(-_TURN, _TURN)

@@ -6,7 +6,7 @@ Coulomb's law at each foot. Nothing here knows of a limit surface.
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -122,9 +122,9 @@ def build_model(
     pusher move the gel's centre of curvature, and yaw turns the pusher about it.
     """
     mujoco = load_mujoco()
-    if not 0.001 <= sensor.radius <= 0.1 or len(sensor.tips) != 1:
-        found = f"sensor {sensor.name!r} has radius {sensor.radius} m and {len(sensor.tips)} tips"
-        raise SettingError(f"{found}; simulation needs one tip with a radius of 0.001 to 0.1 m")
+    if not 0.001 <= sensor.radius <= 0.1:
+        found = f"sensor {sensor.name!r} has radius {sensor.radius} m"
+        raise SettingError(f"{found}; simulation needs 0.001 to 0.1 m")
     spec = mujoco.MjSpec()
     spec.option.timestep = settings.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -133,20 +133,34 @@ def build_model(
     spec.option.impratio = 100.0  # friction holds a hundred times harder than it yields: no creep under load
     spec.option.tolerance = 1e-13  # at the usual 1e-8 the solver stops early now and then: an object at rest jerks
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], contype=0, conaffinity=0)
-    row = gel_row(sensor)
-    _add_pusher(mujoco, spec, sensor, row)
-    _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), len(row))
+    spheres = gel_spheres(sensor)
+    _add_pusher(mujoco, spec, spheres)
+    _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), len(spheres.radii))
     model = spec.compile()
-    set_gel(model, settings.gel_friction, settings.gel_stiffness)
+    set_gel(model, sensor, settings.gel_friction, settings.gel_stiffness)
     return model, mujoco.MjData(model)
 
 
-def gel_row(sensor: SensorProfile) -> Array:
-    """Return where the spheres of the gel stand along its y (n,) [m]: one of a round tip, of a flat pad a bed of them.
+class Spheres(NamedTuple):
+    """The n spheres of which a gel is made."""
 
-    Each is a spring of its own, so that pressure and torque on the pad follow from how deep each part of it is.
+    centers: Array
+    """Where they are, seen from the middle of the tips' centres of curvature, (n, 2) [m]."""
+    radii: Array
+    """(n,) [m]"""
+
+
+def gel_spheres(sensor: SensorProfile) -> Spheres:
+    """Return the spheres of a gel: one of a round tip, a bed of them of a flat pad, for each finger of a hand.
+
+    Each is a spring of its own, so that pressure and torque on a pad follow from how deep each part of it is.
     """
-    return np.linspace(-0.5, 0.5, _FLAT_PARTS) * sensor.flat_width if sensor.flat_width else np.zeros(1)
+    row = np.linspace(-0.5, 0.5, _FLAT_PARTS) * sensor.flat_width if sensor.flat_width else np.zeros(1)
+    # Each sphere is as large as it can be without standing out beyond the round edge of the pad.
+    to_edge = 0.5 * sensor.flat_width - np.abs(row) + sensor.radius
+    radii = np.clip(to_edge**2 / sensor.radius, sensor.radius, max(_FLATTEST, sensor.radius))
+    centers = (sensor.centers - sensor.center)[:, None] + np.column_stack((sensor.radius - radii, row))
+    return Spheres(centers.reshape(-1, 2), np.tile(radii, len(sensor.tips)))
 
 
 def load_mujoco() -> Any:
@@ -185,7 +199,7 @@ def _is_convex(polygon: Any) -> Any:
     return shapely.area(shapely.convex_hull(polygon)) <= shapely.area(polygon) * (1.0 + 1e-9)
 
 
-def _add_pusher(mujoco: Any, spec: Any, sensor: SensorProfile, row: Array) -> None:
+def _add_pusher(mujoco: Any, spec: Any, spheres: Spheres) -> None:
     pusher = spec.worldbody.add_body(name="pusher", pos=[0, 0, _FOOT + 0.5 * HEIGHT], gravcomp=1.0)
     pusher.explicitinertial, pusher.mass, pusher.inertia = True, 1.0, [1e-3, 1e-3, 1e-3]
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
@@ -194,16 +208,13 @@ def _add_pusher(mujoco: Any, spec: Any, sensor: SensorProfile, row: Array) -> No
     # Contact must not hold the object up or down, as it would on a pusher that cannot yield.
     gel = pusher.add_body(name="gel", gravcomp=1.0)
     gel.add_joint(type=slide, axis=[0, 0, 1], stiffness=1.0, damping=0.05)
-    # Each sphere is as large as it can be without standing out beyond the round edge of the pad.
-    to_edge = 0.5 * sensor.flat_width - np.abs(row) + sensor.radius
-    radii = np.clip(to_edge**2 / sensor.radius, sensor.radius, max(_FLATTEST, sensor.radius)).tolist()
-    for i, (y, radius) in enumerate(zip(row.tolist(), radii, strict=True)):
+    for i, ((x, y), radius) in enumerate(zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True)):
         gel.add_geom(
             name=f"gel{i}",
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             size=[radius, 0, 0],
-            pos=[sensor.radius - radius, y, 0],
-            mass=_GEL_MASS / len(row),
+            pos=[x, y, 0],
+            mass=_GEL_MASS / len(spheres.radii),
             contype=0,
             conaffinity=0,
         )
@@ -255,7 +266,7 @@ def _area(corners: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)).__abs__())
 
 
-def set_gel(model: Any, friction: float, stiffness: float) -> None:
+def set_gel(model: Any, sensor: SensorProfile, friction: float, stiffness: float) -> None:
     """Set the contact of gel and object: Coulomb friction and stiffness [N/m].
 
     The normal force at rest is `stiffness` times the indentation, of a flat pad on a patch of it; see _FLAT_STIFFER.
@@ -265,8 +276,7 @@ def set_gel(model: Any, friction: float, stiffness: float) -> None:
     damping, where t is the time constant that a contact pair is given.
     """
     inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in ("gel", "object"))
-    spheres = sum(model.geom(i).name.startswith("gel") for i in range(model.ngeom))
-    of_each = _FLAT_STIFFER / spheres if spheres > 1 else 1.0
+    of_each = _FLAT_STIFFER / _FLAT_PARTS if sensor.flat_width else 1.0
     k = of_each * stiffness * (1.0 - _PLIANT) / _PLIANT**2 * inverse_inertia
     time_constant = 1.0 / (_PLIANT * np.sqrt(k))
     pairs = [i for i in range(model.npair) if model.pair(i).name.startswith("part")]

@@ -68,7 +68,7 @@ class World:
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
         self._finger: Finger | None = None
-        self._center = sensor.centers[0]
+        self._sensor, self._center = sensor, sensor.center
         self._sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
         self._rate = sensor.rate
         self._velocity = np.zeros(3)
@@ -126,7 +126,7 @@ class World:
         self._age += 1
         if any(settings.gel_drift) and seconds <= WARMS_FOR:
             friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
-            set_gel(self._model, settings.gel_friction * friction, settings.gel_stiffness * stiffness)
+            set_gel(self._model, self._sensor, settings.gel_friction * friction, settings.gel_stiffness * stiffness)
 
     def _between_frames(self, poses: Array) -> tuple[Array, Array]:
         """Return position and velocity of the pusher's joints at every time step (M, 3)."""

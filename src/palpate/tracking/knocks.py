@@ -110,7 +110,7 @@ def _unexplained_at_tip(
 ) -> Array:
     """The unexplained way (M,) [m] of the object's point that is nearest to the one tip."""
     model = contact_model(recording.shape, recording.sensor)
-    touch = model.touching(se2.between(objects, sensors)[None])[0, :, 0]
+    touch = model.touching(se2.between(objects, sensors)[None])[0]
     point, normal, c = touch["point"] - model.friction_center, touch["normal"], model.friction_radius
 
     def moved(pose: Array, point: NDArray[np.complex128]) -> NDArray[np.complex128]:

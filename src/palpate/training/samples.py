@@ -203,7 +203,7 @@ def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
 
     g is object_T_sensor, (N, 3).
     """
-    touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0, :, 0]
+    touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0]
     touched = touch["point"] - touch["gap"] * touch["normal"]
     kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
     return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds

@@ -2,7 +2,7 @@
 
 The residual [m^2] is `p x v - c^2 omega`, with the object's motion v [m], omega [rad] over the step and the pushed
 point p both taken at the centre of friction. Sliding does not break it. c^2 is that of the chosen pressure times
-`exp(friction_ratio)`. With several tips each bears an unknown share of the force, and the balance says nothing.
+`exp(friction_ratio)`.
 
 In a step in which something else moves the object only its turn is held back, `-c^2 omega` with the model's c: a hand
 turns it by some tenths of a radian while it slides by a centimetre. Without touch that tells directions nothing else
@@ -39,12 +39,20 @@ class BalanceSettings(Settings):
     share: float = setting(0.013, at_least=0.0, tune=Tunable(1e-3, 10.0))
     """The same as a share of the sensor's motion times c. With the right c and centre of friction, the ellipsoid fits
     simulated feet to 1 %."""
+    load: float = setting(0.8, at_least=0.0, tune=Tunable(1e-2, 10.0, usual=False))
+    """How far the load of several tips is from where it is thought, as a share of the distance between the outermost:
+    which of them bears how much hangs on tenths of a millimetre."""
     kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the balance."""
 
 
 _TURNED = 3.0  # times as far as a knocked object slides goes what is at the distance c from its centre
 _RATIO, _CENTER = IN_SHARED[FRICTION_RATIO].start, IN_SHARED[FRICTION_CENTER].start
+
+
+@compiled
+def _deviation(moved: float, c: float, still: float, share: float, off: float) -> float:
+    return math.hypot(math.hypot(still, share * moved * c), off * moved)
 
 
 @compiled
@@ -59,7 +67,7 @@ def _linearise(
     weight: Array,
 ) -> None:
     g, e, shared, touching, _angle, c, model_center, knocks = state
-    still, share, kernel = given
+    still, share, off, kernel = given
     by_sensor0, by_sensor1 = np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(len(g)):
         c_squared = c * c * math.exp(shared[_RATIO, b])
@@ -67,7 +75,7 @@ def _linearise(
         for t in range(len(places)):
             before, now = places[t, 0], places[t, 1]
             g0, e0, g1, e1 = g[b, before], e[b, before], g[b, now], e[b, now]
-            touch, row = touching[b, now, data[t].tip], jacobian[b, t, 0]
+            touch, row = touching[b, now], jacobian[b, t, 0]
             way, by_center = center_moved(g0, e0, g1, e1, center, by_sensor0, by_sensor1)
             arm = touch.point - center
             omega = wrap(e1[2] - e0[2] - g1[2] + g0[2])
@@ -76,7 +84,7 @@ def _linearise(
                 deviation, held_back, row[:] = _TURNED * c * spread, c * c, 0.0
                 residual[b, t, 0] = -held_back * omega
             else:
-                deviation, held_back = math.hypot(still, share * data[t].moved * c), c_squared
+                deviation, held_back = _deviation(data[t].moved, c, still, share, off), c_squared
                 lever = arm.conjugate()
                 residual[b, t, 0] = cross(arm, way) - held_back * omega
                 put_center_derivatives(lever, by_sensor0, by_sensor1, row)
@@ -95,7 +103,7 @@ def _linearise(
 
 
 class Balance(Factor):
-    """One term a step, on the step and the one before, for a sensor with one tip."""
+    """One term a step, on the step and the one before."""
 
     name = "balance"
     steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
@@ -108,9 +116,14 @@ class Balance(Factor):
     tells_strain = True
 
     def __init__(self, settings: BalanceSettings, model: ContactModel) -> None:
-        self.given = settings.still, settings.share, kernel_scale(settings.kernel)
-        self._tips = model.tips
+        self._sizes = settings.still, settings.share, settings.load * model.span
+        self._c = model.friction_radius
+        self.given = *self._sizes, kernel_scale(settings.kernel)
+
+    def deviation(self, moved: float) -> float:
+        """Return the standard deviation of the imbalance in a step in which the sensor moves so far [m] [m^2]."""
+        return _deviation(moved, self._c, *self._sizes)
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor."""
-        return pushing_terms(step, 1) if self._tips == 1 else None
+        return pushing_terms(step)

@@ -8,18 +8,14 @@ outline by a small share, the scale, reaches farther by that share.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from palpate.compiled import Array, Complex, Given, Places, Records, compiled
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.factor import NOTHING, Factor, Step, Terms, kernel_scale, term_now
 from palpate.estimation.planar import cauchy, dot
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import DEPTH, IN_SHARED, OUTLINE_SCALE, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
-
-DATA = np.dtype([("tip", np.int64)])
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ def _linearise(
     for b in range(len(g)):
         scale = shared[_SCALE, b]
         for t in range(len(places)):
-            touch = touching[b, places[t, 0], data[t].tip]
+            touch = touching[b, places[t, 0]]
             arm = touch.point - model_center
             reach = dot(touch.normal, arm) - touch.gap
             residual[b, t, 0] = touch.gap + shared[_DEPTH, b] - scale * reach
@@ -77,19 +73,18 @@ def overlap(prior: Prior, reach: Array) -> Array:
 
 
 class Contact(Factor):
-    """One term a step and tip: they touch."""
+    """One term a step: sensor and object touch."""
 
     name = "contact"
     steps = ((SENSOR_IN_OBJECT,),)
     shared = (DEPTH, OUTLINE_SCALE)
     rows = 1
-    data = DATA
+    data = NOTHING
     kernel = _linearise
 
-    def __init__(self, settings: ContactSettings, model: ContactModel) -> None:
+    def __init__(self, settings: ContactSettings) -> None:
         self.given = settings.deviation**-2.0, kernel_scale(settings.kernel)
-        self._tips = [(tip,) for tip in range(model.tips)]
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor."""
-        return terms_now(self._tips, DATA)
+        return term_now()

@@ -12,8 +12,7 @@ import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.belief import Prior
-from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
 from palpate.estimation.planar import cauchy, cross, rotation
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import DIRECTION_BIAS, DIRECTION_SCALE, IN_SHARED, SENSOR_IN_OBJECT
@@ -54,7 +53,7 @@ def _linearise(
     for b in range(len(g)):
         for t in range(len(places)):
             k = places[t, 0]
-            touch, inverse_variance = touching[b, k, 0], data[t].information
+            touch, inverse_variance = touching[b, k], data[t].information
             normal = touch.normal
             told = (1.0 - shared[_SCALE, b]) * data[t].angle
             off = -normal * rotation(shared[_BIAS, b] - told - g[b, k, 2])
@@ -84,11 +83,11 @@ class Direction(Factor):
     data = DATA
     kernel = _linearise
 
-    def __init__(self, settings: DirectionSettings, model: ContactModel) -> None:
+    def __init__(self, settings: DirectionSettings) -> None:
         self.given = (kernel_scale(settings.kernel),)
-        self._share, self._tips = settings.share, model.tips
+        self._share = settings.share
 
     def terms(self, step: Step) -> Terms | None:
-        """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
-        said = one_tip_only([one for one in step.measurements if isinstance(one, ContactDirection)], self._tips)
+        """See Factor."""
+        said = [one for one in step.measurements if isinstance(one, ContactDirection)]
         return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.compiled import Array, Places
-from palpate.errors import SettingError
 from palpate.estimation.unknowns import IN_SHARED, IN_STEP, Unknown
 from palpate.estimation.values import Values
 from palpate.recording.measurements import Measurement
@@ -89,6 +88,10 @@ NOW, NOW_AND_BEFORE = np.zeros((_MOST, 1), np.int64), np.tile(np.array([[-1, 0]]
 """Places of terms on a step, and on the one before and it."""
 
 
+NOTHING = np.dtype([("nothing", np.int64)])
+"""What terms hold that are compared with nothing that arrives."""
+
+
 class Terms(NamedTuple):
     """Terms of one factor."""
 
@@ -132,7 +135,7 @@ class Factor(ABC):
     tells_strain: ClassVar[bool] = False
     """Whether its error tells that touch and pushing contradict each other."""
     reads_outline: ClassVar[bool] = True
-    """Whether its kernel takes how tips touch the outline and the angle of the force."""
+    """Whether its kernel takes how the sensor touches the outline and the angle of the force."""
     is_motion: ClassVar[bool] = False
     """Whether it says how object and sensor move and not what is measured of them: a filter draws it."""
     is_of_pushing: ClassVar[bool] = False
@@ -208,6 +211,11 @@ def _span(places: Sequence[slice]) -> tuple[int, int]:
     return (places[0].start, places[-1].stop - places[0].start) if places else (0, 0)
 
 
+def term_now() -> Terms:
+    """Return one term, tied to the step that arrives, which is compared with nothing."""
+    return Terms(NOW[:1], np.zeros(1, NOTHING))
+
+
 def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | None:
     """Return one term for each row of data, tied to the step that arrives."""
     if not rows:
@@ -216,13 +224,6 @@ def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | Non
     for index, row in enumerate(rows):
         data[index] = row
     return Terms(NOW[: len(rows)], data)
-
-
-def one_tip_only(said: list[M], tips: int) -> list[M]:
-    """Return what touch says of one tip; raises SettingError for a sensor with several."""
-    if said and tips > 1:
-        raise SettingError(f"the sensor has {tips} tips; touch can say direction and turn for one tip only")
-    return said
 
 
 def _nearest(times: Sequence[float], time: float) -> int:

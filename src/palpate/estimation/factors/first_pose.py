@@ -14,14 +14,13 @@ import numpy as np
 from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
-from palpate.estimation.factors.factor import Factor, Step, Terms, terms_now
+from palpate.estimation.factors.factor import NOTHING, Factor, Step, Terms, term_now
 from palpate.estimation.planar import adjoint, log, log_by_pose, position, rotation, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import CONTACT_SIZE, OBJECT_SIZE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
 
 Sigmas = tuple[float, float, float]
-DATA = np.dtype([("nothing", np.int64)])
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class FirstPose(Factor):
     steps = ((SENSOR_IN_OBJECT, SENSOR),)
     shared = OF_OBJECT
     rows = 3 + OBJECT_SIZE
-    data = DATA
+    data = NOTHING
     kernel = _linearise
     reads_outline = False
 
@@ -113,4 +112,4 @@ class FirstPose(Factor):
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor."""
-        return terms_now([(0,)], DATA) if step.before is None else None
+        return term_now() if step.before is None else None

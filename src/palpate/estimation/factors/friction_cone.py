@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
-from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale
 from palpate.estimation.factors.pushing import (
     DATA,
@@ -64,8 +63,8 @@ def _linearise(
         for t in range(len(places)):
             before, now = places[t, 0], places[t, 1]
             g0, e0, g1, e1 = g[b, before], e[b, before], g[b, now], e[b, now]
-            touch, row = touching[b, now, data[t].tip], jacobian[b, t, 0]
-            force = angle[b, now, data[t].tip]
+            touch, row = touching[b, now], jacobian[b, t, 0]
+            force = angle[b, now]
             side = 1.0 if force > 0.0 else -1.0 if force < 0.0 else 0.0
             way, by_center = center_moved(g0, e0, g1, e1, center, by_sensor0, by_sensor1)
             edge = side - 1j * grip
@@ -84,7 +83,7 @@ def _linearise(
 
 
 class FrictionCone(Factor):
-    """One term a step, on the step and the one before, for a sensor with one tip."""
+    """One term a step, on the step and the one before."""
 
     name = "friction_cone"
     steps = ((SENSOR_IN_OBJECT, SENSOR), (SENSOR_IN_OBJECT, SENSOR))
@@ -95,10 +94,10 @@ class FrictionCone(Factor):
     is_motion = True
     is_of_pushing = True
 
-    def __init__(self, settings: FrictionConeSettings, model: ContactModel) -> None:
+    def __init__(self, settings: FrictionConeSettings) -> None:
         self.given = settings.still, settings.share or 0.0, settings.width, kernel_scale(settings.kernel)
-        self._counts = model.tips == 1 and settings.share is not None
+        self._counts = settings.share is not None
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor."""
-        return pushing_terms(step, 1) if self._counts else None
+        return pushing_terms(step) if self._counts else None

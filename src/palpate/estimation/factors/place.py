@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
-from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
 from palpate.estimation.planar import cauchy
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import SENSOR_IN_OBJECT
@@ -46,7 +45,7 @@ def _linearise(
     (kernel,) = given
     for b in range(len(g)):
         for t in range(len(places)):
-            touch, inverse_variance = touching[b, places[t, 0], 0], data[t].information
+            touch, inverse_variance = touching[b, places[t, 0]], data[t].information
             residual[b, t, 0] = touch.material.imag - data[t].place
             for k in range(3):
                 jacobian[b, t, 0, k] = touch.material_by_g[k].imag
@@ -63,11 +62,11 @@ class Place(Factor):
     data = DATA
     kernel = _linearise
 
-    def __init__(self, settings: PlaceSettings, model: ContactModel) -> None:
+    def __init__(self, settings: PlaceSettings) -> None:
         self.given = (kernel_scale(settings.kernel),)
-        self._share, self._tips = settings.share, model.tips
+        self._share = settings.share
 
     def terms(self, step: Step) -> Terms | None:
-        """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
-        said = one_tip_only([one for one in step.measurements if isinstance(one, ContactPlace)], self._tips)
+        """See Factor."""
+        said = [one for one in step.measurements if isinstance(one, ContactPlace)]
         return terms_now([(one.place, 1.0 / (one.variance * self._share)) for one in said], DATA)

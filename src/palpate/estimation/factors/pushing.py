@@ -1,4 +1,4 @@
-"""What sticking, balance and friction cone have in common: one term a step and tip, and the motion of the object.
+"""What sticking, balance and friction cone have in common: one term a step, and the motion of the object.
 
 All of it is quasi-static pushing over one step from 0 to 1. The object's motion is taken at the centre of friction and
 seen from the object at step 1, where the centre was at `g1 e1^-1 e0 g0^-1 center` at step 0.
@@ -10,17 +10,15 @@ from palpate.compiled import Array, Complex, compiled
 from palpate.estimation.factors.factor import NOW_AND_BEFORE, Step, Terms
 from palpate.estimation.planar import position, rotation
 
-DATA = np.dtype([("tip", np.int64), ("moved", np.float64)])
-"""The tip, and how far the sensor moved in the step [m]."""
+DATA = np.dtype([("moved", np.float64)])
+"""How far the sensor moved in the step [m]."""
 
 
-def pushing_terms(step: Step, tips: int) -> Terms | None:
-    """Return a term for each tip, on a step and the one before; nothing at the first step of a contact."""
+def pushing_terms(step: Step) -> Terms | None:
+    """Return a term on a step and the one before; nothing at the first step of a contact."""
     if step.before is None:
         return None
-    data = np.empty(tips, DATA)
-    data["tip"], data["moved"] = range(tips), step.moved
-    return Terms(NOW_AND_BEFORE[:tips], data)
+    return Terms(NOW_AND_BEFORE[:1], np.array([(step.moved,)], DATA))
 
 
 @compiled

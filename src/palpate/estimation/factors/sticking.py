@@ -7,15 +7,13 @@ let the object drift by omega^2 p / 2 a step. With r > 0 it is the material poin
 tip as the sensor turns.
 
 How firmly it holds depends on the angle of the pushing force: inside the cone a step slides by a small share of the
-sensor's motion, at the cone's edge by any amount. With several tips nobody knows each one's share of the force, and all
-are taken to hold.
+sensor's motion, at the cone's edge by any amount.
 """
 
 import math
 from dataclasses import dataclass
 
 from palpate.compiled import Array, Given, Places, Records, compiled
-from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale
 from palpate.estimation.factors.pushing import DATA, beyond, pushing_terms
 from palpate.estimation.planar import cauchy, position, rotation
@@ -72,12 +70,12 @@ def _linearise(
     weight: Array,
 ) -> None:
     g, _e, shared, touching, angle, _c, _model_center, knocks = state
-    still, share, sliding_share, margin, width, kernel, may_slide = given
+    still, share, sliding_share, margin, width, kernel = given
     for b in range(len(g)):
         edge = math.atan(shared[_GRIP, b])
         for t in range(len(places)):
-            now, tip, moved = places[t, 1], data[t].tip, data[t].moved
-            g0, touch = g[b, places[t, 0]], touching[b, now, tip]
+            now, moved = places[t, 1], data[t].moved
+            g0, touch = g[b, places[t, 0]], touching[b, now]
             turn0, material = rotation(g0[2]), touch.material
             slid = position(g0) + turn0 * material - touch.point
             residual[b, t, 0], residual[b, t, 1] = slid.real, slid.imag
@@ -94,9 +92,8 @@ def _linearise(
                 information[b, t, 1] = weight[b, t, 1] = _ACROSS**-2.0
                 continue
             deviation = math.hypot(still, share * moved)
-            if may_slide:
-                slides = beyond(angle[b, now, tip], edge - margin, width)
-                deviation *= (math.hypot(still, sliding_share * moved) / deviation) ** slides
+            slides = beyond(angle[b, now], edge - margin, width)
+            deviation *= (math.hypot(still, sliding_share * moved) / deviation) ** slides
             inverse_variance = deviation**-2.0
             square = inverse_variance * (slid.real**2 + slid.imag**2)
             for r in range(2):
@@ -105,7 +102,7 @@ def _linearise(
 
 
 class Sticking(Factor):
-    """One term a step and tip, on the step and the one before."""
+    """One term a step, on the step and the one before."""
 
     name = "sticking"
     steps = ((SENSOR_IN_OBJECT,), (SENSOR_IN_OBJECT,))
@@ -116,11 +113,10 @@ class Sticking(Factor):
     is_of_pushing = True
     tells_strain = True
 
-    def __init__(self, settings: StickingSettings, model: ContactModel) -> None:
+    def __init__(self, settings: StickingSettings) -> None:
         shares = settings.still, settings.share, settings.sliding_share
-        self.given = *shares, settings.margin, settings.width, kernel_scale(settings.kernel), model.tips == 1
-        self._tips = model.tips
+        self.given = *shares, settings.margin, settings.width, kernel_scale(settings.kernel)
 
     def terms(self, step: Step) -> Terms | None:
         """See Factor."""
-        return pushing_terms(step, self._tips)
+        return pushing_terms(step)

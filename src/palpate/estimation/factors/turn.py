@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
-from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, one_tip_only, terms_now
+from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
 from palpate.estimation.planar import cauchy, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import IN_SHARED, SENSOR_IN_OBJECT, TURN_OFFSET, Unknown
@@ -67,13 +66,13 @@ class Turn(Factor):
     kernel = _linearise
     reads_outline = False
 
-    def __init__(self, settings: TurnSettings, model: ContactModel) -> None:
+    def __init__(self, settings: TurnSettings) -> None:
         self.given = (kernel_scale(settings.kernel),)
-        self._share, self._tips = settings.share, model.tips
+        self._share = settings.share
 
     def terms(self, step: Step) -> Terms | None:
-        """See Factor. Raises SettingError for a sensor with several tips: nothing says which of them is meant."""
-        said = one_tip_only([one for one in step.measurements if isinstance(one, TurnMeasurement)], self._tips)
+        """See Factor."""
+        said = [one for one in step.measurements if isinstance(one, TurnMeasurement)]
         return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)
 
     def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
