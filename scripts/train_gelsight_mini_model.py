@@ -33,7 +33,7 @@ def main(folder: Path) -> None:
     settings = TrainSettings(keypoint=FitSettings(steps=200), touch=FitSettings(steps=2500))
     train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
     for name, ideal in (("real", False), ("ideal", True)):
-        jobs = plan(shapes, 3 * SEQUENCES, seed=7, ideal=ideal, sensor=GELSIGHT_MINI)
+        jobs = plan(shapes, 3 * SEQUENCES, seed=27, ideal=ideal, sensor=GELSIGHT_MINI)
         judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
         with progress_bar(f"simulating, {name}", len(judged)) as progress:
             simulate_folder(folder / name, judged, seconds=10.0, workers=2, resume=True, progress=progress)
