@@ -107,7 +107,7 @@ def felt(truth: Pushed, values: Array, rng: np.random.Generator) -> Iterator[tup
     count = len(truth.objects)
     g = se2.between(truth.objects, truth.sensors)
     sensors = se2.compose(truth.sensors, se2.exp(rng.normal(size=(count, 3)) * NOISE.sensor_pose.deviation))
-    inward = -MODEL.touching(g[None])["normal"][0, :, 0] * np.exp(-1j * g[:, 2])
+    inward = -MODEL.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])
     direction = np.angle(inward) + values[IN_OBJECT[DIRECTION_BIAS]]
     direction += rng.normal(0.0, FELT, count)
     begins = np.diff(truth.contact, prepend=False)

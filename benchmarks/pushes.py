@@ -53,7 +53,7 @@ class Push:
         random, count = np.random.default_rng(0), len(self.sensors)
         sensors = se2.compose(self.sensors, se2.exp(random.normal(0.0, _SENSOR, (count, 3))))
         g = se2.between(self.objects, self.sensors)
-        inward = -self.model.touching(g[None])["normal"][0, :, 0] * np.exp(-1j * g[:, 2])
+        inward = -self.model.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])
         direction = np.angle(inward) + random.normal(0.0, _FELT, count)
         turn = se2.wrap(g[:, 2] - _OFFSET + random.normal(0.0, _FELT, count))
         return [

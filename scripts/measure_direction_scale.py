@@ -68,7 +68,7 @@ def presses(name: str, unit: SensorUnit, rng: np.random.Generator) -> Iterator[t
         else:
             shape = SHAPES[name]
             g = touching_at(shape, unit.radius, angle)
-            touch = contact_model(shape, DIGIT).touching(g[None, None])[0, 0, 0]
+            touch = contact_model(shape, DIGIT).touching_at(g)
             true = float(se2.wrap(np.angle(-touch["normal"]) - g[2]))
             yield true, render(unit, shape, g, depth, rng=rng, side=side)
 
