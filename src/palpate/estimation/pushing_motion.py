@@ -49,6 +49,7 @@ class PushingMotion:
 
     def __init__(self, settings: NoiseSettings, model: ContactModel, random: np.random.Generator) -> None:
         self._settings, self._model, self._random = settings, model, random
+        self._balance = Balance(settings.balance, model)
 
     def sensors(self, measured: Array, count: int) -> Array:
         """Draw true sensor poses (count, 3) of a measured one (3,)."""
@@ -72,10 +73,10 @@ class PushingMotion:
         stiffness = c_squared + np.abs(arm) ** 2
 
         # What pushing leaves open: how far the contact creeps, how far force and torque are off balance, and the edge.
-        moved, balance, cone = _way(measured), settings.balance, settings.friction_cone
+        moved, cone = _way(measured), settings.friction_cone
         creep = student(self._random, count, 2, settings.sticking.kernel)
-        off_balance = student(self._random, count, 1, balance.kernel)
-        imbalance = Balance(balance, model).deviation(moved) * off_balance[:, 0]
+        off_balance = student(self._random, count, 1, settings.balance.kernel)
+        imbalance = self._balance.deviation(moved) * off_balance[:, 0]
         aside = (cone.share or 0.0) * student(self._random, count, 1, cone.kernel)[:, 0]
 
         # Does it stick? Then v + i omega arm = push and arm x v = c^2 omega, and the force points along v.

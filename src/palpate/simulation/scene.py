@@ -269,7 +269,8 @@ def _area(corners: Array) -> float:
 def set_gel(model: Any, sensor: SensorProfile, friction: float, stiffness: float) -> None:
     """Set the contact of gel and object: Coulomb friction and stiffness [N/m].
 
-    The normal force at rest is `stiffness` times the indentation, of a flat pad on a patch of it; see _FLAT_STIFFER.
+    The normal force at rest is `stiffness` times the indentation, of a flat pad on a patch of it (see
+    _FLAT_STIFFER), and of a hand at each finger.
 
     MuJoCo gives contacts a stiffness k per unit of inertia; at rest f (1 - d) / d A = k d r with the impedance d and
     the inverse inertia A, see "Computation: constraint model" in its documentation. k = 1 / (d t)^2 for critical

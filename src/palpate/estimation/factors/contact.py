@@ -1,9 +1,10 @@
-"""Contact: the tip's round surface is on the outline, up to a depth by which it overlaps (paper Eq. 11, two-sided).
+"""Contact: the sensor's surface is on the outline, up to a depth by which it overlaps (paper Eq. 11, two-sided).
 
-The residual is `gap + depth - scale reach` [m]: positive where tip and object are further apart than the depth says,
+The residual is `gap + depth - scale reach` [m]: positive where sensor and object are further apart than the depth says,
 negative where they overlap more. The gap is the outline's signed distance at the tip's centre of curvature less the
-tip's radius. The reach is how far the outline is from its centroid along its normal; an object that is larger than its
-outline by a small share, the scale, reaches farther by that share.
+tip's radius; of several parts it is that of those which bear the load, see `contact_model`. The reach is how far the
+outline is from its centroid along its normal; an object that is larger than its outline by a small share, the scale,
+reaches farther by that share.
 """
 
 from dataclasses import dataclass
