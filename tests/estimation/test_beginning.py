@@ -61,7 +61,7 @@ def test_a_touch_where_it_cannot_be_leaves_an_answer_alive():
 def test_one_known_roughly_begins_at_several_places_likely_ones_first(begin):
     ways = began(begin, (answer((0.0, 0.0, 0.0), ROUGH), 0.0))
     earned = [one.earned for one in ways]
-    assert 3 < len(ways) <= 16 and earned == sorted(earned, reverse=True)
+    assert 3 < len(ways) <= 20 and earned == sorted(earned, reverse=True)
     assert sum(one.is_place for one in ways) >= len(ways) - 1
 
 

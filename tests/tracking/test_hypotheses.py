@@ -178,6 +178,15 @@ def test_an_object_that_may_be_anywhere():
     check_answers(found)
     assert found[0].status == "ambiguous"
     assert nees(found, o).max() < 7.8
+    # Nor does it matter which yaw it has: both in which a rectangle looks the same are left.
+    for yaw in (1.0, -2.5):
+        turned = np.array([0.0, 0.0, yaw])
+        world = se2.compose(turned, o), se2.compose(turned, e)
+        found = tracked(with_directions("rectangle", *world, contact), None)
+        last = world[0][-1]
+        off = [se2.log(se2.between(last, answer.pose)) for answer in found[-1].answers if answer.weight > 0.3]
+        assert sorted(abs(round(float(one[2]), 1)) for one in off) == [0.0, 3.1]
+        assert found[-1].status == "ambiguous" and max(np.hypot(*one[:2]) for one in off) < 5e-3
     # With nothing but contact the first push cannot tell, and that is said, too.
     blind = tracked(frames(o, e, contact), None)
     check_answers(blind)
@@ -201,6 +210,11 @@ def test_yaw_of_a_disc_stays_what_it_was_and_as_unknown():
     assert (turned < 2.5 * yaw).all()
     # Its place is told all the same.
     assert translation_errors(poses(found), o)[-1] < 5e-3
+    # Of a yaw that was any, nothing is known after it, either.
+    for sigma in ((0.02, 0.02, 2.0), (0.02, 0.02, 1.0)):
+        found = tracked(with_directions("disc", o, e), se2.compose(o[0], (0.012, -0.01, 2.0)), "disc", sigma=sigma)
+        np.testing.assert_allclose(np.sqrt(found[-1].covariance[2, 2]), sigma[2], rtol=0.1)
+        assert nees(found, o).max() < 9.0
     assert nees(found, o)[1:].max() < 7.8
 
 
@@ -265,10 +279,10 @@ def test_hypotheses_that_hold_on_to_nothing_do_not_count(monkeypatch):
     monkeypatch.setattr(weighing, "_LOST", np.sqrt(limit))
     fewer = tracked(frames(o, e), o[0], tactile="oracle")
     check_answers(fewer)
-    assert wide.max() > 1.1 * limit
-    for estimate in fewer:
-        deviations = [np.diag(answer.covariance)[:2].max() for answer in estimate.answers]
-        assert max(deviations) < 1.01 * limit or len(deviations) == 1 or min(deviations) > 0.99 * limit
+    narrow = np.array([min(answer.covariance[:2, :2].max() for answer in estimate.answers) for estimate in usual])
+    lost = np.flatnonzero(narrow > 1.001 * limit)
+    assert wide.max() > 1.1 * limit and len(lost) > 2
+    assert {len(fewer[frame].answers) for frame in lost} == {1}  # the one that holds on, though it is contradicted
     # Where all are, they do count.
     monkeypatch.setattr(weighing, "_LOST", 1e-6)
     all_lost = tracked(frames(o, e), o[0], tactile="oracle")

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
 _IMPOSSIBLE = 12.0  # the same, at most, of a touch where the object is not
-MOST_YOUNG = 16  # ways to begin, at most
+MOST_YOUNG = 20  # ways to begin, at most: all faces of an outline, each at several places
 _SAME = np.array([2e-3, 2e-3, 0.02])  # [m, m, rad]
 
 
@@ -55,7 +55,7 @@ def begun(
     ways: list[Beginning] = []
     for index, (estimator, earned) in enumerate(answers):
         prior = estimator.see_first_touch(sensor_pose, measurements)
-        places = starts(prior, model, sensor_pose, measurements) if is_rough(prior) else []
+        places = starts(prior, model, sensor_pose, measurements) if is_rough(prior, model) else []
         ways.append(Beginning(index, earned, estimator.unmoved if places else None))
         ways += [Beginning(index, earned + likely - UNLIKELY, at, True) for at, likely in places]
     return sorted(ways, key=lambda one: -one.earned)[:MOST_YOUNG]
@@ -77,7 +77,7 @@ def begun_unfound(
         places = expected_starts(prior, model, sensor_pose, measurements)
         as_left = places if not estimator.is_displaced else expected_starts(unmoved, model, sensor_pose, measurements)
         as_expected = earned + max(log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
-        if not is_rough(prior):
+        if not is_rough(prior, model):
             ways.append(Beginning(index, as_expected, prior))
             continue
         if estimator.is_displaced or not places or not _is_guess(prior):

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
 from palpate.errors import EstimationError
-from palpate.estimation.beginning import Beginning, begun, begun_unfound, log_sum
+from palpate.estimation.beginning import MOST_YOUNG, Beginning, begun, begun_unfound, log_sum
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
-from palpate.estimation.disturbed import AHEAD, BACK, SPREAD, STILL_GOING_ON, disturbed, is_contradicted
+from palpate.estimation.disturbed import AHEAD, SPREAD, STILL_GOING_ON, UNHEEDED, disturbed, is_contradicted
 from palpate.estimation.estimator import Estimator, touch_on
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
 _BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
-_TOLD = 0.1  # weight from which another answer far from the best makes an estimate ambiguous
+_LIKELY = 0.1  # weight from which a hypothesis counts: is watched, or makes an estimate ambiguous
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +74,8 @@ class Hypotheses:
         self._model, self._settings = model, settings
         self._most = most if smoother in IN_A_WINDOW else 1
         self._all = [Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
-        self._is_found = not is_rough(self.known)  # once there was one sure answer
+        self._is_found = not is_rough(self.known, self._model)  # once there was one sure answer
         self._steps = 0  # of this contact
-        self._heeds_from = 0  # step of this contact from which an alarm is of something new
         self._untouched: list[Hypothesis] = []  # what there was before it, if nothing was displaced then
         if self._most > 1:
             places(model)  # found now, not when a contact begins
@@ -85,6 +84,11 @@ class Hypotheses:
     @property
     def _best(self) -> Hypothesis:
         return self._all[0]
+
+    @property
+    def _room(self) -> int:
+        """How many there may be: of an object that was never found, as many as a contact may begin with."""
+        return self._most if self._is_found or self._most == 1 else max(self._most, MOST_YOUNG)
 
     @property
     def in_contact(self) -> bool:
@@ -144,7 +148,7 @@ class Hypotheses:
     def status(self) -> Status:
         """What to make of it."""
         if sum(one.weight > 0.0 for one in self._all) > 1:
-            is_likely = np.array([one.weight > _TOLD for one in self._all])
+            is_likely = np.array([one.weight > _LIKELY for one in self._all])
             is_far = (np.abs(self._from_best) > _APART).any(axis=1)
             if (is_likely & is_far).any() or (np.diagonal(self.covariance) > _APART**2).any():
                 return "ambiguous"
@@ -183,7 +187,7 @@ class Hypotheses:
     def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
         if not self.in_contact:
-            self._steps = self._heeds_from = 0
+            self._steps = 0
             self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
             if self.is_displaced or self._most == 1:
                 self._untouched = []
@@ -198,9 +202,7 @@ class Hypotheses:
             one.age += 1
         self._steps += 1
         if self._most > 1:
-            if self._steps >= self._heeds_from and not any(one.open for one in self._all) and self.is_contradicted:
-                self._heeds_from = self._steps + BACK + AHEAD
-                self._all = [*self._all, *disturbed(self._best, self._steps, self._settings.priors)]
+            self._doubt_pushing()
             self._weigh()
 
     def begin_anew(
@@ -209,7 +211,6 @@ class Hypotheses:
         """Go on with a new graph from the best last pose; see Estimator."""
         best, self._untouched = self._best.estimator, []
         self._all, self._steps = [Hypothesis(best, slippery=self._best.slippery)], 1
-        self._heeds_from = 0
         best.begin_anew(sensor_pose, measurements, time, error)
 
     def covariance_of_motion(self, length: float) -> Array:
@@ -223,10 +224,19 @@ class Hypotheses:
         for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
             one.earned = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
             one.estimator.end_contact(max(moved, SPREAD if one.open else 0.0))
-            one.broken, one.open = [], 0
+            one.broken, one.open, one.heeds_from = [], 0, 0
         if may_be_none and self._untouched:
             self._doubt_contact()
         self._untouched = []
+
+    def _doubt_pushing(self) -> None:
+        """Let something else have moved the object in the likeliest hypothesis that is contradicted anew."""
+        for one in self._all:
+            is_watched = one.weight > _LIKELY and not one.open and self._steps >= one.heeds_from
+            if is_watched and is_contradicted(one.estimator, self._steps):
+                self._all = [*self._all, *disturbed(one, self._steps, self._settings.priors)]
+                one.heeds_from = self._steps + UNHEEDED
+                return
 
     def _doubt_contact(self) -> None:
         """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
@@ -234,7 +244,7 @@ class Hypotheses:
         for one in self._untouched:
             one.estimator.stay(self._steps)
             one.earned += after - before
-        self._all = shared_out([*self._untouched, *self._all], self._most)
+        self._all = shared_out([*self._untouched, *self._all], self._room)
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[Hypothesis]:
         """All hypotheses that can be solved with one more frame of the contact; EstimationError where none can."""
@@ -275,15 +285,15 @@ class Hypotheses:
         if way.prior is None:
             return one
         broken, still_open = ([(0, 1)], AHEAD) if way.is_place else ([], 0)
-        return Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, one.slippery)
+        return Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, slippery=one.slippery)
 
     def _weigh(self) -> None:
         """Weigh all hypotheses, the best first, and keep those worth it."""
         if len(self._all) > 1:
-            self._all = self._weighing.kept(self._all, self._steps, self._most)
+            self._all = self._weighing.kept(self._all, self._steps, self._room)
             return
         self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
-        self._is_found |= not is_rough(self.known)
+        self._is_found |= not is_rough(self.known, self._model)
 
     @property
     def _from_best(self) -> Array:

@@ -27,11 +27,23 @@ _STEP, _LONGEST = 0.003, 5.0  # [m] at a time on the way round, and in all
 _LIKELY = 4.0  # standard deviations of the prior within which a place is thought of
 _ROUGH = np.array([0.006, 0.006, 0.15])  # [m, m, rad] from which a prior is rough
 _YAWS = 12  # directions all around, where nothing is known of yaw
+_ANY_YAW = 1.7  # [rad] from which yaw may be any; that of all yaws alike is pi / sqrt(3)
+_NOTHING = np.diag([0.0, 0.0, 100.0**2])  # [rad^2] by which nothing is known of yaw
+_ROUND = 1e-4  # [m] by which places are not equally far from the middle of a round outline
 
 
-def is_rough(prior: Prior) -> bool:
-    """Return whether the pose is known so roughly that the sensor may meet the object at several places."""
-    return bool((np.diagonal(prior.pose_covariance) > _ROUGH**2).any())
+def is_rough(prior: Prior, model: ContactModel) -> bool:
+    """Return whether the pose is known so roughly that the sensor may meet the object at several places.
+
+    A round object is met alike at every yaw.
+    """
+    rough = np.diagonal(prior.pose_covariance) > _ROUGH**2
+    return bool(rough[: 2 if is_round(model) else 3].any())
+
+
+def is_round(model: ContactModel) -> bool:
+    """Return whether the outline looks the same at every yaw, so that no touch tells it."""
+    return bool(np.ptp(np.abs(places(model)[0] - model.friction_center)) < _ROUND)
 
 
 def starts(
@@ -44,6 +56,8 @@ def starts(
     that only says how likely a place is, for it may be a guess of how far something moved the object.
     """
     pose, around = _at_places(prior, model, sensor_pose, measurements)
+    if is_round(model):
+        around[:, 2, 2] = prior.pose_covariance[2, 2]
     off = se2.log(se2.between(prior.pose, pose))
     # After a long doubt nothing may be known of some pose any more, and its covariance has no inverse.
     far = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(prior.pose_covariance, hermitian=True), off)
@@ -61,7 +75,11 @@ def expected_starts(
     pose, around = _at_places(prior, model, sensor_pose, measurements)
     off = prior.pose - pose
     off[:, 2] = se2.wrap(off[:, 2])
-    gain = around @ np.linalg.pinv(around + _turned(prior.pose_covariance, prior.pose[2]), hermitian=True)
+    known = prior.pose_covariance
+    if known[2, 2] > _ANY_YAW**2 and not is_round(model):
+        known = known + _NOTHING  # it can hardly tell yaws apart
+    known = _turned(known, prior.pose[2])
+    gain = around @ np.linalg.pinv(around + known, hermitian=True)
     by_gain = (gain @ off[..., None])[..., 0]
     far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
     likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
@@ -75,14 +93,21 @@ def _at_places(
     center, normal = places(model)
     center = center - overlap(prior, reaches(model, center - model.radius * normal, normal)) * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
-    if said:
+    around = _PLACE
+    if is_round(model):
+        yaw = np.array([[sensor_pose[2] - prior.pose[2]]])
+        if said:  # the place follows from yaw
+            turn = -np.exp(1j * (yaw[0] + true_angle(said[0], prior))) / normal[:1]
+            center, normal = (center[:1] - model.friction_center) * turn + model.friction_center, normal[:1] * turn
+        around = _PLACE + _NOTHING
+    elif said:
         yaw = (np.angle(-normal) - true_angle(said[0], prior))[:, None]
     else:
         yaw = np.array(_likely_yaws(prior, sensor_pose))[None]
     place = center[:, None] - np.exp(1j * yaw) * model.center
     seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
     pose = se2.compose(sensor_pose, se2.inverse(seen))
-    return pose, _turned(_PLACE, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
+    return pose, _turned(around, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
 
 
 def _likely_first(prior: Prior, pose: Array, covariance: Array, far: Array, likely: Array) -> list[tuple[Prior, float]]:

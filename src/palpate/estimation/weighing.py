@@ -42,6 +42,8 @@ class Hypothesis:
     """Steps of this contact, from one to before another, in which nothing of pushing holds."""
     open: int = 0
     """Frames in which that goes on."""
+    heeds_from: int = 0
+    """Step of this contact from which an alarm is of something new."""
     slippery: bool = False
     """Whether the contact is taken to be more slippery than was thought."""
     age: int = 0
