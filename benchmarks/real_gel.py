@@ -59,7 +59,7 @@ def main() -> None:
             tuple(np.array(images)[chosen]), true[chosen], tuple(np.array([row["file"] for row in rows])[chosen])
         )
         calibration = learn_from_presses(given, [untouched], DIGIT, model).calibration
-        print(f"images {calibration.view}", file=sys.stderr)
+        print(f"images read {calibration.view}", file=sys.stderr)
     found = judged(
         model, calibration, [image for image, used in zip(images, chosen, strict=True) if not used], true[~chosen]
     )

@@ -41,6 +41,7 @@ BALLS = {
     "red and blue exchanged": "red and blue exchanged",
     "as it is, calibrated on 5": "as they are, after `palpate calibrate` on five of them",
     "mirrored, calibrated on 5": "mirrored, after the same",
+    "red and blue exchanged, calibrated on 5": "red and blue exchanged, after the same",
 }
 
 
@@ -380,14 +381,17 @@ def balls() -> str:
     rows = [
         [
             told,
+            f"{found[name]['correlation']:.3f}",
             f"{found[name]['slope']:.2f}",
             f"{found[name]['rms_after_offset_deg']:.1f}°",
+            f"{found[name]['rms_about_line_deg']:.2f}°",
             f"{found[name]['pairs_rms_deg']:.1f}°",
             f"{percent(found[name]['in_68_share'])}, {percent(found[name]['in_95_share'])}",
         ]
         for name, told in BALLS.items()
     ]
-    return table(("images", "told over true", "off", "between two presses", "in 68 %, 95 %"), rows)
+    head = ("images", "correlation", "told over true", "off", "about the line", "between two presses", "in 68 %, 95 %")
+    return table(head, rows)
 
 
 def ball_facts() -> set[str]:
@@ -396,6 +400,17 @@ def ball_facts() -> set[str]:
     for row in loaded("docs/study/real_gel.json").values():
         facts |= {f"{row['constant_pairs_rms_deg']:.0f}", f"{row['rms_after_offset_deg']:.1f}"}
         facts |= {f"{100.0 * row['in_95_share']:.0f}", f"{abs(row['offset_deg']):.1f}"}
+    return facts
+
+
+def press_view_facts() -> set[str]:
+    """Return what is said of how the images of simulated units lie, as presses tell it."""
+    found = loaded("docs/study/press_views.json")
+    facts = {str(found["units"]), f"{found['said_to_deg']:.0f}"}
+    for count in (5, 10):
+        of_count = found[f"{count} presses"]
+        shares = (of_count[f"{part}_share"] for part in ("left_right", "up_down", "colours"))
+        facts |= {str(count), *(f"{100.0 * share:.0f}" for share in shares), f"{of_count['rms_median_deg']:.1f}"}
     return facts
 
 
@@ -640,6 +655,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "large-facts": large_facts,
     "reader-facts": reader_facts,
     "ball-facts": ball_facts,
+    "press-view-facts": press_view_facts,
     "mini-facts": mini_facts,
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,

@@ -22,7 +22,9 @@ from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import ball_overlap, render, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch import press_figure
+from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
+from palpate.touch.model import shipped_model
 from palpate.touch.presses import Presses, PressFit, learn_from_presses, read_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
 from palpate.tracker import Tracker
@@ -41,7 +43,10 @@ def unit() -> SensorUnit:
 
 @pytest.fixture(scope="module")
 def presses(unit: SensorUnit) -> Presses:
-    rng = np.random.default_rng(0)
+    return balls_on(unit, np.random.default_rng(0))
+
+
+def balls_on(unit: SensorUnit, rng: np.random.Generator) -> Presses:
     places = [(unit.radius * np.sin(angle), 0.002 * np.cos(9.0 * angle)) for angle in ANGLES]
     images = tuple(touch_image(unit, ball_overlap(unit, 0.004, place, 8e-4), rng=rng) for place in places)
     return Presses(images, ANGLES, tuple(f"{number}.png" for number in range(len(images))))
@@ -82,7 +87,7 @@ def test_a_view_undoes_what_a_camera_does():
         np.testing.assert_array_equal(view.of(as_camera(image, view)), image)
     assert AS_IT_IS.of(image) is image
     assert str(CameraView(1, True, (2, 1, 0))) == "turned by 90 degrees, mirrored, channels BGR"
-    assert str(AS_IT_IS) == "as it is"
+    assert str(AS_IT_IS) == "as they come"
     # Of an image that stands, half of the turns fit; of one that lies the other half; of a square one all.
     assert {view.quarter_turns for view in views(image, 320, 240)} == {0, 2}
     assert {view.quarter_turns for view in views(image, 240, 320)} == {1, 3}
@@ -97,6 +102,20 @@ def test_presses_tell_left_from_right_however_the_camera_is_mounted(unit, presse
     assert any((found == each).all() for each in (unit.no_contact, unit.no_contact[::-1]))
     np.testing.assert_allclose(fit.told, ANGLES, atol=np.radians(1.5))
     assert fit.calibration.background.mean.shape == (320, 240, 3)
+
+
+@pytest.mark.parametrize("seed", [6, 11])
+def test_what_the_shipped_model_reads_does_not_depend_on_how_the_camera_delivers_it(seed):
+    """Not even where a simpler way to read the images would be nearly as likely."""
+    unit, rng = draw_unit(DIGIT, seed), np.random.default_rng(seed)
+    given, still = balls_on(unit, rng), touch_image(unit, None, rng=rng)
+    first = learn_from_presses(given, [still], DIGIT, shipped_model())
+    assert first.calibration.view.keeps_left_and_right
+    np.testing.assert_allclose(first.told, ANGLES, atol=np.radians(4.0))
+    for camera in (CameraView(0, True), CameraView(2), CameraView(channels=(2, 1, 0)), CameraView(2, True, (1, 2, 0))):
+        fit = learn_from_presses(of_camera(given, camera), [as_camera(still, camera)], DIGIT, shipped_model())
+        np.testing.assert_array_equal(fit.told, first.told, err_msg=str(camera))
+        assert fit.calibration.view.keeps_left_and_right == camera.keeps_left_and_right
 
 
 def test_presses_tell_offset_and_scale(unit, presses):
@@ -156,8 +175,7 @@ def test_a_tracker_takes_images_as_the_calibration_says(unit, presses):
     correction = DirectionCorrection(0.02, 0.9, 0.004)
     estimates = []
     for mounted in (AS_IT_IS, view):
-        fit = learn(presses, unit.no_contact)
-        calibration = Calibration(fit.calibration.background, mounted, correction)
+        calibration = Calibration(background_of([unit.no_contact] * 2), mounted, correction)
         tracker = Tracker(
             Rectangle(0.1, 0.1),
             DIGIT,
@@ -197,6 +215,7 @@ def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presse
     assert palpate(*words) == 0
     told = capsys.readouterr().out
     assert "6 presses: directions are off by" in told and ("mirrored" in told or "turned by 180" in told)
+    assert "Angles of the wrong sign look the same" in told
     assert (tmp_path / "unit.png").stat().st_size > 10_000
     picture = (tmp_path / "unit.png").read_bytes()
     calibration = load_calibration(out)

@@ -26,7 +26,7 @@ def calibrate(
             metavar="PRESSES",
             help="Presses at known angles: a CSV with the columns file, an image beside it, and angle_deg, of the "
             "contact on the tip; or a recording of presses on an object whose outline and poses are known. Five or "
-            "more tell how the camera's images lie and what is off in directions.",
+            "more tell left from right in the camera's images and what is off in directions.",
             help_behavior_hint="",
         ),
     ] = None,
@@ -42,7 +42,7 @@ def calibrate(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> int:
-    """Learn a sensor unit: its untouched images, and from presses how its images lie and what directions are off.
+    """Learn a sensor unit: its untouched images, and from presses how its images are read and directions are off.
 
     The untouched images are a recording's frames without contact: its contact flags say which these are; where it has
     none, they are all, and nothing may touch.
@@ -119,13 +119,21 @@ def _pressed(
     numbers = {
         "presses": len(given.images),
         "view": str(view),
+        "keeps_left_and_right": view.keeps_left_and_right,
         "offset_deg": math.degrees(direction.offset),
         "scale": direction.scale,
         "scatter_deg": math.degrees(fit.scatter),
         "picture": str(picture),
     }
+    # All else that the view says is no finding: `scripts/measure_press_views.py`.
+    caution = (
+        "Presses tell left from right only: up, down and the colours' order are as fits best, and may be otherwise."
+    )
+    if not view.keeps_left_and_right:
+        caution += "\nAngles of the wrong sign look the same as images that lie like this: positive is towards +y."
     words = (
-        f"images {view}; {len(given.images)} presses: directions are off by {numbers['offset_deg']:+.2f} degrees and "
-        f"{direction.scale - 1.0:+.1%}, {numbers['scatter_deg']:.2f} degrees about the line; see {picture}"
+        f"images read {view}; {len(given.images)} presses: directions are off by {numbers['offset_deg']:+.2f} degrees "
+        f"and {direction.scale - 1.0:+.1%}, {numbers['scatter_deg']:.2f} degrees about the line; see {picture}\n"
+        + caution
     )
     return fit.calibration, numbers, words

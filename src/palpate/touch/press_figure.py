@@ -35,6 +35,6 @@ def press_figure(presses: Presses, fit: PressFit) -> "Figure":
         ends, line, color="#0072B2", lw=1.0, label=f"{np.degrees(direction.offset):+.2f}° + {direction.scale:.3f} x"
     )
     axes.plot(true, told, "o", color="#D55E00", ms=4, label=f"told, {np.degrees(fit.scatter):.2f}° about the line")
-    axes.set(xlabel="angle of the contact [°]", ylabel="told [°]", title=f"images {view}")
+    axes.set(xlabel="angle of the contact [°]", ylabel="told [°]", title=f"images read {view}")
     axes.legend(fontsize=8)
     return figure

@@ -21,6 +21,11 @@ class CameraView:
     channels: tuple[int, int, int] = (0, 1, 2)
     """Which of the camera's channels are red, green and blue."""
 
+    @property
+    def keeps_left_and_right(self) -> bool:
+        """Whether what lies to the right in a camera's image lies to the right in the profile's."""
+        return (self.quarter_turns, self.mirrored) in ((0, False), (2, True))
+
     def of(self, image: Image) -> Image:
         """Return an image (height, width, 3) of the camera as one of the profile."""
         if self == AS_IT_IS:
@@ -33,7 +38,8 @@ class CameraView:
         turned = f"turned by {90 * self.quarter_turns} degrees" if self.quarter_turns else ""
         mirrored = "mirrored" if self.mirrored else ""
         order = "".join("RGB"[channel] for channel in self.channels)
-        return ", ".join(filter(None, (turned, mirrored, "" if order == "RGB" else f"channels {order}"))) or "as it is"
+        channels = "" if order == "RGB" else f"channels {order}"
+        return ", ".join(filter(None, (turned, mirrored, channels))) or "as they come"
 
 
 AS_IT_IS = CameraView()
