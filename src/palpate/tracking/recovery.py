@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 FAR_MM, FAR_DEG = 10.0, 5.0
 """An estimate that is farther off than either is wrong."""
 SEEN = 0.3
-"""[s] of scored frames, at least, for which an estimate has to be near: what comes near at the very end may not stay."""
+"""[s] of scored frames for which an estimate has to be near at least: one that is near at the very end may not stay."""
 AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
 """[s] after a knock at which errors are told."""
 BESIDE = 0.1
