@@ -10,7 +10,7 @@ from typing import Any
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.unknowns import SHARED
 from palpate.field_docs import field_docs
-from palpate.study.results import ALL, LOST_DEG, LOST_MM
+from palpate.study.results import ALL, LOST_DEG, LOST_MM, errors_after_knock
 from palpate.study.rows import read_rows
 from palpate.tracking.recovery import FAR_DEG, FAR_MM
 
@@ -126,7 +126,11 @@ def knocked() -> str:
     """Return the table of pushes in which somebody shoves the object."""
     rows = sequences("knocked")
     groups = [(group, [row for row in rows if row["group"].split("-")[0] == group]) for group in SHOVED]
-    return table(SCORES, [_scored(*group) for group in (*groups, ("all", rows))])
+    cells = [
+        [*_scored(name, some), percent(mean(some, "silently_wrong_unfelt_share"), 1)]
+        for name, some in (*groups, ("all", rows))
+    ]
+    return table((*SCORES, "of it before a touch"), cells)
 
 
 SHOVED = ("disc", "ellipse", "rectangle", "triangle", "t")
@@ -135,10 +139,11 @@ SHOVED = ("disc", "ellipse", "rectangle", "triangle", "t")
 def knocked_facts() -> set[str]:
     """Return what is said of how the estimate recovers from shoves."""
     rows = sequences("knocked")
-    soon = {
-        group: f"{100.0 * row['learnt']['recovered_in_2s']:.0f}"
+    shares = {
+        group: row["learnt"]["recovered_in_2s"]
         for group, row in loaded("docs/study/knocked/results.json")["table"].items()
     }
+    soon = {group: f"{100.0 * share:.0f}" for group, share in shares.items() if share is not None}
     corners = {group for group in soon if group.endswith("-corners") and "near" not in group}
     parts = (soon.keys() - corners - {ALL}, corners)
     ends = (pick((soon[group] for group in part), key=float) for part in parts for pick in (min, max))
@@ -463,6 +468,36 @@ def real_facts() -> set[str]:
     return facts | {f"{100 * run['scored_frames'] / run['frames']:.0f}" for run in runs} | {"95"}
 
 
+def _real_knocked() -> list[Row]:
+    return _real(oracle_runs(), "file")["MIT, knocked by hand"]
+
+
+def real_knocks() -> str:
+    """Return the table of errors over time after the knocks of real runs."""
+    runs = _real_knocked()
+    medians = errors_after_knock(runs)
+    errors = {after: [mm for run in runs for mm in run["knock_error_mm"][after] if mm is not None] for after in medians}
+    rows = [
+        ["median error", *(f"{mm:.1f} mm" for mm in medians.values())],
+        ["worst", *(f"{max(known):.0f} mm" for known in errors.values())],
+        ["knocks with truth then", *(str(len(known)) for known in errors.values())],
+    ]
+    return table(("after a knock", *(f"{after} s" for after in medians)), rows)
+
+
+def real_knock_facts() -> set[str]:
+    """Return how many knocks of real runs there are, and from how many of them the estimate recovers, and how soon."""
+    seconds = [each for run in _real_knocked() for each in run["knock_recovery_s"]]
+    taken = [each for each in seconds if each is not None]
+    soon = [each for each in taken if each <= REAL_SOON]
+    limits = {f"{limit:g}" for limit in (FAR_MM, FAR_DEG, REAL_SOON)}
+    return limits | {str(len(each)) for each in (seconds, taken, soon)}
+
+
+REAL_SOON = 1.5
+"""[s] within which a real push should be found again."""
+
+
 def expected() -> str:
     """Return README's table of what to expect."""
     rendered, oracle = _real(sequences("rendered"), "recording"), _real(oracle_runs(), "file")
@@ -633,6 +668,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "balls": balls,
     "real-motion": real_motion,
     "real-runs": real_runs,
+    "real-knocks": real_knocks,
     "two-fingers": two_fingers,
     "expected": expected,
     "step-times": step_times,
@@ -665,6 +701,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "wear-facts": wear_facts,
     "untouched-facts": untouched_facts,
     "real-facts": real_facts,
+    "real-knock-facts": real_knock_facts,
     "rendered-facts": rendered_facts,
     "step-facts": step_facts,
 }

@@ -26,7 +26,8 @@ class TrackerSettings:
     pressure: str | float = "uniform"
     """How the object presses on the table, which gives c; or c itself [m]."""
     hypotheses: int = 9
-    """How many answers are kept at most while touch cannot tell which is right; 1 keeps one whatever happens."""
+    """How many answers are kept at most while touch cannot tell which is right; a contact may begin with up to 16 for
+    its first frames. 1 keeps one whatever happens."""
 
     def __post_init__(self) -> None:
         for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):
@@ -40,7 +41,7 @@ class TrackerSettings:
                 f"pressure is {self.pressure!r}; allowed are {', '.join(PRESSURES)} or a friction radius above 0 [m]"
             )
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
-            raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is 1 or more")
+            raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
         # NumPy's numbers go into no JSON.
         object.__setattr__(self, "hypotheses", int(self.hypotheses))
         if radius is not None:

@@ -120,7 +120,7 @@ def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        (("--hypotheses", "0"), "hypotheses is 0; allowed is 1 or more"),
+        (("--hypotheses", "0"), "hypotheses is 0; allowed is a whole number from 1 on"),
         (
             ("--first-pose-sigma", "0", "1", "1"),
             "first pose sigma is [0.0, 1.0, 1.0]; it must be three numbers above 0: x [m], y [m], theta [rad]",

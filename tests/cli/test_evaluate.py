@@ -84,7 +84,7 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     shares = [f"{100 * row[f'{kind}inside_95']:.0f}" for kind in ("", "contact_", "rest_", "final_")]
     (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
     assert " ".join(shown.split()).split(") ")[-1].startswith(" ".join(shares))
-    assert "recovered" not in out
+    assert "after knocks" not in out
     assert found["settings"]["methods"] == ["none", "constant", "oracle"]
     assert found["command"] == "palpate evaluate recordings --out out --tactile none constant oracle"
     assert list(found["table"]) == ["disc", "edges", ALL]
@@ -96,18 +96,23 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
 
 def test_recovery_is_shown_where_there_are_knocks(capsys):
     told = np.zeros(40, np.bool_)
-    told[8] = True
+    told[0] = told[10] = True
     write_recording(replace(pushed(40), extra={"knocked": told}), "recordings/edges-1.h5", overwrite=True)
     assert palpate("recordings", "--out", "out", "--tactile", "none", "constant") == 0
     out = capsys.readouterr().out
-    assert "recovered s" in out and "% in 2 s" in out
     row = results()["table"]["edges"]["none"]
-    assert row["knocks"] == 1 and row["recovered_in_2s"] in (0.0, 1.0)
+    errors = list(row["error_after_knock_mm"].values())
+    assert errors[0] > 5.0 and "after knocks" in out
+    (shown,) = [line.split() for line in out.splitlines() if line.split()[:2] == ["none", "2"]]
+    # At first the pose is as given, and so near up to the second knock. The recording ends a second after that.
+    assert shown[2:7] == [f"{errors[0]:.1f}", f"{errors[1]:.1f}", "-", "-", "-"]
+    assert shown[7:] == ["0.00", "-", f"{100 * row['silently_wrong_unfelt']:.0f}"]
     with Path("out/sequences.csv").open(newline="") as file:
         rows = {(row["recording"], row["tactile"]): row for row in csv.DictReader(file)}
-    assert rows["edges-1.h5", "none"]["knocks"] == "1" and rows["disc-1.h5", "none"]["knocks"] == "0"
-    assert float(rows["edges-1.h5", "none"]["recovered_in_2s"]) == row["recovered_in_2s"]
-    assert rows["disc-1.h5", "none"]["recovered_in_2s"] == ""
+    assert rows["edges-1.h5", "none"]["knocks"] == "2" and rows["disc-1.h5", "none"]["knocks"] == "0"
+    assert float(rows["edges-1.h5", "none"]["error_after_knock_mm_0.5"]) == errors[0]
+    for key, shown in (("recovery_contact_s", "0.0"), ("recovered_in_2s", ""), ("error_after_knock_mm_3", "")):
+        assert (rows["edges-1.h5", "none"][key], rows["disc-1.h5", "none"][key]) == (shown, "")
 
 
 def test_the_page_is_drawn_from_what_was_found(monkeypatch):

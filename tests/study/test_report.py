@@ -119,11 +119,15 @@ def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path):
 def test_recovery_is_told_where_there_are_knocks(tmp_path):
     trials = drawn_trials(["disc", "mit"], METHODS[:2], 2, seconds=2.0)
     knocks = {"knocks": 3, "knock_recovery_contact_s": [0.5, 1.0, 2.5], "knock_contact_s": [3.0] * 3}
-    trials[1].summary.update(knocks)  # touch learnt on a disc
+    errors = {"0.5": [9.0, 8.0, 7.0], "1": [4.0, 3.0, 2.0], "1.5": [2.5] * 3, "2": [1.5] * 3, "3": [None] * 3}
+    # Touch learnt on a disc.
+    trials[1].summary.update(knocks, knock_error_mm=errors, silently_wrong_unfelt_share=0.03)
     write_report(tmp_path, drawn_results(trials), trials)
     words = Page((tmp_path / "report.html").read_text(encoding="utf-8")).words
     assert "After knocks, by group" in words
-    assert "touch all groups disc mit none – – – learnt 1.00 s, 67 % (3) 1.00 s, 67 % (3) –" in words
+    told = "1.00 s, 67 % (3) 8.0, 3.0, 2.5, 1.5, – mm"
+    assert f"touch all groups disc mit none – – – learnt {told} {told} –" in words
+    assert words.count("silently wrong 1 %, before a touch 3 %") == 2  # of all groups and of the disc
 
 
 def test_what_went_wrong_is_told(page):

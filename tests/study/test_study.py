@@ -366,12 +366,12 @@ def knocks(*taken_and_until):
 
 def test_recovery_and_silence_in_the_table_by_hand():
     knocked = [
-        trial(1.0, silently_wrong_share=0.2, **knocks((0.5, 4.0), (2.0, 2.5))),
+        trial(1.0, silently_wrong_share=0.2, silently_wrong_unfelt_share=0.1, **knocks((0.5, 4.0), (2.0, 2.5))),
         trial(2.0, silently_wrong_share=0.0, **knocks((2.1, 3.0))),
         trial(3.0),  # of an earlier version, which did not tell
     ]
     row = table(knocked, (NONE,))["disc"]["none"]
-    assert (row["silently_wrong"], row["knocks"]) == (pytest.approx(0.1), 3)
+    assert (row["silently_wrong"], row["silently_wrong_unfelt"], row["knocks"]) == (pytest.approx(0.1), 0.1, 3)
     assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
 
 
@@ -380,10 +380,29 @@ def test_recovery_by_hand_where_a_knock_is_not_followed_to_the_end():
     assert recovered([knocks((1.0, 3.0), (None, 3.0))]) == {"recovery_contact_s": 1.0, "recovered_in_2s": 0.5}
     assert recovered([knocks((None, 3.0))]) == {"recovery_contact_s": None, "recovered_in_2s": 0.0}
     assert recovered([]) == {"recovery_contact_s": None, "recovered_in_2s": None}
+    # Nobody knows of 2 s where half of the knocks are followed up to 1 s only.
+    assert recovered([knocks((0.5, 3.0), (None, 1.0))]) == {"recovery_contact_s": 0.5, "recovered_in_2s": None}
     # Of four, one recovers at 0.5 s; two are followed up to 1 s only, and the last recovers at 1.5 s: 1 - 3/4 * 0.
     assert recovered([knocks((0.5, 3.0), (None, 1.0), (None, 1.0), (1.5, 3.0))])["recovered_in_2s"] == 1.0
     # Of three, one is followed up to 0.1 s; one of the two others recovers.
     assert recovered([knocks((None, 0.1)), knocks((1.0, 3.0)), knocks((None, 9.0))])["recovered_in_2s"] == 0.5
+
+
+def errors_then(*errors: float | None) -> dict[str, Any]:
+    """Return a summary's errors [mm] half a second after each knock; they are known then only."""
+    unknown = [None] * len(errors)
+    return {"knock_error_mm": {"0.5": [*errors], "1": unknown, "1.5": unknown, "2": unknown, "3": unknown}}
+
+
+def test_errors_after_knocks_are_pooled_over_all_knocks():
+    trials = [trial(1.0, **errors_then(9.0, 1.0, None)), trial(2.0, **errors_then(2.0)), trial(3.0), trial(4.0, ORACLE)]
+    rows = table(trials, (NONE, ORACLE))["disc"]
+    # Three are known; the median of the recordings' medians would be 3.5.
+    assert rows["none"]["error_after_knock_mm"] == {"0.5": 2.0, "1": None, "1.5": None, "2": None, "3": None}
+    assert set(rows["oracle"]["error_after_knock_mm"].values()) == {None}
+    row = flat(trials[0])
+    assert (row["error_after_knock_mm_0.5"], row["error_after_knock_mm_3"]) == (5.0, None)
+    assert "knock_error_mm" not in row
 
 
 def test_knocks_that_nothing_tells_of():
@@ -441,9 +460,9 @@ def test_results_hold_everything_as_plain_data():
     assert {"in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share", "knocks"} < set(
         lines[0].split(",")
     )
-    knocked = flat(trial(1.0, **knocks((1.0, 4.0), (3.0, 4.0)), error_after_knock_mm={"1": 2.0}))
+    knocked = flat(trial(1.0, **knocks((1.0, 4.0), (3.0, 4.0))))
     assert (knocked["recovery_contact_s"], knocked["recovered_in_2s"]) == (1.0, 0.5)
-    assert not {"knock_recovery_contact_s", "error_after_knock_mm"} & set(knocked)
+    assert "knock_recovery_contact_s" not in knocked
 
 
 def test_comparison_by_hand():

@@ -137,7 +137,7 @@ KEYS = [
     *("nees_mean", "statuses", "yaw_shows", "scored_frames", "final_scored_time_s"),
     *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final"),
     *("silently_wrong_share", "silently_wrong_unfelt_share"),
-    *("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "error_after_knock_mm"),
+    *("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "knock_error_mm"),
 ]
 
 

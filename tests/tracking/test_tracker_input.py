@@ -118,7 +118,7 @@ def test_arguments_of_another_kind(arguments, words):
 
 @pytest.mark.parametrize("hypotheses", [0, -1])
 def test_fewer_than_one_hypothesis(hypotheses):
-    with pytest.raises(SettingError, match=rf"^hypotheses is {hypotheses}; allowed is 1 or more$"):
+    with pytest.raises(SettingError, match=rf"^hypotheses is {hypotheses}; allowed is a whole number from 1 on$"):
         TrackerSettings(hypotheses=hypotheses)
 
 
@@ -138,8 +138,9 @@ def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
         ({"pressure": -0.1}, "pressure is -0.1; allowed are"),
         ({"pressure": float("nan")}, "pressure is nan; allowed are"),
         ({"noise": "palpate"}, "noise is 'palpate'; it must be palpate.NoiseSettings"),
-        ({"hypotheses": "9"}, "hypotheses is '9'; allowed is 1 or more"),
-        ({"hypotheses": 2.5}, "hypotheses is 2.5; allowed is 1 or more"),
+        ({"hypotheses": "9"}, "hypotheses is '9'; allowed is a whole number from 1 on"),
+        ({"hypotheses": 1.0}, "hypotheses is 1.0; allowed is a whole number from 1 on"),
+        ({"hypotheses": 2.5}, "hypotheses is 2.5; allowed is a whole number from 1 on"),
     ],
 )
 def test_misspelt_words_are_refused_where_they_are_said(changed, words):

@@ -205,13 +205,11 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     finals = ("final_mm", "final_deg")
     shares = ("inside_95", "contact_inside_95", "rest_inside_95", "final_inside_95", "silently_wrong")
     methods = results["table"].get(ALL, {})
-    knocks = any(row["knocks"] for row in methods.values())
     rows = [
         [
             method,
             *(f"{number(row[of]['median'], 2)} ({number(row[of]['worst'])})" for of in finals),
             *(percent(row[name]) for name in shares),
-            *((number(row["recovery_contact_s"], 2), percent(row["recovered_in_2s"])) if knocks else ()),
             f"{row['lost']} of {row['sequences']}",
             number(row["step_ms"]["p50"]),
         ]
@@ -219,9 +217,11 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     ]
     if rows:
         columns = ("touch", "mm (worst)", "deg (worst)", "% in 95 %", "contact", "rests", "finals", "silently wrong")
-        columns = (*columns, *(("recovered s", "% in 2 s") if knocks else ()), "lost", "ms")
+        columns = (*columns, "lost", "ms")
         title = f"{ALL}: final error in the median, frames in the 95 % region, and time of a step"
         print_table(title, columns, rows, numbers=range(1, len(columns)))
+    if any(row["knocks"] for row in methods.values()):
+        _show_knocks(methods)
     if against := results.get("against"):
         rows = [
             [
@@ -238,3 +238,25 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     counts = ", ".join(f"{results['study'][what]} {what}" for what in COUNTS)
     wrote = out / ("report.html" if results["table"] else "results.json")
     print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {wrote}")
+
+
+def _show_knocks(methods: Mapping[str, Mapping[str, Any]]) -> None:
+    """Tell what becomes of the estimate after knocks, by each method."""
+    from palpate.cli.console import number, percent, print_table
+    from palpate.tracking.recovery import AFTER
+
+    rows = [
+        [
+            method,
+            str(row["knocks"]),
+            *(number(error) for error in row["error_after_knock_mm"].values()),
+            number(row["recovery_contact_s"], 2),
+            percent(row["recovered_in_2s"]),
+            percent(row["silently_wrong_unfelt"]),
+        ]
+        for method, row in methods.items()
+    ]
+    columns = ("touch", "knocks", *(f"mm at {after:g} s" for after in AFTER), "recovered s", "% in 2 s")
+    columns = (*columns, "silently wrong before a touch")
+    title = "after knocks: error in the median, and time in contact until it is within 10 mm and 5 deg to stay"
+    print_table(title, columns, rows, numbers=range(1, len(columns)))

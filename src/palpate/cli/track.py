@@ -52,7 +52,8 @@ def track(
         int | None,
         tyro.conf.arg(
             metavar="N",
-            help="How many answers are kept at most while touch cannot tell.",
+            help="How many answers are kept at most while touch cannot tell; a contact may begin with up to 16 for its "
+            "first frames. 1 keeps one whatever happens.",
             help_behavior_hint="(default: that of the tracker)",
         ),
     ] = None,

@@ -19,6 +19,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from palpate.study.study import Study
 from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
 from palpate.tracking.metrics import inside_95, since_contact
+from palpate.tracking.recovery import AFTER
 
 Array = NDArray[np.float64]
 ALL = "all groups"
@@ -97,8 +99,9 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
     nees: {median, mean} and inside_95: share in the 95 % region, both of all frames from the first contact on, before
     which the pose is as good as given;
     contact_inside_95, rest_inside_95, final_inside_95: share of those in contact, of the others and of the last ones;
-    silently_wrong: mean over sequences of `silently_wrong_share`; see `metrics.summarise`;
+    silently_wrong, silently_wrong_unfelt: means over sequences of such shares; see `metrics.summarise`;
     knocks: how many, and what `recovered` tells of them;
+    error_after_knock_mm: see `errors_after_knock`;
     lost: how many; and, of all sequences, step_ms: {p50, p95}, medians over sequences.
     What cannot be told is None.
     """
@@ -125,7 +128,7 @@ def recovered(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]
 
     They are `recovery_contact_s`, the median time in contact, and `recovered_in_2s`, the share that took up to SOON. A
     knock may be followed by the next one or the end before that: what is not known of it is left open (the estimate of
-    Kaplan and Meier). Without knocks both are None, and so is the median where it is beyond what is known.
+    Kaplan and Meier). Without knocks both are None, and so is what is beyond the longest that any was followed for.
     """
     from scipy.stats import CensoredData, ecdf  # importing it takes a second
 
@@ -137,10 +140,24 @@ def recovered(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]
     seconds = [end if each is None else each for each, end in zip(taken, until, strict=True)]
     lasting = ecdf(CensoredData.right_censored(seconds, [each is None for each in taken])).sf
     half = lasting.quantiles[lasting.probabilities <= 0.5]
+    is_known = max(seconds) >= SOON or lasting.probabilities[-1] == 0.0
     return {
         "recovery_contact_s": float(half[0]) if len(half) else None,
-        "recovered_in_2s": float(1.0 - lasting.evaluate(SOON)),
+        "recovered_in_2s": float(1.0 - lasting.evaluate(SOON)) if is_known else None,
     }
+
+
+def errors_after_knock(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Return, by the seconds after a knock ("0.5"), the median error [mm] over knocks of trials with these summaries.
+
+    Those knocks count of which the error is known then; where there is none it is None.
+    """
+    told = [known for summary in summaries if (known := summary.get("knock_error_mm"))]
+    medians: dict[str, float | None] = {}
+    for after in (f"{seconds:g}" for seconds in AFTER):
+        errors = [error for known in told for error in known[after] if error is not None]
+        medians[after] = median(errors) if errors else None
+    return medians
 
 
 def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Trial]) -> None:
@@ -159,7 +176,10 @@ def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[
     steps = {share: [trial.summary["step_ms"][share] for trial in trials] for share in ("p50", "p95")}
     pooled = {kind: np.concatenate([each[kind] for each in kinds]) for kind in kinds[0]}
     nees = pooled["all"]
-    silent = [known for trial in scored if (known := trial.summary.get("silently_wrong_share")) is not None]
+    silent, unfelt = (
+        [known for trial in scored if (known := trial.summary.get(key)) is not None]
+        for key in ("silently_wrong_share", "silently_wrong_unfelt_share")
+    )
     return {
         "sequences": len(scored),
         "unscored": len(trials) - len(scored),
@@ -172,8 +192,10 @@ def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[
         "inside_95": _share(inside_95(nees)),
         **{f"{kind}_inside_95": _share(inside_95(pooled[kind])) for kind in ("contact", "rest", "final")},
         "silently_wrong": _share(silent),
+        "silently_wrong_unfelt": _share(unfelt),
         "knocks": sum(trial.summary.get("knocks") or 0 for trial in scored),
         **recovered([trial.summary for trial in scored]),
+        "error_after_knock_mm": errors_after_knock([trial.summary for trial in scored]),
         "lost": sum(is_lost(trial) for trial in scored),
         "step_ms": {share: float(np.median(values)) for share, values in steps.items()},
     }
@@ -217,4 +239,5 @@ def flat(trial: Trial) -> dict[str, Any]:
     row = {"recording": trial.recording, "group": trial.group, **asdict(trial.method), "lost": is_lost(trial)}
     row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
     row |= recovered([trial.summary])
+    row |= {f"error_after_knock_mm_{after}": mm for after, mm in errors_after_knock([trial.summary]).items()}
     return row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()}
