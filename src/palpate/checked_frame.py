@@ -56,7 +56,8 @@ def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: floa
             raise FrameError(f"{when} has object pose {frame.object_pose}; it must be three finite numbers or NaN")
     said = (*_several(when, frame.measurements), *_several(when, measurements))
     for one in said:
-        _check_measurement(when, one, tips)
+        check_kind(frame.time, one, tips)
+        _check_measurement(when, one)
     return replace(
         frame,
         time=float(frame.time),
@@ -94,12 +95,16 @@ def _several(when: str, measurements: Any) -> tuple[Measurement, ...]:
         raise FrameError(f"{when} has measurements of type {found}; they must be a list of measurements") from None
 
 
-def _check_measurement(when: str, measurement: Measurement, tips: int) -> None:
-    kind = type(measurement).__name__
+def check_kind(time: float, measurement: Measurement, tips: int) -> None:
+    """Raise FrameError where what is measured at a time [s] is none, or not of a sensor with so many tips."""
+    when, kind = f"frame at {time:.3f} s", type(measurement).__name__
     if not isinstance(measurement, Measurement):
         raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's measurements, as ObjectPose")
     if tips > 1 and isinstance(measurement, ContactDirection | ContactPlace | Turn):
         raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
+
+
+def _check_measurement(when: str, measurement: Measurement) -> None:
     if isinstance(measurement, RelativePoses) and not (np.linalg.eigvalsh(measurement.covariance) > 0.0).all():
         raise FrameError(f"{when} has a measurement RelativePoses whose covariance is not positive definite")
     if isinstance(measurement, OwnMeasurement):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checked_frame import checked_frame
+from palpate.checked_frame import check_kind, checked_frame
 from palpate.errors import EstimationError, FrameError, SettingError
 from palpate.estimate import Estimate
 from palpate.estimation.belief import Prior
@@ -239,7 +239,10 @@ class Tracker:
         """What touch tells of a frame of contact; nothing where it has not felt it begin."""
         if self._unfelt.now and self._tactile.startswith("learnt") and not self._is_touch_given:
             return ()
-        return self._touch.measure(frame)
+        told = self._touch.measure(frame)
+        for one in told:
+            check_kind(frame.time, one, len(self._sensor.tips))
+        return told
 
     def _measured(self, frame: Frame, told: Sequence[Measurement]) -> Sequence[Measurement]:
         """All that is measured at a frame of which touch tells this."""

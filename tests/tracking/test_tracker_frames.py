@@ -92,6 +92,25 @@ def test_a_measurement_of_one_tip_for_a_sensor_with_two():
         tracker.update(small_frame(), [ContactDirection(0.0, 1e-4)])
 
 
+class FeelsOneTip:
+    """A touch of one's own that tells what is not of two tips."""
+
+    def measure(self, frame: Frame) -> list[Measurement]:
+        return [ContactDirection(0.0, 1e-4)]
+
+    def end_contact(self) -> None:
+        pass
+
+
+def test_touch_of_ones_own_that_tells_of_one_tip_with_two():
+    two = SensorProfile("fingers", 0.004, ((0.0, 0.02), (0.0, -0.02)))
+    tracker = Tracker(SHAPES["disc"], two, np.zeros(3), touch=FeelsOneTip())
+    said = "frame at 1.000 s has a measurement ContactDirection, which is of one tip, and the sensor has 2"
+    with pytest.raises(FrameError, match=f"^{said}$"):
+        tracker.update(small_frame(contact=True))
+    assert not tracker.update(small_frame(time=2.0)).contact
+
+
 @pytest.mark.parametrize("smoother", ["fixed-lag", "isam2"])
 def test_estimates_after_bad_frames_are_those_without_them(smoother):
     """In contact and between contacts, to the last digit."""

@@ -1,7 +1,9 @@
-"""What is wrong, and how sure the estimate really is: strain, displacement and uncertainty make status and covariance.
+"""What is wrong, and how sure the estimate really is: what contradicts, moves and hides makes status and covariance.
 
 - Strain: touch says one thing and the physics of pushing another. It is the mean square, over the last frames, of the
   pushing row that is worst off, in variances. Nothing later measures what has shifted, so the covariance stays larger.
+- Contradiction: measured poses of the object are far from where it is known to be, or put its outline far from where
+  the sensor touches it. The covariance is larger by as much.
 - Displacement: the sensor stands where the untouched object should be, or touches it where it should not be.
 - Uncertainty: the covariance is so large that a linearised one is a guess itself.
 """
@@ -15,11 +17,12 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
+from palpate.estimation.contradiction import Contradiction
 from palpate.estimation.factors.contact import overlap, reaches
 from palpate.estimation.factors.direction import true_angle
 from palpate.estimation.unknowns import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.geometry import se2
-from palpate.recording.measurements import ContactDirection, Measurement
+from palpate.recording.measurements import ContactDirection, Measurement, ObjectPose
 
 Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
@@ -28,8 +31,8 @@ Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "d
 - resting: untouched, so unmoved.
 - tracking: all is well.
 - ambiguous: several poses far apart fit what was measured; the covariance spans them.
-- strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock); the
-  covariance is larger by as much.
+- strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock), or
+  measured poses of the object contradict what else is known; the covariance is larger by as much.
 - uncertain: the covariance is so large that it is itself a guess, or touch cannot tell anything yet.
 - displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
   says, in this contact and after it.
@@ -71,6 +74,7 @@ class Diagnosis:
         self._errors: deque[Array] = deque(maxlen=STRAIN_FRAMES)
         self._strain = 1.0  # factor on the reported covariance
         self._displacement = 0.0  # [m] by which the object must have moved since it was last touched
+        self._of_poses = self._of_outline = Contradiction()
 
     def __copy__(self) -> "Diagnosis":
         other = object.__new__(Diagnosis)
@@ -120,6 +124,53 @@ class Diagnosis:
                 moved = 0.5 * self._model.friction_radius * self._turn(prior, sensor_pose, said)
                 self._displacement = max(self._displacement, moved)
 
+    def see_object_poses(self, prior: Prior, measured: Sequence[tuple[Array, ObjectPose]], moved: float) -> None:
+        """Compare measured poses of the object with what is known without them.
+
+        Each comes with where the object was thought to be at its time (3,); it may have moved by so much since [m].
+        """
+        if not measured:
+            return
+        known = prior.pose_covariance + self._calibration + self.covariance_of_motion(moved)
+        worst = 0.0, 0.0, ""
+        for number, (pose, one) in enumerate(measured, 1):
+            off = se2.log(se2.between(pose, one.pose))
+            apart = off @ np.linalg.pinv(known + one.covariance, hermitian=True) @ off  # a solution may have run away
+            deviations = float(np.sqrt(max(apart, 0.0)))
+            if deviations > worst[1]:
+                far, turn = float(np.hypot(*off[:2])), abs(float(off[2]))
+                which = f" {number} of {len(measured)}" if len(measured) > 1 else ""
+                said = (
+                    f"measured object pose{which} is {1e3 * far:.0f} mm and {np.degrees(turn):.0f} degrees from the "
+                    f"estimate, {deviations:.0f} standard deviations"
+                )
+                worst = max(far, self._model.friction_radius * turn), deviations, said
+        self._of_poses = self._of_poses.compared(*worst)
+
+    def see_touched_outline(self, prior: Prior, sensor_pose: Array, is_measured: bool) -> None:
+        """Compare where the sensor (3,) touches the object with its outline, where its pose is measured, too.
+
+        What once contradicted is compared until it does so no longer.
+        """
+        if is_measured or any(self._of_outline.apart):
+            gap, deviation = self.gap(prior.loosened(self._calibration), sensor_pose)
+            deviations = abs(gap) / deviation
+            said = (
+                f"measured object poses put the outline {1e3 * abs(gap):.0f} mm from where the sensor touches it, "
+                f"{deviations:.0f} standard deviations"
+            )
+            self._of_outline = self._of_outline.compared(abs(gap), deviations, said)
+
+    @property
+    def contradiction(self) -> str:
+        """What measured poses of the object contradict, in words; empty where they contradict nothing."""
+        found = self._of_poses if self._of_poses.doubt else self._of_outline
+        return found.said if found.doubt else ""
+
+    def contradiction_covariance(self) -> Array:
+        """Return that (3, 3) of how far the object may be from where it is thought to be for such a contradiction."""
+        return self.covariance_of_motion(max(self._of_poses.doubt, self._of_outline.doubt))
+
     def see_errors(self, errors: Mapping[str, Array]) -> None:
         """Take the errors (rows,) of a step's factors that tell strain [standard deviations]."""
         if not errors:
@@ -139,6 +190,8 @@ class Diagnosis:
 
     def in_contact(self, prior: Prior) -> Status:
         """Return the status of an estimate in contact."""
+        if self.contradiction:
+            return "strained"
         if self.displaced and (np.diagonal(prior.pose_covariance) > _FOUND**2).any():
             return "displaced"
         if (np.diagonal(self.covariance(prior)) > UNCERTAIN**2).any():
@@ -147,13 +200,15 @@ class Diagnosis:
 
     def at_rest(self, prior: Prior) -> Status:
         """Return the status of an estimate between contacts."""
+        if self.contradiction:
+            return "strained"
         if self.displaced:
             return "displaced"
         return "uncertain" if (np.diagonal(self.covariance(prior)) > UNCERTAIN**2).any() else "resting"
 
     def covariance(self, prior: Prior) -> Array:
         """Return the covariance (3, 3) to report of what is known."""
-        return self._strain * prior.pose_covariance + self._calibration
+        return self._strain * prior.pose_covariance + self._calibration + self.contradiction_covariance()
 
     def displacement_covariance(self) -> Array:
         """Return that (3, 3) of what may have moved the untouched object: twice what the gap shows along one line."""

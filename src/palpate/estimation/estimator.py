@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from palpate.errors import EstimationError
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.diagnosis import Diagnosis, Status
+from palpate.estimation.contradiction import measured_poses
+from palpate.estimation.diagnosis import REASONS, Diagnosis, Status
 from palpate.estimation.factor_list import make_factors
+from palpate.estimation.factors.factor import Step
 from palpate.estimation.fixed_lag import FixedLag, add_to_all
 from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
 from palpate.estimation.touched import Touched, touched
-from palpate.estimation.unknowns import Normal
+from palpate.estimation.unknowns import LAG, Normal
 from palpate.estimation.values import Knock
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement
@@ -58,7 +60,7 @@ class Estimator:
         self._touched: tuple[Array, float] | None = None  # the sensor's pose and the time of the last frame of contact
         self._resting_since: float | None = None  # [s]
         self._settled: list[Array] = []  # object poses (N, 3) up to the current graph
-        self._online: list[Array] = []  # object poses (3,) of the current graph, as they were at the time
+        self._online: list[tuple[float, Array]] = []  # [s], object poses (3,) of the current graph as they were
 
     @property
     def in_contact(self) -> bool:
@@ -69,6 +71,16 @@ class Estimator:
     def is_displaced(self) -> bool:
         """Whether the object must have moved while nothing touched it, and was not found since."""
         return self._diagnosis.displaced
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether measured poses of the object contradict what else is known of it."""
+        return bool(self._diagnosis.contradiction)
+
+    @property
+    def reason(self) -> str:
+        """Why the status is what it is, in words; nothing where all is well."""
+        return self._diagnosis.contradiction or REASONS[self.status]
 
     @property
     def covariance(self) -> Array:
@@ -150,7 +162,8 @@ class Estimator:
         It was displaced where it is touched where it should not be.
         """
         self._diagnosis.see_first_touch(self.known, sensor_pose, measurements)
-        return self.unmoved.loosened(self._diagnosis.displacement_covariance())
+        diagnosis = self._diagnosis
+        return self.unmoved.loosened(diagnosis.displacement_covariance() + diagnosis.contradiction_covariance())
 
     @property
     def unmoved(self) -> Prior:
@@ -165,10 +178,22 @@ class Estimator:
             self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         else:
             self._contact.add(sensor_pose, measurements, time)
-        self._take_touch(self._contact, sensor_pose, time)
+        self._take_touch(self._contact, sensor_pose, measurements, time)
 
-    def _take_touch(self, contact: Smoother, sensor_pose: Array, time: float, knocked: bool = False) -> None:
-        self._believe(contact, sensor_pose, knocked)
+    def _take_touch(
+        self,
+        contact: Smoother,
+        sensor_pose: Array,
+        measurements: Sequence[Measurement],
+        time: float,
+        knocked: bool = False,
+    ) -> None:
+        recent = self._online[-LAG:]
+        step = Step(sensor_pose, self._sensor_pose, measurements, [*(then for then, _ in recent), time])
+        measured = measured_poses(step, [*(pose for _, pose in recent), self.known.pose])
+        self._diagnosis.see_object_poses(self.known, measured, step.moved)
+        self._believe(contact, sensor_pose, time, knocked)
+        self._diagnosis.see_touched_outline(self.known, sensor_pose, is_measured=bool(measured))
         self._touched = sensor_pose, time
         self.status = self._diagnosis.in_contact(self.known)
 
@@ -184,7 +209,7 @@ class Estimator:
             "together leave undetermined, or a sensor pose far from the object"
         )
         logger.warning("%s; starting a new graph from the last pose", reason)
-        self._settle(np.array(self._online).reshape(-1, 3))
+        self._settle(np.array([pose for _, pose in self._online]).reshape(-1, 3))
         before = sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
         self.known = self.known.loosened(self._diagnosis.covariance_of_motion(pushed))
@@ -192,7 +217,7 @@ class Estimator:
             self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
         except EstimationError:
             raise EstimationError(reason) from error
-        self._believe(self._contact, sensor_pose)
+        self._believe(self._contact, sensor_pose, time)
         self.status = "indeterminate"
 
     def covariance_of_motion(self, length: float) -> Array:
@@ -218,18 +243,21 @@ class Estimator:
         self._diagnosis.forget_errors()
         self._contact = self._resting_since = None
 
-    def _believe(self, contact: Smoother, sensor_pose: Array, knocked: bool = False) -> None:
+    def _believe(self, contact: Smoother, sensor_pose: Array, time: float, knocked: bool = False) -> None:
         self.known = contact.belief().prior
         if not knocked:
             self._diagnosis.see_errors(contact.last_errors())
-        self._online.append(self.known.pose)
+        self._online.append((time, self.known.pose))
         self._sensor_pose = sensor_pose
 
     def _measure_at_rest(self, measurements: Sequence[Measurement], time: float) -> None:
         since = time if self._resting_since is None else self._resting_since
         prior = self.known.loosened(self._diagnosis.displacement_covariance())
-        known = measured_at_rest(prior, measurements, self._factors, self._model, since, time)
-        if known is not prior:
+        doubted = prior.loosened(self._diagnosis.contradiction_covariance())
+        known = measured_at_rest(doubted, measurements, self._factors, self._model, since, time)
+        step = Step(prior.pose, None, measurements, [since, time], at_rest=True)
+        self._diagnosis.see_object_poses(prior, measured_poses(step, [prior.pose] * 2), moved=0.0)
+        if known is not doubted:
             self.known = known
             self._diagnosis.forget_displacement()
             self._touched = None  # it may have been found elsewhere
@@ -252,7 +280,7 @@ def touch_on(
     is_solved = [contact.is_solved for contact in contacts]
     for one, contact, knock, solved in zip(estimators, contacts, knocks, is_solved, strict=True):
         if solved:
-            one._take_touch(contact, sensor_pose, time, knock is not None)
+            one._take_touch(contact, sensor_pose, measurements, time, knock is not None)
     return is_solved
 
 

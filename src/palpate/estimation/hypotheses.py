@@ -157,9 +157,12 @@ class Hypotheses:
     @property
     def reason(self) -> str:
         """Why the status is what it is, in words; nothing where all is well."""
-        if self.status != "ambiguous":
-            return REASONS[self.status]
+        best = self._best.estimator
+        if self.status != "ambiguous" or best.is_contradicted:
+            return best.reason
         apart = np.abs(self._from_best[[one.weight > 0.5 * POOR for one in self._all]])
+        if len(apart) < 2:
+            return best.reason or REASONS["ambiguous"]
         far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
         return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 

@@ -54,27 +54,31 @@ class Step:
 
         These are named in a warning.
         """
-        slack = (
-            _SLACK
-            if self.at_rest or len(self.times) < 2
-            else 0.5 * (self.times[-1] - self.times[0]) / (len(self.times) - 1)
-        )
         found = []
         for one in self.measurements:
             if not isinstance(one, kind):
                 continue
-            time = getattr(one, "time", None)
-            if time is None or self.times[0] - slack <= time <= self.times[-1] + slack:
+            if self.is_at_hand(one):
                 found.append(one)
             else:
                 logger.warning(
                     "frame at %.3f s: measurement %s is of %s s, which is not between %.3f s and now; it is left out",
                     self.times[-1],
                     kind.__name__,
-                    time,
+                    getattr(one, "time", None),
                     self.times[0],
                 )
         return found
+
+    def is_at_hand(self, measurement: Measurement) -> bool:
+        """Whether a measurement that may carry a time is of one that is at hand."""
+        time = getattr(measurement, "time", None)
+        slack = (
+            _SLACK
+            if self.at_rest or len(self.times) < 2
+            else 0.5 * (self.times[-1] - self.times[0]) / (len(self.times) - 1)
+        )
+        return time is None or self.times[0] - slack <= time <= self.times[-1] + slack
 
     def places_of(self, measurements: Sequence[Any]) -> Places:
         """Return the places (T, 1) of the steps nearest to the times of measurements; 0 is this step."""

@@ -1,0 +1,116 @@
+"""Measured poses of the object that contradict each other or touch, and those that do not."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, frames, in_two_contacts, noisy, pushed, sensor
+from tracker_samples import SMOOTHERS, nees, settings, statuses
+
+from palpate import Estimate, ObjectPose, Tracker, TrackerSettings
+from palpate.geometry import se2
+
+Array = np.ndarray
+FINE, ROUGH = (1e-4, 1e-4, 1e-3), (5e-3, 5e-3, 5e-2)
+
+
+def camera(o: Array, off: Any = (0.0, 0.0, 0.0), sigma: Any = FINE) -> list[ObjectPose]:
+    return [ObjectPose(true + off, np.diag(np.square(sigma))) for true in o]
+
+
+def tracked(
+    o: Array, e: Array, contact: Any, cameras: list[list[ObjectPose]], start: int = 0, how: Any = None
+) -> list[Estimate]:
+    """The estimates of a push of the rectangle that cameras see from a frame on."""
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], how or TrackerSettings("none", hypotheses=1))
+    said = list(zip(*cameras, strict=True))
+    return [
+        tracker.update(dataclasses.replace(frame, measurements=said[k] if k >= start else ()))
+        for k, frame in enumerate(frames(o, e, contact))
+    ]
+
+
+def is_told(estimate: Estimate) -> bool:
+    return "measured object pose" in estimate.reason
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("off", [0.05, 0.5])
+@pytest.mark.parametrize("ways", [(1.0, -1.0), (1.0, 0.0)])
+def test_two_cameras_that_contradict_each_other(ways, off, smoother):
+    o, e, contact = in_two_contacts("rectangle", 12)
+    cameras = [camera(o, (way * off, 0.0, 0.0)) for way in ways]
+    found = tracked(o, e, contact, cameras, how=TrackerSettings("none", smoother, hypotheses=1))
+    assert set(statuses(found)[2:]) == {"strained"}  # at rest, too
+    half = 1e3 * off * (ways[0] - ways[1]) / 2.0
+    for estimate in found[5:]:
+        assert estimate.reason.startswith(("measured object pose 1 of 2 is", "measured object pose 2 of 2 is"))
+        assert float(estimate.reason.split()[7]) == pytest.approx(half, rel=0.06)
+    assert nees(found, o)[2:].max() < 7.8
+
+
+def test_a_camera_that_contradicts_touch():
+    o, e, contact = in_two_contacts("rectangle", 15)
+    found = tracked(o, e, contact, [camera(o, (0.05, 0.0, 0.0))])
+    assert set(statuses(found)[2:]) == {"strained"}
+    assert "put the outline 4" in found[10].reason and "mm from where the sensor touches it" in found[10].reason
+    assert nees(found, o)[2:].max() < 7.8
+
+
+def test_a_camera_that_begins_to_contradict_touch():
+    o, e = pushed("rectangle", 40)
+    found = tracked(o, e, True, [camera(o, (0.05, 0.0, 0.0), ROUGH)], start=15)
+    assert set(statuses(found)[:15]) == {"tracking"}
+    assert set(statuses(found)[18:]) == {"strained"} and all(is_told(estimate) for estimate in found[18:])
+    assert nees(found, o)[18:].max() < 7.8
+
+
+def test_a_camera_that_alternates_is_named_whatever_the_status():
+    o, e, contact = in_two_contacts("rectangle", 12)
+    seen = [pair[k % 2] for k, pair in enumerate(zip(camera(o, (-0.05, 0, 0)), camera(o, (0.05, 0, 0)), strict=True))]
+    found = tracked(o, e, contact, [seen], how=TrackerSettings("none"))
+    assert not {"tracking", "resting"} & set(statuses(found)[3:])
+    assert all(is_told(estimate) for estimate in found[3:])
+    assert not any(estimate.reason.startswith("1 poses") for estimate in found)
+
+
+@pytest.mark.parametrize("sigma", [FINE, (1e-3, 1e-3, 1e-2), ROUGH])
+def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
+    rng = np.random.default_rng(3)
+    o, e, contact = in_two_contacts("rectangle", 40)
+    seen = noisy(o, sigma, rng)
+    seen[::9] = se2.compose(o[::9], se2.exp(np.array([3.0, 0.0, 0.0]) * sigma))  # three standard deviations off
+    for how in (settings("none"), TrackerSettings("none")):
+        found = tracked(o, e, contact, [camera(seen, sigma=sigma)], how=how)
+        assert not any(is_told(estimate) for estimate in found)
+
+
+def test_a_camera_that_is_late_and_says_so_contradicts_nothing():
+    o, e = pushed("rectangle", 60)
+    o, e = o[::3], e[::3]  # 3 mm a frame: eight frames late are 24 mm
+    given = frames(o, e)
+    late = [
+        dataclasses.replace(camera(o)[max(k - 8, 0)], time=given[max(k - 8, 0)].time if says else None)
+        for says in (True, False)
+        for k in range(len(o))
+    ]
+    says, does_not = late[: len(o)], late[len(o) :]
+    assert not any(is_told(estimate) for estimate in tracked(o, e, True, [says]))
+    assert is_told(tracked(o, e, True, [does_not])[-1])
+
+
+@pytest.mark.parametrize("rests", [5, 60])
+def test_an_object_that_a_hand_has_moved_is_followed(rests):
+    o1, e1 = pushed("rectangle", 10)
+    moved = se2.compose(o1[-1], [0.0, 0.05, 0.3])
+    away = np.broadcast_to(se2.compose(o1[-1], [-0.4, 0.0, 0.0]), (rests + 20, 3))
+    o = np.concatenate([o1, np.tile(o1[-1], (rests, 1)), np.tile(moved, (20, 1))])
+    sigma = (1e-3, 1e-3, 1e-2)
+    seen = camera(noisy(o, sigma, np.random.default_rng(1)), sigma=sigma)
+    found = tracked(o, np.concatenate([e1, away]), np.arange(len(o)) < 11, [seen])
+    # Two frames may be errors, the third is none, and it is said until eight frames have agreed.
+    told = [k - 11 - rests for k, estimate in enumerate(found) if is_told(estimate)]
+    assert told == [*range(2, 11)]
+    assert statuses(found)[-1] == "resting" and nees(found, o)[-17:].max() < 11.3
+    assert np.hypot(*(found[-1].pose - moved)[:2]) < 2e-3
