@@ -73,7 +73,7 @@ class Estimator:
         return self._diagnosis.displaced
 
     @property
-    def is_contradicted(self) -> bool:
+    def has_contradicting_poses(self) -> bool:
         """Whether measured poses of the object contradict what else is known of it."""
         return bool(self._diagnosis.contradiction)
 

@@ -158,7 +158,7 @@ class Hypotheses:
     def reason(self) -> str:
         """Why the status is what it is, in words; nothing where all is well."""
         best = self._best.estimator
-        if self.status != "ambiguous" or best.is_contradicted:
+        if self.status != "ambiguous" or best.has_contradicting_poses:
             return best.reason
         apart = np.abs(self._from_best[[one.weight > 0.5 * POOR for one in self._all]])
         if len(apart) < 2:
