@@ -19,7 +19,7 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = 4  # in 1 steps that left a window stood one by one, 2 had no size of the object, 3 a term for each tip
+VERSION = 5  # 1 had steps that left a window one by one, 2 no size of the object, 3 a term a tip, 4 no doubted gel
 _HOME = "palpate."
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}

@@ -205,7 +205,8 @@ class Tracker:
         if touched:
             self._touched_at = time
         blind = self._guard.blind
-        status, reason = estimator.status, estimator.reason or self._quality.reason or self._half_turn.reason
+        reasons = self._detector.doubt, estimator.reason, self._quality.reason, self._half_turn.reason
+        status, reason = estimator.status, next(filter(None, reasons), "")
         if blind:
             status, reason = "faulty", _FROZEN.format(1e3 * blind)
         elif self._unfelt.now:
