@@ -230,9 +230,12 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
         (("--presses", "a.csv", *still[:2], "--out", tmp_path / "a.png", "--force"), "is where the figure of presses"),
     ]
     (tmp_path / "grey.csv").write_text("file,angle_deg\ngrey.png,3\n")
+    (tmp_path / "alike.csv").write_text("file,angle_deg\nalike.png,3\n")
+    assert cv2.imwrite(str(tmp_path / "alike.png"), np.repeat(unit.no_contact[..., :1], 3, axis=2))
     (tmp_path / "columns.csv").write_text("image,angle\ngrey.png,3\n")
     cases += [
         (("--presses", tmp_path / "grey.csv", *still), "grey.png: is a grey image"),
+        (("--presses", tmp_path / "alike.csv", *still), "alike.png: is a grey image"),
         (("--presses", tmp_path / "columns.csv", *still), "found image, angle; expected a CSV with columns file and"),
     ]
     for words, said in cases:
@@ -274,6 +277,12 @@ def test_the_command_takes_a_recording_of_presses_on_an_edge(tmp_path, unit, cap
     calibration = load_calibration(out)
     assert calibration.view.mirrored != (calibration.view.quarter_turns == 2)
     np.testing.assert_allclose(calibration.background.mean, calibration.view.of(unit.no_contact[:, ::-1]), atol=8.0)
+    alike = [encode_image(np.repeat(image[..., :1], 3, axis=2)) for image in images]
+    write_recording(dataclasses.replace(recording, image=alike), tmp_path / "grey.h5")
+    assert palpate("calibrate", "--presses", tmp_path / "grey.h5", "--out", out, "--force") == 2
+    assert "grey.h5: images are grey, and the touch model reads colours" in capsys.readouterr().err
+    assert palpate("info", tmp_path / "grey.h5") == 0
+    assert "px, grey" in capsys.readouterr().out
     without = dataclasses.replace(recording, object_pose=None)
     with pytest.raises(FileError, match="the recording: has no object_pose; presses need them"):
         presses_of(without)

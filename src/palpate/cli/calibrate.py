@@ -99,9 +99,12 @@ def _pressed(
     import math
 
     from palpate import formats
+    from palpate.errors import FileError
     from palpate.files import whole_file
     from palpate.recording.sensor import DIGIT
+    from palpate.touch.background import is_grey
     from palpate.touch.model import TouchModel, shipped_model
+    from palpate.touch.modes import GREY
     from palpate.touch.press_figure import press_figure
     from palpate.touch.presses import learn_from_presses, read_image, read_presses
     from palpate.touch.untouched import untouched_images
@@ -109,9 +112,17 @@ def _pressed(
 
     check_new(picture, force)
     recording = None if file is None else formats.load_recording(file)
-    still = [read_image(each) for each in untouched] if recording is None else list(untouched_images(recording))
+    may_be_grey = model is not None  # one of the user's own
+    if recording is None:
+        still = [read_image(each, may_be_grey) for each in untouched]
+    else:
+        still = list(untouched_images(recording))
     sensor = DIGIT if recording is None else recording.sensor
-    given = read_presses(presses) if presses.suffix.lower() == ".csv" else presses_of(formats.load_recording(presses))
+    is_table = presses.suffix.lower() == ".csv"
+    given = read_presses(presses, may_be_grey) if is_table else presses_of(formats.load_recording(presses))
+    for each, images in ((file, still), (presses, given.images)):
+        if not may_be_grey and any(map(is_grey, images)):
+            raise FileError(f"{each}: {GREY}")
     fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
     with whole_file(picture, overwrite=force) as part:
         press_figure(given, fit).savefig(part, dpi=110, format="png")

@@ -67,7 +67,7 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     corners = f"{len(shape['vertices'])} corners" if "vertices" in shape else sizes
     jitter = None if inspection.jitter is None else inspection.jitter * 1e3
     share = None if inspection.contact_share is None else inspection.contact_share * 100
-    size = inspection.image_size
+    size, grey = inspection.image_size, ", grey" if inspection.is_grey else ""
     rows = [
         ("source", recording.source or "-", ""),
         ("object", f"{shape['type']}, {corners}", ""),
@@ -79,7 +79,7 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
         ("contact", inspection.contact, ""),
         ("contact share", number(share, 0), "%"),
         ("ground truth share", number(inspection.truth_share * 100, 0), "%"),
-        ("images", f"{inspection.images} of {size[0]} x {size[1]} px" if size else "none", ""),
+        ("images", f"{inspection.images} of {size[0]} x {size[1]} px{grey}" if size else "none", ""),
         *((f"{name} is", words, "") for name, words in recording.frames.items()),
     ]
     print_table(str(file), ("what", "value", "unit"), rows)

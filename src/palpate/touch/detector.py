@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
-from palpate.touch.background import Background, Image, Levels, check_channel_order, check_image
+from palpate.touch.background import Background, Image, Levels, check_channels, check_image, is_flat
 from palpate.touch.calibration import Calibration, misfit
 from palpate.touch.light import Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
@@ -33,7 +33,6 @@ _OTHER = 0.8  # share of significant values from which on no gel is seen: touche
 _OTHER_UNIT = 0.6  # the same until the gel of a file was seen: nearly all other units are farther off
 _THIN = 0.5  # share of that which is left without thin lines where a scratch is seen and no touch
 _SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
-_FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an image that shows nothing
 _SPARSE = 8  # pixels, of which one is looked at for that
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
@@ -122,8 +121,9 @@ class ContactDetector:
         """Return whether the gel is touched in this image (height, width, 3) RGB, as `read` gives it.
 
         Raises SettingError on an image of another size or type than the background's or the first one, where the
-        first one has red and blue swapped against a given background, on one that shows no touch and no untouched gel
-        either (black, noise, turned, another light), and where the camera stands still. It changes nothing then.
+        first one has red and blue swapped against a given background, or is grey and that is not, on one that shows no
+        touch and no untouched gel either (black, noise, turned, another light), and where the camera stands still. It
+        changes nothing then.
         """
         background = self._background
         if background is None:
@@ -131,14 +131,14 @@ class ContactDetector:
             return False
         check_image(image, *background.mean.shape[:2])
         if not self._checked:
-            check_channel_order(image, background)
+            check_channels(image, background)
             self._checked = True
         cells = cells_of(image)
         light = light_of(cells, self._cells)
-        is_blind = _is_flat(image) and not _is_flat(background.mean)
+        is_blind = is_flat(image) and not is_flat(background.mean)
         share = 1.0 if is_blind else self._significant(image, cells, light, background)
         if share > (_OTHER_UNIT if self._doubted else _OTHER):
-            check_channel_order(image, background)
+            check_channels(image, background)
             known = "what was seen in the first half second or is in the calibration: is"
             if self._doubted:
                 known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
@@ -204,11 +204,6 @@ class ContactDetector:
             self._wide_cells = wide_cells_of(np.rint(background.mean).astype(np.uint8))
         wide = share_unlike(wide_cells_of(image), self._wide_cells, self._tolerance)
         return wide if wide < _THIN * share else share
-
-
-def _is_flat(image: Image | Levels) -> bool:
-    """Whether an image is all of one level, as black and saturated ones are."""
-    return float(np.ptp(image[::_SPARSE, ::_SPARSE])) < _FLAT
 
 
 def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:

@@ -16,7 +16,7 @@ from palpate.errors import FileError
 from palpate.files import existing_file, read_csv
 from palpate.recording.images import image_size
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background, Image, background_of, check_image
+from palpate.touch.background import Background, Image, background_of, check_image, is_grey
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.detector import ContactDetector
 from palpate.touch.difference import difference, reduced
@@ -98,9 +98,10 @@ def read_image(path: Path, grey: bool = False) -> Image:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None or image.dtype != np.uint8:
         raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
-    if image.ndim != 3 and grey:
+    is_one_channel = image.ndim != 3
+    if is_one_channel:
         image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    if image.ndim != 3:
+    if not grey and (is_one_channel or is_grey(np.asarray(image[..., :3], np.uint8))):
         raise FileError(f"{path}: is a grey image; touch images are in colours")
     return np.ascontiguousarray(image[..., 2::-1], np.uint8)
 
