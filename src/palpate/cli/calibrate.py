@@ -47,8 +47,7 @@ def calibrate(
     The untouched images are a recording's frames without contact: its contact flags say which these are; where it has
     none, they are all, and nothing may touch.
     """
-    import numpy as np
-
+    from palpate.cli.calibration_info import noise_of, noise_words
     from palpate.cli.console import print_json, print_line
     from palpate.errors import SettingError
     from palpate.touch.calibration import write_calibration
@@ -70,12 +69,12 @@ def calibrate(
         calibration, numbers, said = _pressed(presses, file, untouched, model, picture, force)
     write_calibration(calibration, out, overwrite=force)
     height, width = calibration.background.mean.shape[:2]
-    noise = float(np.median(calibration.background.deviation))
+    noise = noise_of(calibration)
     if json:
         size = {"height": height, "width": width, "noise_levels": noise}
         print_json({"file": None if file is None else str(file), "out": str(out), **size, **numbers})
     else:
-        print_line(f"{out}: {height} x {width} px, noise {noise:.1f} grey levels, {said}")
+        print_line(f"{out}: {height} x {width} px, noise {noise_words(noise)}, {said}")
     return 0
 
 
@@ -100,7 +99,7 @@ def _pressed(
 
     from palpate import formats
     from palpate.errors import FileError
-    from palpate.files import whole_file
+    from palpate.files import in_file, whole_file
     from palpate.recording.sensor import DIGIT
     from palpate.touch.background import is_grey
     from palpate.touch.model import TouchModel, shipped_model
@@ -123,7 +122,9 @@ def _pressed(
     for each, images in ((file, still), (presses, given.images)):
         if not may_be_grey and any(map(is_grey, images)):
             raise FileError(f"{each}: {GREY}")
-    fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
+    reads = TouchModel(model) if model else shipped_model(sensor.name)
+    with in_file(presses):
+        fit = learn_from_presses(given, still, sensor, reads)
     with whole_file(picture, overwrite=force) as part:
         press_figure(given, fit).savefig(part, dpi=110, format="png")
     view, direction = fit.calibration.view, fit.calibration.direction

@@ -13,17 +13,21 @@ if TYPE_CHECKING:
 
 
 def info(
-    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format, or a bag.")],
+    file: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format, a bag, or a calibration.")
+    ],
     /,
     *,
     json: JsonOption = False,
 ) -> int:
     """What a recording holds: rates, gaps, contacts, ground truth, and what is wrong with it.
 
-    Of a bag of ROS messages: its topics, rates, gaps and clocks, and what would be read from where.
+    Of a bag of ROS messages: its topics, rates, gaps and clocks, and what would be read from where. Of a calibration:
+    its images, how they lie, and what is off in directions.
     """
     from palpate import formats
     from palpate.cli.bag_info import show_bag
+    from palpate.cli.calibration_info import show_calibration
     from palpate.cli.console import busy, print_json
     from palpate.formats.bag import read_own
     from palpate.geometry.shapes import shape_to_dict
@@ -31,6 +35,9 @@ def info(
     from palpate.recording.sensor import sensor_to_dict
     from palpate.tracking.inspection import inspect_recording
 
+    if formats.detect_format(file) is None and file.suffix.lower() == ".npz":
+        show_calibration(file, json)
+        return 0
     if formats.detect_format(file) == "bag" and not isinstance(read_own(file), Recording):
         show_bag(file, json)
         return 0

@@ -136,7 +136,8 @@ def learn_from_presses(
     candidates = list(views(first, height, width))
     if not candidates:
         raise FileError(
-            f"images of {first.shape[:2]} are not those of {sensor.name!r}, {height} x {width}, in any turn"
+            f"images of {first.shape[0]} x {first.shape[1]} px are not those of {sensor.name!r}, "
+            f"{height} x {width} px, in any turn"
         )
     fits = [_fit(view, presses, untouched, model) for view in candidates]
     # The simplest view that fits as well as any: colours and up and down hardly matter to the model.
@@ -145,7 +146,8 @@ def learn_from_presses(
     if fit.scatter > WORST:
         raise FileError(
             f"what the presses show lies {np.degrees(fit.scatter):.1f} degrees about a line over the given angles, "
-            f"allowed are {np.degrees(WORST):.0f}: are the angles right, and is the untouched gel of this unit?"
+            f"allowed are {np.degrees(WORST):.0f}: are the angles right, and is the untouched gel of this unit, and "
+            "untouched?"
         )
     _check_touched(fit, presses)
     return fit
@@ -183,4 +185,4 @@ def _check_touched(fit: PressFit, presses: Presses) -> None:
     for name, image in zip(presses.names, presses.images, strict=True):
         detector = ContactDetector(fit.calibration.background)
         if not detector.update(detector.read(fit.calibration.view.of(image))):
-            raise FileError(f"{name}: shows no touch against the untouched gel")
+            raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")
