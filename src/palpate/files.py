@@ -120,6 +120,15 @@ def _clear(folder: Path, keep: str) -> None:
             left.unlink(missing_ok=True)
 
 
+@contextmanager
+def in_file(path: Path) -> Iterator[None]:
+    """Name a file in the FileErrors of what was read from it, where they do not yet."""
+    try:
+        yield
+    except FileError as error:
+        raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+
+
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:
     """`value` as an array of the given kind and shape, "N" for any length; FileError if it is not."""
     kinds, words = kind

@@ -19,7 +19,9 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = 5  # 1 kept steps that left a window one by one, 2 no size, 3 a term for each tip, 4 no contradictions
+VERSION = (
+    5  # 1 kept steps that left a window one by one, 2 no size, 3 a term for each tip, 4 no contradictions or doubts
+)
 _HOME = "palpate."
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}

@@ -29,7 +29,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, Calibration, view_of
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel
-from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
+from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
 from palpate.touch.relative import Touch
 from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_offset
 from palpate.tracker_settings import TrackerSettings
@@ -205,7 +205,8 @@ class Tracker:
         if touched:
             self._touched_at = time
         blind = self._guard.blind
-        status, reason = estimator.status, estimator.reason or self._quality.reason or self._half_turn.reason
+        reasons = self._detector.doubt, estimator.reason, self._quality.reason, self._half_turn.reason
+        status, reason = estimator.status, next(filter(None, reasons), "")
         if blind:
             status, reason = "faulty", _FROZEN.format(1e3 * blind)
         elif self._unfelt.now:
@@ -235,9 +236,14 @@ class Tracker:
         self._touch.end_contact()
         self._half_turn.end_contact()
 
+    @property
+    def _feels(self) -> bool:
+        """Whether a model reads images."""
+        return self._tactile.startswith("learnt") and not self._is_touch_given
+
     def _told(self, frame: Frame) -> Sequence[Measurement]:
         """What touch tells of a frame of contact; nothing where it has not felt it begin."""
-        if self._unfelt.now and self._tactile.startswith("learnt") and not self._is_touch_given:
+        if self._unfelt.now and self._feels:
             return ()
         told = self._touch.measure(frame)
         for one in told:
@@ -271,11 +277,13 @@ class Tracker:
             ask_how_far(self._first, frame.sensor_pose)
         is_unfelt = False
         if frame.image is None:
-            if frame.contact and self._tactile.startswith("learnt") and not self._is_touch_given:
+            if frame.contact and self._feels:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         else:
             try:
                 image = self._detector.read(self._view.of(frame.image))
+                if self._last is None and self._feels and lacks_colours(image, self._model):
+                    raise SettingError(GREY)
                 felt = self._detector.update(image)
                 if self._unfelt.is_doubtful:
                     gap = self._estimator.gap(frame.sensor_pose)

@@ -170,6 +170,8 @@ def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
     assert "--force replaces it" in capsys.readouterr().err
     assert palpate("calibrate", source, "--out", out, "--force", "--json") == 0
     told = json.loads(capsys.readouterr().out)
+    assert palpate("info", out) == 0
+    assert "48 x 32 px" in (shown := capsys.readouterr().out) and "2.0 grey levels" in shown and "not measured" in shown
     assert told.pop("noise_levels") == pytest.approx(2.0, abs=0.1)
     assert told == {"file": str(source), "out": str(out), "frames": 56, "height": 48, "width": 32}
 

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -160,7 +161,7 @@ def test_presses_that_tell_nothing_are_refused(unit, presses, change, words):
 
 def test_images_of_another_sensor_and_a_press_without_touch_are_refused(unit, presses):
     small = Presses(tuple(image[:200] for image in presses.images), ANGLES, presses.names)
-    with pytest.raises(FileError, match="not those of 'DIGIT', 320 x 240, in any turn"):
+    with pytest.raises(FileError, match="200 x 240 px are not those of 'DIGIT', 320 x 240 px, in any turn"):
         learn(small, unit.no_contact[:200])
     blank = unit.no_contact.copy()
     blank[150:154, 118:122] += 60  # less than a touch, and where the reader expects one
@@ -214,12 +215,18 @@ def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presse
     words = ("calibrate", "--presses", tmp_path / "presses.csv", "--untouched", tmp_path / "still.png", "--out", out)
     assert palpate(*words) == 0
     told = capsys.readouterr().out
+    assert "noise unknown of a single image" in told
     assert "6 presses: directions are off by" in told and ("mirrored" in told or "turned by 180" in told)
     assert "Angles of the wrong sign look the same" in told
     assert (tmp_path / "unit.png").stat().st_size > 10_000
     picture = (tmp_path / "unit.png").read_bytes()
     calibration = load_calibration(out)
     assert calibration.view.mirrored != (calibration.view.quarter_turns == 2)
+    assert palpate("info", out, "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["height"], said["width"], said["noise_levels"]) == (320, 240, None)
+    assert said["view"] == str(calibration.view) and said["scale"] == calibration.direction.scale
+    assert said["offset_sigma_deg"] == pytest.approx(np.degrees(calibration.direction.offset_sigma or 0.0))
     assert palpate(*words) == 2
     assert "--force replaces it" in capsys.readouterr().err
     monkeypatch.setattr(press_figure, "press_figure", lambda *_: Torn())
@@ -249,9 +256,14 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
         (("--presses", "a.csv", *still[:2], "--out", tmp_path / "a.png", "--force"), "is where the figure of presses"),
     ]
     (tmp_path / "grey.csv").write_text("file,angle_deg\ngrey.png,3\n")
+    (tmp_path / "one.csv").write_text("file,angle_deg\na.png,3\n")
+    (tmp_path / "alike.csv").write_text("file,angle_deg\nalike.png,3\n")
+    assert cv2.imwrite(str(tmp_path / "alike.png"), np.repeat(unit.no_contact[..., :1], 3, axis=2))
     (tmp_path / "columns.csv").write_text("image,angle\ngrey.png,3\n")
     cases += [
         (("--presses", tmp_path / "grey.csv", *still), "grey.png: is a grey image"),
+        (("--presses", tmp_path / "one.csv", *still), "one.csv: found 1 presses; at least 5 are needed"),
+        (("--presses", tmp_path / "alike.csv", *still), "alike.png: is a grey image"),
         (("--presses", tmp_path / "columns.csv", *still), "found image, angle; expected a CSV with columns file and"),
     ]
     for words, said in cases:
@@ -293,6 +305,12 @@ def test_the_command_takes_a_recording_of_presses_on_an_edge(tmp_path, unit, cap
     calibration = load_calibration(out)
     assert calibration.view.mirrored != (calibration.view.quarter_turns == 2)
     np.testing.assert_allclose(calibration.background.mean, calibration.view.of(unit.no_contact[:, ::-1]), atol=8.0)
+    alike = [encode_image(np.repeat(image[..., :1], 3, axis=2)) for image in images]
+    write_recording(dataclasses.replace(recording, image=alike), tmp_path / "grey.h5")
+    assert palpate("calibrate", "--presses", tmp_path / "grey.h5", "--out", out, "--force") == 2
+    assert "grey.h5: images are grey, and the touch model reads colours" in capsys.readouterr().err
+    assert palpate("info", tmp_path / "grey.h5") == 0
+    assert "px, grey" in capsys.readouterr().out
     without = dataclasses.replace(recording, object_pose=None)
     with pytest.raises(FileError, match="the recording: has no object_pose; presses need them"):
         presses_of(without)

@@ -104,3 +104,14 @@ def test_what_was_forgotten_is_learnt_from_the_next_images():
     touched = scratched[0].copy()
     touched[30:50, 30:50] += 40
     assert detector.update(touched)
+
+
+def test_a_grey_image_is_named_against_an_untouched_gel_in_colours():
+    rng = np.random.default_rng(0)
+    images = np.array([gel(rng) for _ in range(30)], np.float32)
+    detector = ContactDetector(Background(images.mean(axis=0), images.std(axis=0)))
+    with pytest.raises(SettingError, match="found grey, expected colours"):
+        detector.update(np.repeat(gel(rng)[..., :1], 3, axis=2))
+    with pytest.raises(SettingError, match="is unlike the untouched gel"):  # black is no grey picture
+        detector.update(UNLIKE["black"])
+    assert not detector.update(gel(rng))

@@ -222,6 +222,18 @@ def test_what_learnt_touch_needs(recording):
         tracker.update(frame)
 
 
+def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_ones_own(recording):
+    grey = np.repeat(recording[0].image[..., :1], 3, axis=2)
+    frame = dataclasses.replace(recording[0], image=grey)
+    tracker = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"))
+    for _ in range(2):
+        with pytest.raises(FrameError, match=r"frame at 0\.000 s: images are grey, and the touch model reads colours"):
+            tracker.update(frame)
+    assert tracker.update(recording[0]).status == "resting"
+    own = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"), TouchModel(SHIPPED))
+    assert own.update(frame).status == "resting"
+
+
 def test_the_model_that_comes_along_says_from_what_it_was_made():
     settings = TouchModel(SHIPPED).settings
     assert settings.sensor == "DIGIT"

@@ -247,5 +247,5 @@ def test_without_untouched_frames_the_gel_is_that_of_the_calibration():
 def test_a_calibration_of_other_images():
     given = recording(on_left_side(np.zeros(30), 0.0), np.arange(30) >= 10)
     levels = np.full((320, 240, 3), 100.0, np.float32)
-    with pytest.raises(FileError, match=r"has images of \(64, 128\), the calibration \(320, 240\)"):
+    with pytest.raises(FileError, match="is of images of 320 x 240 px; those of sensor 'small' have 64 x 128"):
         samples_of(given, calibration=Calibration(Background(levels, levels)))

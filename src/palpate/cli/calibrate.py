@@ -47,8 +47,7 @@ def calibrate(
     The untouched images are a recording's frames without contact: its contact flags say which these are; where it has
     none, they are all, and nothing may touch.
     """
-    import numpy as np
-
+    from palpate.cli.calibration_info import noise_of, noise_words
     from palpate.cli.console import print_json, print_line
     from palpate.errors import SettingError
     from palpate.touch.calibration import write_calibration
@@ -70,12 +69,12 @@ def calibrate(
         calibration, numbers, said = _pressed(presses, file, untouched, model, picture, force)
     write_calibration(calibration, out, overwrite=force)
     height, width = calibration.background.mean.shape[:2]
-    noise = float(np.median(calibration.background.deviation))
+    noise = noise_of(calibration)
     if json:
         size = {"height": height, "width": width, "noise_levels": noise}
         print_json({"file": None if file is None else str(file), "out": str(out), **size, **numbers})
     else:
-        print_line(f"{out}: {height} x {width} px, noise {noise:.1f} grey levels, {said}")
+        print_line(f"{out}: {height} x {width} px, noise {noise_words(noise)}, {said}")
     return 0
 
 
@@ -99,9 +98,12 @@ def _pressed(
     import math
 
     from palpate import formats
-    from palpate.files import whole_file
+    from palpate.errors import FileError
+    from palpate.files import in_file, whole_file
     from palpate.recording.sensor import DIGIT
+    from palpate.touch.background import is_grey
     from palpate.touch.model import TouchModel, shipped_model
+    from palpate.touch.modes import GREY
     from palpate.touch.press_figure import press_figure
     from palpate.touch.presses import learn_from_presses, read_image, read_presses
     from palpate.touch.untouched import untouched_images
@@ -109,10 +111,20 @@ def _pressed(
 
     check_new(picture, force)
     recording = None if file is None else formats.load_recording(file)
-    still = [read_image(each) for each in untouched] if recording is None else list(untouched_images(recording))
+    may_be_grey = model is not None  # one of the user's own
+    if recording is None:
+        still = [read_image(each, may_be_grey) for each in untouched]
+    else:
+        still = list(untouched_images(recording))
     sensor = DIGIT if recording is None else recording.sensor
-    given = read_presses(presses) if presses.suffix.lower() == ".csv" else presses_of(formats.load_recording(presses))
-    fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
+    is_table = presses.suffix.lower() == ".csv"
+    given = read_presses(presses, may_be_grey) if is_table else presses_of(formats.load_recording(presses))
+    for each, images in ((file, still), (presses, given.images)):
+        if not may_be_grey and any(map(is_grey, images)):
+            raise FileError(f"{each}: {GREY}")
+    reads = TouchModel(model) if model else shipped_model(sensor.name)
+    with in_file(presses):
+        fit = learn_from_presses(given, still, sensor, reads)
     with whole_file(picture, overwrite=force) as part:
         press_figure(given, fit).savefig(part, dpi=110, format="png")
     view, direction = fit.calibration.view, fit.calibration.direction

@@ -13,17 +13,21 @@ if TYPE_CHECKING:
 
 
 def info(
-    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format, or a bag.")],
+    file: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(help="A recording in any known format, a bag, or a calibration.")
+    ],
     /,
     *,
     json: JsonOption = False,
 ) -> int:
     """What a recording holds: rates, gaps, contacts, ground truth, and what is wrong with it.
 
-    Of a bag of ROS messages: its topics, rates, gaps and clocks, and what would be read from where.
+    Of a bag of ROS messages: its topics, rates, gaps and clocks, and what would be read from where. Of a calibration:
+    its images, how they lie, and what is off in directions.
     """
     from palpate import formats
     from palpate.cli.bag_info import show_bag
+    from palpate.cli.calibration_info import show_calibration
     from palpate.cli.console import busy, print_json
     from palpate.formats.bag import read_own
     from palpate.geometry.shapes import shape_to_dict
@@ -31,6 +35,9 @@ def info(
     from palpate.recording.sensor import sensor_to_dict
     from palpate.tracking.inspection import inspect_recording
 
+    if formats.detect_format(file) is None and file.suffix.lower() == ".npz":
+        show_calibration(file, json)
+        return 0
     if formats.detect_format(file) == "bag" and not isinstance(read_own(file), Recording):
         show_bag(file, json)
         return 0
@@ -67,7 +74,7 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     corners = f"{len(shape['vertices'])} corners" if "vertices" in shape else sizes
     jitter = None if inspection.jitter is None else inspection.jitter * 1e3
     share = None if inspection.contact_share is None else inspection.contact_share * 100
-    size = inspection.image_size
+    size, grey = inspection.image_size, ", grey" if inspection.is_grey else ""
     rows = [
         ("source", recording.source or "-", ""),
         ("object", f"{shape['type']}, {corners}", ""),
@@ -79,7 +86,7 @@ def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
         ("contact", inspection.contact, ""),
         ("contact share", number(share, 0), "%"),
         ("ground truth share", number(inspection.truth_share * 100, 0), "%"),
-        ("images", f"{inspection.images} of {size[0]} x {size[1]} px" if size else "none", ""),
+        ("images", f"{inspection.images} of {size[0]} x {size[1]} px{grey}" if size else "none", ""),
         *((f"{name} is", words, "") for name, words in recording.frames.items()),
     ]
     print_table(str(file), ("what", "value", "unit"), rows)

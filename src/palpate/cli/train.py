@@ -129,12 +129,14 @@ def _train_on_presses(
 ) -> dict[str, Any]:
     """Train on presses and return what the model is worth."""
     from palpate.cli.console import progress_bar
+    from palpate.files import in_file
     from palpate.touch.presses import read_image, read_presses
     from palpate.training.from_presses import train_on_presses
 
     at_rest = [read_image(path, grey=True) for path in untouched]
     given = read_presses(presses, grey=True)
-    return train_on_presses(given, at_rest, sensor, out, progress_bar, settings, resume)
+    with in_file(presses):
+        return train_on_presses(given, at_rest, sensor, out, progress_bar, settings, resume)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -12,6 +12,8 @@ from palpate.touch.light import cell_width, cells_of
 Image = NDArray[np.uint8]
 Levels = NDArray[np.float32]
 
+_FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an image that shows nothing, or of a grey
+_SPARSE = 8  # pixels, of which one is looked at for that, and for colours
 _ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
 _COMMON = 10  # images that what all cells have in common of noise counts for, since that of one is known from few
 _SWAPPED = 4.0  # times better that blue for red must fit: untouched values differ by noise, swapped ones by tens
@@ -103,12 +105,28 @@ def check_image(image: Image, height: int, width: int) -> None:
         raise SettingError(f"image: found {found}; expected {expected}")
 
 
-def check_channel_order(image: Image, background: Background) -> None:
-    """SettingError if the image fits the background only with red and blue swapped.
+def is_flat(image: Image | Levels) -> bool:
+    """Return whether an image is all of one level, as black and saturated ones are."""
+    return float(np.ptp(image[::_SPARSE, ::_SPARSE])) < _FLAT
+
+
+def is_grey(image: Image | Levels) -> bool:
+    """Return whether all channels of an image (height, width, 3) are alike, as those of a black one are."""
+    if image.ndim != 3:
+        return False
+    sparse = image[::_SPARSE, ::_SPARSE]
+    return bool((sparse == sparse[..., :1]).all())
+
+
+def check_channels(image: Image, background: Background) -> None:
+    """SettingError if the image is grey and the background in colours, or fits it only with red and blue swapped.
 
     Most of the gel looks as it did untouched, whatever touches it; so the medians over the image tell. A gel that is
     lit in greys looks the same in both orders and passes.
     """
+    colours = float(np.ptp(background.mean[::_SPARSE, ::_SPARSE], axis=-1).mean())
+    if colours > _FLAT and is_grey(image) and not is_flat(image):
+        raise SettingError("image: found grey, expected colours as the untouched gel has")
     levels = image.astype(np.float32)
     given = np.median(np.abs(levels - background.mean))
     swapped = np.median(np.abs(levels[..., ::-1] - background.mean))

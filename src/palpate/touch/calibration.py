@@ -68,6 +68,23 @@ def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorP
     return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
 
 
+def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
+    """Return in words that a calibration is of images of another size than a sensor's, which lie as it says.
+
+    Nothing where it is not, and of a sensor without images.
+    """
+    expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
+    if found == expected or not sensor.image_height:
+        return ""
+    turns = calibration.view.quarter_turns
+    name = calibration.file or "the calibration"
+    turned = f", turned by {90 * turns} degrees as it says," if turns % 2 else ""
+    return (
+        f"{name}: is of images of {found[0]} x {found[1]} px; those of sensor {sensor.name!r}{turned} "
+        f"have {expected[0]} x {expected[1]}"
+    )
+
+
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
     """Write the `.npz`, whole or not at all; an existing one is replaced only if `overwrite`."""
     view, direction = calibration.view, calibration.direction

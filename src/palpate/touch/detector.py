@@ -1,5 +1,6 @@
 """Whether the gel is touched: how much of an image is off the untouched one (paper Sec. V-A)."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +9,13 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
-from palpate.touch.background import Background, Image, Levels, check_channel_order, check_image
-from palpate.touch.calibration import Calibration
+from palpate.touch.background import Background, Image, Levels, check_channels, check_image, is_flat
+from palpate.touch.calibration import Calibration, misfit
 from palpate.touch.light import Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
-from palpate.touch.steady import SteadyImages
+from palpate.touch.steady import SteadyImages, first_frames
+
+logger = logging.getLogger(__name__)
 
 START = 0.01
 """Share of significant values above which the gel is touched: the paper's for its smallest contacts.
@@ -26,10 +29,10 @@ END = 0.005
 
 _SIGNIFICANT = 4.0  # standard deviations, as in the paper
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
-_OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.45 at most
+_OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.55 at most
+_OTHER_UNIT = 0.6  # the same until the gel of a file was seen: nearly all other units are farther off
 _THIN = 0.5  # share of that which is left without thin lines where a scratch is seen and no touch
 _SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
-_FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an image that shows nothing
 _SPARSE = 8  # pixels, of which one is looked at for that
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
@@ -44,15 +47,20 @@ class ContactDetector:
     during a touch it stays as it is.
 
     Without a background, the images of the first half second are taken as untouched and their statistics are used, as
-    long as they are alike and not black; until then the answer is False.
+    long as they are alike and not black; until then the answer is False. One that is read from a file is doubted until
+    an image looks like it: it may be of another unit, or of a touched gel.
     """
 
     def __init__(
-        self, background: Background | None = None, size: tuple[int, int] | None = None, rate: float = 30.0
+        self,
+        background: Background | None = None,
+        size: tuple[int, int] | None = None,
+        rate: float = 30.0,
+        file: str = "",
     ) -> None:
         """Take the untouched gel, rows and columns of the sensor's images, and how many come in a second [Hz].
 
-        Without a size, the first image's is taken.
+        Without a size, the first image's is taken. `file` is where the untouched gel was read from.
         """
         # Compiled or loaded now, not at a robot's first image.
         area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
@@ -61,6 +69,8 @@ class ContactDetector:
         self._first = SteadyImages(rate)
         self._image_size = size
         self._background = background
+        self._doubted = file
+        self._doubted_for, self._patience = 0, first_frames(rate)  # images
         self._checked = False
         self._touched = False
         self._share = 0.0
@@ -89,6 +99,16 @@ class ContactDetector:
         """How bright the light of each channel was in the middle of the last image, 1 as the untouched gel is known."""
         return self._light
 
+    @property
+    def doubt(self) -> str:
+        """What speaks against the untouched gel of a file, in words; nothing once an image looked like it."""
+        if not self._doubted:
+            return ""
+        return (
+            f"no image so far looks like the untouched gel of {self._doubted}: unless something touches since the "
+            "first one, that was another unit or a touched gel, or the gel has changed"
+        )
+
     def read(self, image: AnyImage) -> AnyImage:
         """Return an image (height, width, 3) as it is compared: without markers where the untouched gel has some."""
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.float32):
@@ -101,8 +121,9 @@ class ContactDetector:
         """Return whether the gel is touched in this image (height, width, 3) RGB, as `read` gives it.
 
         Raises SettingError on an image of another size or type than the background's or the first one, where the
-        first one has red and blue swapped against a given background, on one that shows no touch and no untouched gel
-        either (black, noise, turned, another light), and where the camera stands still. It changes nothing then.
+        first one has red and blue swapped against a given background, or is grey and that is not, on one that shows no
+        touch and no untouched gel either (black, noise, turned, another light), and where the camera stands still. It
+        changes nothing then.
         """
         background = self._background
         if background is None:
@@ -110,21 +131,25 @@ class ContactDetector:
             return False
         check_image(image, *background.mean.shape[:2])
         if not self._checked:
-            check_channel_order(image, background)
+            check_channels(image, background)
             self._checked = True
         cells = cells_of(image)
         light = light_of(cells, self._cells)
-        is_blind = _is_flat(image) and not _is_flat(background.mean)
+        is_blind = is_flat(image) and not is_flat(background.mean)
         share = 1.0 if is_blind else self._significant(image, cells, light, background)
-        if share > _OTHER:
-            check_channel_order(image, background)
+        if share > (_OTHER_UNIT if self._doubted else _OTHER):
+            check_channels(image, background)
+            known = "what was seen in the first half second or is in the calibration: is"
+            if self._doubted:
+                known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
             raise SettingError(
-                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is what was seen in "
-                "the first half second or is in the calibration: is the camera covered, turned, or its light out?"
+                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is {known} the camera "
+                "covered, turned, or its light out?"
             )
         self._check_alive(image)
         self._share, self._light = share, light[:, 0]
         self._touched = self._share > (END if self._touched else START)
+        self._weigh_doubt()
         if self._share <= END:
             self._untouched += 1
             if self._untouched % _EVERY == 0:
@@ -133,7 +158,16 @@ class ContactDetector:
 
     def forget(self) -> None:
         """Take the next images as untouched: what is thought to be a touch is a gel or a light that has changed."""
-        self._background, self._touched = None, False
+        self._background, self._touched, self._doubted = None, False, ""
+
+    def _weigh_doubt(self) -> None:
+        """Believe the untouched gel of a file where the last image looks like it; warn where none does for a while."""
+        if not self._touched:
+            self._doubted = ""
+        if self._doubted:
+            self._doubted_for += 1
+            if self._doubted_for == self._patience:
+                logger.warning("%s", self.doubt)
 
     def _check_alive(self, image: Image) -> None:
         """SettingError where a camera with noise gives the same image again and again."""
@@ -172,15 +206,17 @@ class ContactDetector:
         return wide if wide < _THIN * share else share
 
 
-def _is_flat(image: Image | Levels) -> bool:
-    """Whether an image is all of one level, as black and saturated ones are."""
-    return float(np.ptp(image[::_SPARSE, ::_SPARSE])) < _FLAT
-
-
 def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:
-    """Return what detects contact in a sensor's images, once they lie as the calibration says."""
+    """Return what detects contact in a sensor's images, once they lie as the calibration says.
+
+    Raises SettingError on a calibration of images of another size than the sensor's.
+    """
     size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
-    return ContactDetector(calibration and calibration.background, size, sensor.rate)
+    if calibration is None:
+        return ContactDetector(None, size, sensor.rate)
+    if wrong := misfit(calibration, sensor):
+        raise SettingError(wrong)
+    return ContactDetector(calibration.background, size, sensor.rate, str(calibration.file or ""))
 
 
 def _followed(background: Background, image: Image, part: float) -> Background:

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background, Image
+from palpate.touch.background import Background, Image, is_grey
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
@@ -39,6 +39,9 @@ TELL_DIRECTION = ("learnt", "learnt-direction")
 TELL_TURN = ("learnt", "learnt-turn")
 """Those that tell how the sensor has turned, up to an offset of the contact."""
 
+GREY = "images are grey, and the touch model reads colours"
+"""Why a model that comes along does not read images."""
+
 Sigmas = tuple[float, float, float]
 
 
@@ -56,9 +59,14 @@ def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None 
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         found = f"{sensor.name!r} has images of {sensor.image_height} x {sensor.image_width} px"
         return "none", f"{found}, and the touch model reads {made_for.image_height} x {made_for.image_width} px"
-    if model is None and not is_dark(image) and (image == image[..., :1]).all():
-        return "none", "images are grey, and the touch model reads colours"
+    if lacks_colours(image, model):
+        return "none", GREY
     return "learnt", f"images fit the touch model of the {made_for.sensor}"
+
+
+def lacks_colours(image: Image, model: TouchModel | None) -> bool:
+    """Return whether an image is grey, and the model not one of the user's own: those that come along read colours."""
+    return model is None and not is_dark(image) and is_grey(image)
 
 
 def expected(tactile: TactileChoice, sensor: SensorProfile, model: TouchModel | None = None) -> Tactile:

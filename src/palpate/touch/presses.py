@@ -16,7 +16,7 @@ from palpate.errors import FileError
 from palpate.files import existing_file, read_csv
 from palpate.recording.images import image_size
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background, Image, background_of, check_image
+from palpate.touch.background import Background, Image, background_of, check_image, is_grey
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.detector import ContactDetector
 from palpate.touch.difference import difference, reduced
@@ -97,9 +97,10 @@ def read_image(path: Path, grey: bool = False) -> Image:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None or image.dtype != np.uint8:
         raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
-    if image.ndim != 3 and grey:
+    is_one_channel = image.ndim != 3
+    if is_one_channel:
         image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    if image.ndim != 3:
+    if not grey and (is_one_channel or is_grey(np.asarray(image[..., :3], np.uint8))):
         raise FileError(f"{path}: is a grey image; touch images are in colours")
     return np.ascontiguousarray(image[..., 2::-1], np.uint8)
 
@@ -134,7 +135,8 @@ def learn_from_presses(
     candidates = list(views(first, height, width))
     if not candidates:
         raise FileError(
-            f"images of {first.shape[:2]} are not those of {sensor.name!r}, {height} x {width}, in any turn"
+            f"images of {first.shape[0]} x {first.shape[1]} px are not those of {sensor.name!r}, "
+            f"{height} x {width} px, in any turn"
         )
     fits = [_fit(view, presses, untouched, model) for view in candidates]
     # The likeliest, were it by ever so little. Presses tell only left from right for sure, but of the views that are
@@ -144,7 +146,8 @@ def learn_from_presses(
     if fit.scatter > WORST:
         raise FileError(
             f"what the presses show lies {np.degrees(fit.scatter):.1f} degrees about a line over the given angles, "
-            f"allowed are {np.degrees(WORST):.0f}: are the angles right, and is the untouched gel of this unit?"
+            f"allowed are {np.degrees(WORST):.0f}: are the angles right, and is the untouched gel of this unit, and "
+            "untouched?"
         )
     _check_touched(fit, presses)
     return fit
@@ -182,4 +185,4 @@ def _check_touched(fit: PressFit, presses: Presses) -> None:
     for name, image in zip(presses.names, presses.images, strict=True):
         detector = ContactDetector(fit.calibration.background)
         if not detector.update(detector.read(fit.calibration.view.of(image))):
-            raise FileError(f"{name}: shows no touch against the untouched gel")
+            raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")

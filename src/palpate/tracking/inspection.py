@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from palpate.recording.recording import Recording
+from palpate.touch.background import is_grey
 from palpate.tracking.findings import GAP, Finding, contact_runs, find_all
 
 
@@ -44,6 +45,8 @@ class Inspection:
     """How many frames have an image."""
     image_size: tuple[int, int] | None
     """Rows and columns [px]."""
+    is_grey: bool
+    """Whether the first image is grey, which the touch models that come along do not read."""
     findings: tuple[Finding, ...]
     unbroken: bool
     """Whether motion capture and contact hold throughout: no drop-out but at the very ends, no jump, no
@@ -82,6 +85,7 @@ def inspect_recording(recording: Recording) -> Inspection:
         truth_share=0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         images=0 if recording.image is None else sum(map(bool, recording.image)),
         image_size=None if recording.image is None else (recording.sensor.image_height, recording.sensor.image_width),
+        is_grey=(first := recording[0].image) is not None and is_grey(first),
         findings=findings,
         unbroken=not any(finding.breaks for finding in findings),
         knocked=knocked,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import SettingError
 from palpate.recording import derived
 from palpate.recording.recording import Recording
-from palpate.touch.calibration import Calibration, view_of
+from palpate.touch.calibration import Calibration, turned_as, view_of
 from palpate.touch.detector import detector_for
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ def time_offset(
 
 def _onsets(recording: Recording, calibration: Calibration | None) -> list[int]:
     """The first frames of contacts, by the images."""
-    detector, view = detector_for(recording.sensor, calibration), view_of(calibration)
+    detector, view = detector_for(turned_as(recording.sensor, calibration), calibration), view_of(calibration)
     images = (frame.image for frame in recording)
     touched = np.array([image is not None and detector.update(detector.read(view.of(image))) for image in images])
     return (np.flatnonzero(touched[1:] & ~touched[:-1]) + 1).tolist()

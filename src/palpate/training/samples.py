@@ -18,7 +18,7 @@ from palpate.parallel import spread
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image, background_of
-from palpate.touch.calibration import Calibration, turned_as, view_of
+from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.ellipse import ellipse_features
 from palpate.touch.markers import AnyImage, has_markers, without_markers
@@ -157,9 +157,8 @@ def _at_rest(
     """
     name = recording.file or "the recording"
     known, sensor = calibration and calibration.background, turned_as(recording.sensor, calibration)
-    size = sensor.image_height, sensor.image_width
-    if known and known.mean.shape[:2] != size:
-        raise FileError(f"{name}: has images of {size}, the calibration {known.mean.shape[:2]}; rows and columns")
+    if calibration and (wrong := misfit(calibration, sensor)):
+        raise FileError(f"{name}: {wrong}")
     assert recording.contact is not None
     untouched = np.flatnonzero(~recording.contact)
     if len(untouched) < 2 and known:

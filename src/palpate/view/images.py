@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.recording import Recording
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, view_of
+from palpate.touch.calibration import Calibration, turned_as, view_of
 from palpate.touch.detector import detector_for
 from palpate.touch.difference import difference_in_light, reduced
 
@@ -44,7 +44,7 @@ def views(recording: Recording, calibration: Calibration | None) -> Iterator[tup
 
     The gel is compared with as tracking does it: with the background as it was when the contact began.
     """
-    detector, view = detector_for(recording.sensor, calibration), view_of(calibration)
+    detector, view = detector_for(turned_as(recording.sensor, calibration), calibration), view_of(calibration)
     compared = detector.background
     for index in range(len(recording)):
         image = recording[index].image
