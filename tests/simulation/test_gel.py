@@ -250,6 +250,7 @@ def test_where_a_contact_shows_is_what_the_profile_makes_of_its_column(seed: int
         column = np.unravel_index(away.argmin(), away.shape)[1]
         shown = math.asin((column - 119.5) * 18.4e-3 / 240 / 21e-3)  # a DIGIT's pad, its columns and its radius
         assert unit.shown_angle(pad_angle) == pytest.approx(shown, abs=0.6 * 18.4e-3 / 240 / 21e-3)
+    assert abs(unit.shown_angle(math.radians(95.0))) <= 0.5 * math.pi  # out of sight
     flat = draw_unit(GELSIGHT_MINI, seed)
     assert flat.shown_angle(0.3) == 0.3  # the edges of a flat pad lie where they lie
 

@@ -110,7 +110,8 @@ class SensorUnit:
             return pad_angle
         y, z = self.radius * np.sin(pad_angle) - self.offset[0], -self.offset[1]
         pixels = (math.cos(self.roll) * y + math.sin(self.roll) * z) / self.pitch
-        return np.arcsin(pixels * 2.0 * self.half_width / self.no_contact.shape[1] / self.profile.radius)
+        place = pixels * 2.0 * self.half_width / self.no_contact.shape[1] / self.profile.radius
+        return np.arcsin(np.clip(place, -1.0, 1.0))  # out of sight, where it lies beyond the gel's side
 
     @property
     def half_width(self) -> float:

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from palpate.errors import FileError
 from palpate.recording.recording import Recording
 from palpate.touch.background import is_grey
 from palpate.tracking.findings import GAP, Finding, contact_runs, find_all
@@ -85,12 +86,21 @@ def inspect_recording(recording: Recording) -> Inspection:
         truth_share=0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         images=0 if recording.image is None else sum(map(bool, recording.image)),
         image_size=None if recording.image is None else (recording.sensor.image_height, recording.sensor.image_width),
-        is_grey=(first := recording[0].image) is not None and is_grey(first),
+        is_grey=_begins_grey(recording),
         findings=findings,
         unbroken=not any(finding.breaks for finding in findings),
         knocked=knocked,
         verdict=_verdict(recording, findings),
     )
+
+
+def _begins_grey(recording: Recording) -> bool:
+    """Whether the first image is grey; one that does not decode is a finding of its own."""
+    try:
+        image = recording[0].image
+    except FileError:
+        return False
+    return image is not None and is_grey(image)
 
 
 def _verdict(recording: Recording, findings: tuple[Finding, ...]) -> str:
