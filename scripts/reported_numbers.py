@@ -339,6 +339,20 @@ def untouched_facts() -> set[str]:
     return {str(study["units_judged_by"]), *(f"{value:.2f}" for way in ways for key in keys for value in way[key])}
 
 
+def reading_facts() -> set[str]:
+    """Return what images of units that no network has seen tell."""
+    found = loaded("docs/study/reading.json")
+    missed = found["missed_frames"] / found["frames_of_contact"]
+    degrees = {f"{found[f'{outlines}_direction_deg']:.2f}" for outlines in ("seen", "unseen")}
+    return degrees | {str(found["recordings"]), f"{found['contact_f1']:.3f}", f"{100.0 * missed:.1f}"}
+
+
+def begun_facts() -> set[str]:
+    """Return how recordings are tracked that begin in contact, and with the untouched gel given."""
+    found = loaded("docs/study/begun_in_contact.json")
+    return {str(found["recordings"])} | {f"{value:.1f}" for key, value in found.items() if key != "recordings"}
+
+
 def unknown_start_facts() -> set[str]:
     """Return what is said of objects of which nothing is known at first: what counts as found, and how many are."""
     study = loaded("docs/study/unknown_start.json")
@@ -696,6 +710,8 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,
     "slip-facts": slip_facts,
+    "reading-facts": reading_facts,
+    "begun-facts": begun_facts,
     "unknown-start-facts": unknown_start_facts,
     "half-turn-facts": half_turn_facts,
     "wear-facts": wear_facts,
