@@ -1,0 +1,67 @@
+"""When pushing is in doubt, and in which of several hypotheses."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, sensor
+
+from palpate.estimation import hypotheses
+from palpate.estimation.contact_model import contact_model
+from palpate.estimation.disturbed import UNHEEDED, is_contradicted
+from palpate.estimation.hypotheses import Hypotheses
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.weighing import Hypothesis
+
+
+def estimator(measured: Any = (), pushing: Any = (), errors: Any = ()) -> Any:
+    """One whose last steps cost so much, and whose factors have these mean square errors, each over so many steps."""
+    measured = np.asarray(measured, np.float64)
+    costs = np.column_stack((measured, np.broadcast_to(np.asarray(pushing or 0.0, np.float64), len(measured))))
+    return SimpleNamespace(costs=lambda: costs, mean_square=lambda name, steps: dict(errors).get((name, steps), 0.0))
+
+
+@pytest.mark.parametrize(
+    ("measured", "is_in_doubt"), [([0.5] * 9 + [0.9], False), ([0.1] * 5 + [0.1, 2.8, 0.1, 0.1, 0.1], True)]
+)
+def test_what_all_that_is_measured_costs_in_five_steps_raises_an_alarm(measured, is_in_doubt):
+    assert is_contradicted(estimator(measured), 10) == is_in_doubt
+    # What pushing costs does not, nor what is long past, nor a contact that has just begun.
+    assert not is_contradicted(estimator([0.1] * 10, pushing=9.0), 10)
+    assert not is_contradicted(estimator([9.0, *[0.1] * 5]), 6)
+    assert not is_contradicted(estimator([9.0] * 4), 4)
+
+
+def test_one_factor_alone_raises_an_alarm():
+    for name, steps, error in (("relative_pose", 5, 0.14), ("direction", 30, 0.06), ("sticking", 5, 31.0)):
+        told = estimator([0.0] * 30, errors={(name, steps): error}.items())
+        assert is_contradicted(told, 30) and not is_contradicted(told, steps - 1)
+
+
+def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
+    # The best one may be a way past an object at rest, which nothing contradicts.
+    model = contact_model(SHAPES["rectangle"], sensor())
+    bank = Hypotheses(model, NoiseSettings(), "fixed-lag", np.zeros(3), np.full(3, 1e-3), 9)
+    found: list[Any] = []
+    monkeypatch.setattr(hypotheses, "is_contradicted", lambda one, steps: one.contradicted)
+    monkeypatch.setattr(hypotheses, "disturbed", lambda one, steps, priors: found.append(one) or [])
+
+    def one(weight: float, contradicted: bool, still_open: int = 0) -> Any:
+        return Hypothesis(SimpleNamespace(contradicted=contradicted), open=still_open, weight=weight)  # pyright: ignore[reportArgumentType]
+
+    best, being_moved, second, third, unlikely = (
+        one(0.4, False),
+        one(0.2, True, still_open=2),
+        one(0.2, True),
+        one(0.15, True),
+        one(0.05, True),
+    )
+    bank._all = [best, being_moved, second, third, unlikely]
+    bank._steps = 20
+    for _ in range(3):
+        bank._doubt_pushing()
+    assert found == [second, third]  # one a frame; the same hand raises no second alarm
+    bank._steps += UNHEEDED
+    bank._doubt_pushing()
+    assert found == [second, third, second]
