@@ -119,7 +119,14 @@ def plain() -> str:
 def _by_kind(rows: Sequence[Row]) -> str:
     kinds = [(told, [row for row in rows if row["group"] == group]) for group, told in SEEN.items()]
     unseen = [row for row in rows if row["group"] not in SEEN]
-    return table(SCORES, [_scored(*kind) for kind in (*kinds, (UNSEEN, unseen), ("all", rows))])
+    cells = [[*_scored(*kind), nees(kind[1])] for kind in (*kinds, (UNSEEN, unseen), ("all", rows))]
+    return table((*SCORES, "NEES"), cells)
+
+
+def nees(rows: Sequence[Row]) -> str:
+    """Return the NEES of a sequence in the median and in the mean."""
+    each = [row["nees_mean"] for row in rows if row["nees_mean"] is not None]
+    return f"{median(each):.1f}, {fmean(each):.1f}"
 
 
 def knocked() -> str:
