@@ -25,6 +25,7 @@ class Linearised:
             if grown
         ]
         self._at: Values | None = None
+        self._costs: Array | None = None
 
     def __iter__(self) -> Iterator[tuple[Factor, Terms, Rows]]:
         """Yield factors with their terms and rows."""
@@ -38,7 +39,7 @@ class Linearised:
 
     def linearise(self, at: Values) -> None:
         """Linearise all terms at values."""
-        self._at = at
+        self._at, self._costs = at, None
         for factor, terms, rows in self._rows:
             factor.linearise_into(rows, at, terms)
 
@@ -51,12 +52,13 @@ class Linearised:
 
     def costs(self) -> Array:
         """Return what each step costs (B, N, 2): what is measured in it, and pushing; see `Window.costs`."""
-        costs = np.zeros((self.at.smoothers, self.at.steps, 2))
-        for factor, terms, rows in self._rows:
-            if factor.name != _NOT_OF_STEPS:
-                of = costs[..., int(factor.is_of_pushing)]
-                add_costs(rows.residual, rows.information, rows.weight, terms.places, of)
-        return costs
+        if self._costs is None:
+            self._costs = np.zeros((self.at.smoothers, self.at.steps, 2))
+            for factor, terms, rows in self._rows:
+                if factor.name != _NOT_OF_STEPS:
+                    of = self._costs[..., int(factor.is_of_pushing)]
+                    add_costs(rows.residual, rows.information, rows.weight, terms.places, of)
+        return self._costs
 
     def last_errors(self, at: Values) -> dict[str, Array]:
         """Return the errors of the last step at values by factor, of those that tell strain; see `Smoother`."""
