@@ -246,8 +246,9 @@ class Tracker:
         if self._unfelt.now and self._feels:
             return ()
         told = self._touch.measure(frame)
-        for one in told:
-            check_kind(frame.time, one, len(self._sensor.tips))
+        if self._is_touch_given:
+            for one in told:
+                check_kind(frame.time, one, len(self._sensor.tips))
         return told
 
     def _measured(self, frame: Frame, told: Sequence[Measurement]) -> Sequence[Measurement]:

@@ -23,7 +23,7 @@ from palpate.estimation.touched import Touched, touched
 from palpate.estimation.unknowns import LAG, Normal
 from palpate.estimation.values import Knock
 from palpate.geometry import se2
-from palpate.recording.measurements import Measurement
+from palpate.recording.measurements import Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -188,12 +188,15 @@ class Estimator:
         time: float,
         knocked: bool = False,
     ) -> None:
-        recent = self._online[-LAG:]
-        step = Step(sensor_pose, self._sensor_pose, measurements, [*(then for then, _ in recent), time])
-        measured = measured_poses(step, [*(pose for _, pose in recent), self.known.pose])
-        self._diagnosis.see_object_poses(self.known, measured, step.moved)
+        is_measured = any(isinstance(one, ObjectPose) for one in measurements)
+        if is_measured:
+            recent = self._online[-LAG:]
+            step = Step(sensor_pose, self._sensor_pose, measurements, [*(then for then, _ in recent), time])
+            measured = measured_poses(step, [*(pose for _, pose in recent), self.known.pose])
+            self._diagnosis.see_object_poses(self.known, measured, step.moved)
+            is_measured = bool(measured)
         self._believe(contact, sensor_pose, time, knocked)
-        self._diagnosis.see_touched_outline(self.known, sensor_pose, is_measured=bool(measured))
+        self._diagnosis.see_touched_outline(self.known, sensor_pose, is_measured)
         self._touched = sensor_pose, time
         self.status = self._diagnosis.in_contact(self.known)
 
