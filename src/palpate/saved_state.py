@@ -23,6 +23,13 @@ VERSION = (
     5  # 1 kept steps that left a window one by one, 2 no size, 3 a term for each tip, 4 no contradictions or doubts
 )
 _HOME = "palpate."
+_MOVED = {
+    "palpate.guard": "palpate.stream.guard",
+    "palpate.half_turn": "palpate.stream.half_turn",
+    "palpate.stream_quality": "palpate.stream.quality",
+    "palpate.unfelt": "palpate.stream.unfelt",
+}
+"""Where classes are now that earlier files of this version name elsewhere."""
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}
 
@@ -224,6 +231,7 @@ def _dtype(told: Any) -> np.dtype:
 
 def _class(module: str, name: str) -> type:
     """A class of palpate; it is not imported for the file's sake."""
+    module = _MOVED.get(module, module)
     found = vars(sys.modules[module])[name] if module.startswith(_HOME) else None
     if not isinstance(found, type) or found.__module__ != module:
         raise ValueError(f"{module}.{name} is no class of palpate")

@@ -1,15 +1,13 @@
-"""Touch and estimation together: one frame in, one estimate out."""
+"""Stream, touch and estimation together: one frame in, one estimate out."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checked_frame import check_kind, checked_frame
-from palpate.errors import EstimationError, FrameError, SettingError
+from palpate.errors import EstimationError, FrameError
 from palpate.estimate import Estimate
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
@@ -18,27 +16,22 @@ from palpate.estimation.smoother import IN_A_WINDOW
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
 from palpate.geometry.shapes import Shape
-from palpate.guard import DRAWN_BACK, StreamGuard
-from palpate.half_turn import HalfTurn
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile, known_sensor
 from palpate.recording.trajectory import Trajectory
-from palpate.stream_quality import StreamQuality
+from palpate.stream.checked_frame import check_kind
+from palpate.stream.half_turn import HalfTurn
+from palpate.stream.stream import Stream
 from palpate.touch.background import Background
-from palpate.touch.calibration import AS_TOLD, Calibration, view_of
-from palpate.touch.detector import detector_for
+from palpate.touch.calibration import AS_TOLD, Calibration
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
 from palpate.touch.relative import Touch
 from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_offset
 from palpate.tracker_settings import TrackerSettings
-from palpate.unfelt import UnfeltTouch
 
 Array = NDArray[np.float64]
-
-_FROZEN = "the sensor's pose stands still to the last bit since it moved; it may be {:.0f} mm farther on"
-_PAUSE = 10  # intervals without a frame after which a contact is a new one
 
 
 class Tracker:
@@ -71,7 +64,7 @@ class Tracker:
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
         self._shape, self._sensor, self._settings, self._model = shape, sensor, settings, model
-        self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
+        self._stream = Stream(sensor, calibration, settings.noise.sensor_pose.deviation)
         self._correction = calibration.direction if calibration else AS_TOLD
         self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._tactile: TactileChoice = settings.tactile
@@ -94,20 +87,14 @@ class Tracker:
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
         self._forget_contact()
-        if self._unfelt.is_doubtful:
-            self._detector.forget()  # its images may have shown a touch
+        self._stream.reset()
         self._begin()
 
     def _begin(self) -> None:
-        """Begin with nothing known but the first pose."""
+        """Begin with nothing known of the object but the first pose."""
         settings = self._settings
         noise = with_offset(settings.noise, self._correction.offset_sigma)
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
-        self._guard = StreamGuard(self._sensor.rate)
-        self._quality = StreamQuality(self._sensor.rate, math.hypot(*noise.sensor_pose.deviation[:2]) / math.sqrt(2.0))
-        self._unfelt = UnfeltTouch(is_doubtful=self._detector.background is None)
-        self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
-        self._last: Frame | None = None
         self._touched_at = -math.inf  # [s] time of the last frame of contact
         self._times: list[float] = []
         self._contacts: list[bool] = []
@@ -124,32 +111,21 @@ class Tracker:
         kept. Raises EstimationError, of which FrameError is a kind, where the graph cannot be solved even anew: the
         contact is over, and the next frame begins another.
         """
-        frame, estimator = self._checked(frame, measurements), self._estimator
+        frame = self._stream.checked(frame, measurements, self._check_readable, self._estimator.gap)
+        if self._stream.last is None:
+            ask_how_far(self._first, frame.sensor_pose)
         self._choose_touch(frame)
-        paused = self._paused(frame)
-        if estimator.in_contact and (paused or not frame.contact):
-            estimator.end_contact(self._moved_unseen(paused))
+        paused = self._stream.has_paused(frame)
+        if self._estimator.in_contact and (paused or not frame.contact):
+            self._estimator.end_contact(self._stream.moved_unseen(paused))
             self._forget_contact()
         if frame.contact:
-            told = self._told(frame)
-            estimator = self._estimator = self._half_turn.see(estimator, frame, told)
-            try:
-                estimator.touch(frame.sensor_pose, self._measured(frame, told), frame.time)
-            except EstimationError as error:
-                self._touch.end_contact()
-                said = self._measured(frame, self._told(frame))
-                try:
-                    estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
-                except EstimationError:
-                    self._forget_contact()
-                    raise
+            self._touch_object(frame)
         else:
-            estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
-        self._last = frame
-        felt = bool(frame.contact) and frame.image is not None and not paused
-        self._quality.see(frame.time, frame.sensor_pose, self._detector.light, felt)
+            self._estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
+        self._stream.take(frame, paused)
         self._times.append(frame.time)
-        self._contacts.append(estimator.in_contact)
+        self._contacts.append(self._estimator.in_contact)
         return self._estimate(frame.time)
 
     def save(self, path: Path | str) -> None:
@@ -186,35 +162,45 @@ class Tracker:
     @property
     def frame(self) -> Frame:
         """The last frame as it was taken: its image as the profile's lie, contact as the image tells."""
-        assert self._last is not None
-        return self._last
+        assert self._stream.last is not None
+        return self._stream.last
 
     @property
     def background(self) -> Background | None:
         """The untouched gel as it is known now; None before the first images have told, and without images."""
-        return self._detector.background
+        return self._stream.background
 
     def smoothed(self) -> Trajectory:
         """Return all poses so far, each as all later measurements in its contact leave it."""
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
 
+    def _touch_object(self, frame: Frame) -> None:
+        """Take a frame of contact, the first of one or the next; in a graph without a solution, as the first."""
+        told = self._told(frame)
+        estimator = self._estimator = self._half_turn.see(self._estimator, frame, told)
+        try:
+            estimator.touch(frame.sensor_pose, self._measured(frame, told), frame.time)
+        except EstimationError as error:
+            self._touch.end_contact()
+            said = self._measured(frame, self._told(frame))
+            try:
+                estimator.begin_anew(frame.sensor_pose, said, frame.time, error)
+            except EstimationError:
+                self._forget_contact()
+                raise
+
     def _estimate(self, time: float) -> Estimate:
         """What is known at the last frame, of this time [s]."""
-        estimator, touched = self._estimator, self._estimator.touched
+        estimator, stream, touched = self._estimator, self._stream, self._estimator.touched
         if touched:
             self._touched_at = time
-        blind = self._guard.blind
-        reasons = self._detector.doubt, estimator.reason, self._quality.reason, self._half_turn.reason
-        status, reason = estimator.status, next(filter(None, reasons), "")
-        if blind:
-            status, reason = "faulty", _FROZEN.format(1e3 * blind)
-        elif self._unfelt.now:
-            status, reason = "uncertain", self._unfelt.reason
+        reasons = stream.doubt, estimator.reason, stream.weakness, self._half_turn.reason
+        status, reason = stream.alarm or (estimator.status, next(filter(None, reasons), ""))
         return Estimate(
             time,
             estimator.known.pose.copy(),
-            estimator.covariance + estimator.covariance_of_motion(blind),
+            estimator.covariance + estimator.covariance_of_motion(stream.blind),
             estimator.in_contact,
             status,
             reason,
@@ -225,11 +211,6 @@ class Tracker:
             touched.sliding if touched else math.nan,
             time - self._touched_at,
         )
-
-    def _known_background(self) -> Background:
-        """The untouched gel; it is known before the first contact that the detector finds."""
-        assert self.background is not None
-        return self.background
 
     def _forget_contact(self) -> None:
         """Forget what touch told in a contact that is over."""
@@ -243,7 +224,7 @@ class Tracker:
 
     def _told(self, frame: Frame) -> Sequence[Measurement]:
         """What touch tells of a frame of contact; nothing where it has not felt it begin."""
-        if self._unfelt.now and self._feels:
+        if self._stream.is_unfelt and self._feels:
             return ()
         told = self._touch.measure(frame)
         if self._is_touch_given:
@@ -255,50 +236,15 @@ class Tracker:
         """All that is measured at a frame of which touch tells this."""
         return (*self._half_turn.believed(told), *frame.measurements)
 
-    def _paused(self, frame: Frame) -> bool:
-        """Whether so much is missing before a frame that its contact is another one."""
-        if self._last is None:
-            return False
-        return self._gone or frame.time - self._last.time > _PAUSE * self._quality.interval
-
-    def _moved_unseen(self, paused: bool) -> float:
-        """How far the object may have been moved as nobody looked [m], where a contact is over."""
-        guard = self._guard
-        return guard.pushed if paused else max(guard.unseen, DRAWN_BACK if guard.drawn_back else 0.0)
-
-    def _checked(self, frame: Frame, measurements: Sequence[Measurement]) -> Frame:
-        """The frame as it is taken: its image as the profile's lie, contact as the image tells, all that is measured.
-
-        Raises FrameError where it cannot be used; see update.
-        """
-        last = -np.inf if self._last is None else self._last.time
-        frame = checked_frame(frame, measurements, last, len(self._sensor.tips))
-        self._guard.check_time(frame.time)
-        if self._last is None:
-            ask_how_far(self._first, frame.sensor_pose)
-        is_unfelt = False
+    def _check_readable(self, frame: Frame) -> None:
+        """Raise FrameError where a model is to read a frame of contact without an image, or a grey first one."""
+        if not self._feels:
+            return
         if frame.image is None:
-            if frame.contact and self._feels:
+            if frame.contact:
                 raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-        else:
-            try:
-                image = self._detector.read(self._view.of(frame.image))
-                if self._last is None and self._feels and lacks_colours(image, self._model):
-                    raise SettingError(GREY)
-                felt = self._detector.update(image)
-                if self._unfelt.is_doubtful:
-                    gap = self._estimator.gap(frame.sensor_pose)
-                    is_unfelt = self._unfelt.sees(gap, felt, self._detector.background is not None)
-                frame = replace(frame, contact=felt or is_unfelt, image=image)
-            except (SettingError, IndexError) as error:  # the latter of an image without three channels
-                raise FrameError(f"frame at {frame.time:.3f} s: {error}") from error
-        self._gone = self._guard.check_pose(frame.time, frame.sensor_pose, bool(frame.contact))
-        self._unfelt.now = is_unfelt
-        if frame.image is not None and self._guard.drawn_back:
-            self._detector.forget()
-            self._unfelt.end()
-            return replace(frame, contact=False)
-        return frame
+        elif self._stream.last is None and lacks_colours(frame.image, self._model):
+            raise FrameError(f"frame at {frame.time:.3f} s: {GREY}")
 
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame."""
@@ -312,7 +258,7 @@ class Tracker:
 
     def _make_touch(self, tactile: Tactile) -> Touch:
         given = self._settings.noise.relative_pose
-        known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
+        known = self._sensor, given.oracle, given.constant, self._model, self._stream.known_background, self._correction
         return make_touch(tactile, *known, given.linear)
 
 

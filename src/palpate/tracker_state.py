@@ -21,8 +21,8 @@ from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 
 FORMAT = "palpate-tracker"
-_MADE = ("_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given")
-"""Attributes of a tracker that it is made with; all others are what it knows."""
+_MADE = ("_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given", "_stream", "_deviation")
+"""Attributes of a tracker and its stream that they are made with; all others are what they know."""
 _BESIDE = "beside"
 
 
@@ -33,9 +33,10 @@ def save_tracker(tracker: Tracker, path: Path | str, beside: Any = None) -> None
         raise SettingError("a tracker with the particle filter cannot be saved: what it draws next is in no file")
     if tracker._is_touch_given:
         raise SettingError("a tracker with a touch of your own cannot be saved: palpate cannot make it anew")
-    known = {name: value for name, value in vars(tracker).items() if name not in _MADE}
-    if tracker._last is not None:
-        known["_last"] = replace(tracker._last, measurements=())
+    parts = vars(tracker) | vars(tracker._stream)
+    known = {name: value for name, value in parts.items() if name not in _MADE}
+    if tracker._stream.last is not None:
+        known["_last"] = replace(tracker._stream.last, measurements=())
     if beside is not None:
         known[_BESIDE] = beside
     try:
@@ -68,7 +69,8 @@ def load_tracker_and(path: Path | str) -> tuple[Tracker, Any]:
         tracker = _made(about)
         known = file.state(_given(tracker))
         beside = known.pop(_BESIDE, None)
-        vars(tracker).update(known)
+        for part in (vars(tracker), vars(tracker._stream)):
+            part.update({name: value for name, value in known.items() if name in part})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise FileError(f"{file.path}: is no saved tracker ({error!r})") from error
     except PalpateError as error:

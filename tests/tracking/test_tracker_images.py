@@ -97,7 +97,7 @@ def test_a_leap_that_is_believed_is_no_way_in_touch(recording):
         with contextlib.suppress(FrameError):
             tracker.update(dataclasses.replace(frame, sensor_pose=frame.sensor_pose + aside))
     assert tracker.frame.sensor_pose[1] > 0.2
-    assert tracker._quality._aside() == ""
+    assert tracker._stream._quality._aside() == ""
 
 
 def test_a_recording_that_begins_in_contact_is_compared_with_the_gel_after_it(recording):

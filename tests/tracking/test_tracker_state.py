@@ -87,7 +87,7 @@ def test_a_calibrated_unit_goes_on(tmp_path):
     ]
     tracker = Tracker(SHAPES["disc"], DIGIT, np.zeros(3), TrackerSettings("learnt-pairs"), calibration=unit)
     loaded = goes_on(tracker, seen, 7, tmp_path / "state.npz")
-    assert loaded._correction == unit.direction and loaded._view == unit.view
+    assert loaded._correction == unit.direction and loaded._stream._view == unit.view
     for one in (tracker, loaded):
         one.reset()
     late = dataclasses.replace(seen[0], contact=None)
@@ -251,3 +251,22 @@ def test_a_tracker_is_saved_right_after_a_reset_and_after_a_brief_contact(record
     for back in range(1, 6):
         tracker.update(dataclasses.replace(recording[touched - back], time=recording.time[touched + 3] + back / 30))
     tracker.save(tmp_path / "state.npz")
+
+
+def test_a_state_from_before_files_moved_goes_on(tmp_path):
+    o, e = pushed("disc", 20)
+    seen = frames(o, e)
+    tracker = Tracker(SHAPES["disc"], sensor(), o[0], settings("none"))
+    for frame in seen[:10]:
+        tracker.update(frame)
+    tracker.save(tmp_path / "state.npz")
+    arrays = dict(np.load(tmp_path / "state.npz"))
+    tree = arrays["tree"].tobytes().decode()
+    for now, before in (("guard", "guard"), ("quality", "stream_quality"), ("half_turn",) * 2, ("unfelt",) * 2):
+        assert f'"palpate.stream.{now}"' in tree
+        tree = tree.replace(f'"palpate.stream.{now}"', f'"palpate.{before}"')
+    arrays["tree"] = np.frombuffer(tree.encode(), np.uint8)
+    np.savez(tmp_path / "earlier.npz", **arrays)
+    earlier = Tracker.load(tmp_path / "earlier.npz")
+    for frame in seen[10:]:
+        assert earlier.update(frame) == tracker.update(frame)

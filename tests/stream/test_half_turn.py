@@ -11,11 +11,11 @@ from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
-from palpate.half_turn import HalfTurn, mirrored
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, ContactPlace, ObjectPose, RelativePoses, Turn
 from palpate.simulation.limit_surface import Steering, push
 from palpate.simulation.recordings import simulate_recording
+from palpate.stream.half_turn import HalfTurn, mirrored
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.untouched import calibrate
 from palpate.touch.view import CameraView

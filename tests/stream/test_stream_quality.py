@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.stream_quality import StreamQuality
+from palpate.stream.quality import StreamQuality
 
 RATE, DEVIATION = 30.0, 1e-4
 LIGHT = np.ones(3)

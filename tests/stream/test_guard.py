@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import FrameError
-from palpate.guard import StreamGuard
+from palpate.stream.guard import StreamGuard
 
 RATE, SPEED = 30.0, 0.03  # [Hz], [m/s]: 1 mm a frame
 

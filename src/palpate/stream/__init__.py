@@ -1,0 +1,1 @@
+"""What of a stream of frames can be believed, before anything is estimated from it."""
