@@ -6,43 +6,33 @@ import gtsam
 import numpy as np
 
 from palpate.compiled import Array
-from palpate.estimation.unknowns import OF_STEP, SHARED_SIZE
+from palpate.estimation.unknowns import IN_STEP, OF_STEP, SHARED_SIZE
 
 BLOCK = 10
 """Steps of which GTSAM sees one variable for each of their unknowns."""
 SHARED_KEY = gtsam.symbol("z", 0)
 """Name of the variable of what all steps share."""
+IN_BLOCK = np.concatenate(
+    [
+        BLOCK * IN_STEP[one].start + np.arange(BLOCK * one.dimension).reshape(BLOCK, one.dimension)[:, ::-1]
+        for one in OF_STEP
+    ],
+    axis=1,
+)
+"""Where the numbers of a block's steps stand in its variables, which follow each other, (BLOCK, STEP_SIZE).
 
-_WILDFIRE = 1e-5  # [m], [rad]; smaller changes are not followed into the past
+The last number of a step, a yaw, comes first: it is known best when the others are given, and GTSAM refuses a number of
+which nearly nothing is left after those before it."""
+
 _Square = tuple[Array, Array]
 """Information on a variable and its negative gradient."""
 _Tie = tuple[int, Array, Array, Array]
 """Another variable, the information on both together, and what there is on that one."""
 
 
-def solver_parameters() -> gtsam.ISAM2Params:
-    """Return settings that leave linearising to us."""
-    parameters, solver = gtsam.ISAM2Params(), gtsam.ISAM2GaussNewtonParams()
-    solver.setWildfireThreshold(_WILDFIRE)
-    parameters.setOptimizationParams(solver)
-    parameters.enableRelinearization = False  # we do that
-    parameters.findUnusedFactorSlots = True
-    return parameters
-
-
 def key_of(which: int, block: int) -> int:
     """Name of the variable of an unknown of a block's steps."""
     return gtsam.symbol(chr(ord("a") + which), block)
-
-
-def elimination_order(first: int, blocks: int) -> gtsam.KeyGroupMap:
-    """Return what is eliminated after what: blocks in the order of time, last what is shared."""
-    order = gtsam.KeyGroupMap()
-    for block in range(first, blocks):
-        for which in range(len(OF_STEP)):
-            order.insert2(key_of(which, block), block - first)
-    order.insert2(SHARED_KEY, blocks - first)
-    return order
 
 
 def quadratic_factors(matrix: Array, vector: Array, first: int, end: int) -> list[gtsam.LinearContainerFactor]:

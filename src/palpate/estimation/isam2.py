@@ -11,7 +11,6 @@ included. Those of an older block wait until something they are on moved by more
 
 from collections.abc import Sequence
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,20 +19,13 @@ from palpate.estimation.belief import Belief, Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.first_pose import FirstPose
-from palpate.estimation.gtsam_quadratic import (
-    BLOCK,
-    SHARED_KEY,
-    elimination_order,
-    key_of,
-    quadratic_factors,
-    solver_parameters,
-)
+from palpate.estimation.gtsam_quadratic import BLOCK, IN_BLOCK
+from palpate.estimation.gtsam_solver import GtsamSolver, Quadratic
 from palpate.estimation.tangent_squares import add_squares, by_moved
 from palpate.estimation.term_group import TermGroup, chosen
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     IN_SHARED,
-    IN_STEP,
     LAG,
     OBJECT_SIZE,
     OF_CONTACT,
@@ -59,18 +51,6 @@ it."""
 _UPDATES = 4  # at most for a step; the next frame takes another one
 _CONVERGED = (5e-4, 5e-4, 3e-3)  # [m, m, rad]; an update that moves the newest steps by less is the last one, unless
 _REWEIGHED = 0.5  # [standard deviations] an error changed by more because its weight did: the contact holds or slides
-_WILDFIRE = 1e-4  # [m], [rad], [standard deviations] of what is shared; smaller changes are not followed into the past
-_IN_BLOCK = np.concatenate(
-    [
-        BLOCK * IN_STEP[one].start + np.arange(BLOCK * one.dimension).reshape(BLOCK, one.dimension)[:, ::-1]
-        for one in OF_STEP
-    ],
-    axis=1,
-)
-"""Where the numbers of a block's steps stand in its variables, which follow each other, (BLOCK, STEP_SIZE).
-
-The last number of a step, a yaw, comes first: it is known best when the others are given, and GTSAM refuses a number of
-which nearly nothing is left after those before it."""
 
 
 class Isam2:
@@ -88,10 +68,9 @@ class Isam2:
         """Begin with the first frame of a contact and what is known of the object."""
         self._factors = [FirstPose([prior]), *factors]
         self._begun = [False] * len(self._factors)
-        self._isam = gtsam.ISAM2(solver_parameters())
         mean = [one.prior[0] if one.prior else 0.0 for one in OF_CONTACT for _ in range(one.dimension)]
         spread = [one.prior[1] if one.prior else np.inf for one in OF_CONTACT for _ in range(one.dimension)]
-        self._known = np.append(np.isfinite(spread), [False] * OBJECT_SIZE)
+        self._solver = GtsamSolver(np.append(np.isfinite(spread), [False] * OBJECT_SIZE).astype(np.float64))
         # In units of what is known beforehand what is shared is of one size, on which GTSAM's Cholesky insists.
         of_contact = np.where(np.isfinite(spread), spread, 1.0)
         self._unit = np.append(of_contact, np.sqrt(np.diag(prior.covariance)[3:]))
@@ -235,59 +214,27 @@ class Isam2:
         old, blocks = len(self._old), self._blocks
         remade = [(block, self._old[block].last // BLOCK + 1, self._old[block]) for block in sorted(self._stale)]
         remade.append((old, blocks, self._newest))
-        graph, values, ends = self._unseen()
         self._weights = list[tuple[Factor, Terms, Array]]()
-        for first, end, group in remade:
-            for factor in self._linearised(group, first, end):
-                graph.push_back(factor)
-            ends.append(graph.size())
+        forms = (self._squares(group, first, end) for first, end, group in remade)  # one at a time: they are large
         removed = [place for _, _, group in remade for place in group.linear]
-        order = elimination_order(remade[0][0], blocks)
-        places = list(self._isam.update(graph, values, removed, order).getNewFactorsIndices())
-        for (first, end, group), begin, until in zip(remade, ends, ends[1:], strict=False):
-            group.linear, group.at = places[begin:until], self._moved[BLOCK * first : BLOCK * end]
+        for (first, end, group), places in zip(remade, self._solver.update(forms, removed, blocks), strict=True):
+            group.linear, group.at = places, self._moved[BLOCK * first : BLOCK * end]
         self._stale.clear()
-        self._take_estimate()
-
-    def _unseen(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, list[int]]:
-        """Variables that GTSAM has not seen yet, and what is known beforehand of them, in so many factors."""
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        if not self._isam.valueExists(SHARED_KEY):
-            values.insert(SHARED_KEY, np.zeros(SHARED_SIZE))
-            known = np.diag(self._known.astype(np.float64))
-            known_alone = gtsam.HessianFactor(SHARED_KEY, known, np.zeros(SHARED_SIZE), 0.0)
-            graph.push_back(gtsam.LinearContainerFactor(known_alone))
-        if not self._isam.valueExists(key_of(0, self._blocks - 1)):
-            for which, one in enumerate(OF_STEP):
-                values.insert(key_of(which, self._blocks - 1), np.zeros(BLOCK * one.dimension))
-        return graph, values, [graph.size()]
-
-    def _take_estimate(self) -> None:
-        """Read how far all unknowns moved."""
-        keys = [key_of(which, block) for which in range(len(OF_STEP)) for block in range(self._blocks)]
-        change = self._isam.getDelta().vector([*keys, SHARED_KEY])
-        moved, end = np.empty_like(self._moved), 0
-        for one in OF_STEP:
-            begin, end = end, end + self._blocks * BLOCK * one.dimension
-            moved[:, IN_STEP[one]] = change[begin:end].reshape(-1, one.dimension)[: self._steps, ::-1]
-        self._moved, self._shared_moved = moved, change[end:] * self._unit
+        self._moved, shared_moved = self._solver.moved(self._steps)
+        self._shared_moved = shared_moved * self._unit
 
     def _last_covariance(self) -> Array:
         """Covariance of the last step and of what belongs to the object, in the tangent space at the estimate."""
-        keys = [key_of(which, self._blocks - 1) for which in range(len(OF_STEP))]
-        joint = self._isam.jointMarginalCovariance([*keys, SHARED_KEY]).fullMatrix()
-        objects = BLOCK * STEP_SIZE + np.arange(CONTACT_SIZE, SHARED_SIZE)
-        chosen = np.append(_IN_BLOCK[(self._steps - 1) % BLOCK], objects)
         by_all = np.diag(np.append(np.ones(STEP_SIZE), self._unit[CONTACT_SIZE:]))
         by_all[:STEP_SIZE, :STEP_SIZE] = by_moved(self._moved[-1:])[0]
-        return by_all @ joint[np.ix_(chosen, chosen)] @ by_all.T
+        return by_all @ self._solver.covariance(self._steps - 1) @ by_all.T
 
-    def _linearised(self, group: TermGroup, first: int, end: int) -> list[gtsam.LinearContainerFactor]:
+    def _squares(self, group: TermGroup, first: int, end: int) -> Quadratic:
         """Return the squares of terms that are tied to blocks from the first one to before the end."""
         # The angle of the pushing force is sought over some steps more.
         before, after = max(BLOCK * first - ANGLE_STEPS, 0), BLOCK * end + ANGLE_STEPS
         at, moved = self._values(before, after), self._moved[before:after]
-        index = BLOCK * STEP_SIZE * np.arange(end - first)[:, None, None] + _IN_BLOCK
+        index = BLOCK * STEP_SIZE * np.arange(end - first)[:, None, None] + IN_BLOCK
         index = index.reshape(-1, STEP_SIZE)[: self._steps - BLOCK * first]
         linear_at = np.zeros(BLOCK * STEP_SIZE * (end - first) + SHARED_SIZE)
         linear_at[index] = self._moved[BLOCK * first : BLOCK * end]
@@ -305,10 +252,10 @@ class Isam2:
                 if group is self._newest and last.any():
                     self._weights.append((factor, chosen(terms, last), np.sqrt(rows.weight[:, last])))
         vector += matrix @ linear_at
-        to_come = _IN_BLOCK[(self._steps - 1) % BLOCK + 1 :] + BLOCK * STEP_SIZE * (end - first - 1)
+        to_come = IN_BLOCK[(self._steps - 1) % BLOCK + 1 :] + BLOCK * STEP_SIZE * (end - first - 1)
         if group is self._newest:
             matrix[to_come, to_come] = 1.0  # of steps that are still to come nothing is known
-        return quadratic_factors(matrix, vector, first, end)
+        return Quadratic(first, end, matrix, vector)
 
 
 def _limits(limit: tuple[float, float, float]) -> Array:
