@@ -43,6 +43,14 @@ class Linearised:
         for factor, terms, rows in self._rows:
             factor.linearise_into(rows, at, terms)
 
+    def reach_of_oldest(self) -> int:
+        """Return the newest step that a term of the oldest one is tied to, at least the next one."""
+        reach = 1
+        for _, terms, _ in self._rows:
+            if terms.places.shape[1] > 1:
+                reach = max(reach, int(terms.places[terms.places[:, 0] == 0, -1].max(initial=1)))
+        return reach
+
     def mean_square(self, name: str, first: int, smoother: int) -> float:
         """Return the mean square error of a factor's terms from a step on [variances], kernels left out."""
         for factor, terms, rows in self._rows:

@@ -27,6 +27,7 @@ from palpate.estimation.factors.first_pose import FirstPose
 from palpate.estimation.growing_terms import GrowingTerms
 from palpate.estimation.linearised import Linearised
 from palpate.estimation.normal_equations import Gaussian
+from palpate.estimation.past import nothing_past, without_oldest
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     GRIP,
@@ -87,7 +88,7 @@ class Window:
             shared[IN_SHARED[one]] = one.prior[0] if one.prior else 0.0
         shared[CONTACT_SIZE:] = np.transpose([prior.values for prior in priors])
         self._values = Values(model, of_steps, shared)
-        self._past, self._past_at = _nothing_past(len(priors)), self._values
+        self._past, self._past_at = nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
         self._left_costs = np.empty((len(priors), 0, 2))
         self._left: list[Array] = []  # g and e of the steps that left, in pieces (B, N, 2, 3)
@@ -95,7 +96,8 @@ class Window:
         """Whether the graph of a smoother has no solution (B,)."""
         self._costs: Array | None = None  # as they were asked for since the last frame, and below errors
         self._errors: dict[str, Array] | None = None
-        self._take(Step(sensor_pose, None, measurements, self._times))
+        step = Step(sensor_pose, None, measurements, self._times)
+        self._join([factor.terms(step) for factor in self._factors])
         self._solve()
 
     def add(
@@ -235,9 +237,6 @@ class Window:
             self._errors = self._linearised.last_errors(self._values)
         return self._errors
 
-    def _take(self, step: Step) -> None:
-        self._join([factor.terms(step) for factor in self._factors])
-
     def _join(self, new: Sequence[Terms | None]) -> None:
         """Take the terms that arrive with the last step."""
         now = self._values.steps - 1
@@ -288,16 +287,7 @@ class Window:
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the others and what is shared, as its terms were last linearised."""
         at = self._linearised.at
-        reach = 1
-        for _, terms, _ in self._linearised:
-            if terms.places.shape[1] > 1:
-                reach = max(reach, int(terms.places[terms.places[:, 0] == 0, -1].max(initial=1)))
-        steps = min(max(reach + 1, self._past.steps), at.steps)
-        equations = DenseEquations(at.smoothers, steps)
-        for factor, terms, rows in self._linearised:
-            equations.add(rows, terms.places, factor.columns, of_oldest=True)
-        equations.add_gaussian(self._past_seen_from(at))
-        self._past = equations.without_oldest().loosened(self._changes)
+        self._past = without_oldest(self._linearised, self._past_seen_from(at)).loosened(self._changes)
         self._past_at = at.without_oldest()
         self._left_costs = np.concatenate([self._left_costs, self._linearised.costs()[:, :1]], axis=1)[:, -_REMEMBERED:]
         for grown in self._terms:
@@ -305,12 +295,3 @@ class Window:
         self._left.append(np.stack([self._values[one][:, :1] for one in (SENSOR_IN_OBJECT, SENSOR)], axis=2))
         self._values = self._values.without_oldest()
         del self._times[0]
-
-
-def _nothing_past(smoothers: int) -> Gaussian:
-    """What is known of what a contact has before anything is measured; on no step."""
-    information = np.zeros((smoothers, SHARED_SIZE, SHARED_SIZE))
-    gradient = np.zeros((smoothers, SHARED_SIZE))
-    deviations = [one.prior[1] for one in OF_CONTACT if one.prior for _ in range(one.dimension)]
-    information[:, range(CONTACT_SIZE), range(CONTACT_SIZE)] = np.square(deviations) ** -1.0
-    return Gaussian(0, information, gradient)
