@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import SettingError, ShapeError
+from palpate.files import is_near
 from palpate.limits import FARTHEST
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
 
 def check_near(points: Array, what: str) -> None:
     """Raise ShapeError unless points (N, 2) [m] are finite and no farther than a length can be."""
-    near = (np.abs(points) <= FARTHEST).all(axis=1)
+    near = is_near(points).all(axis=1)
     if not near.all():
         row = int(np.argmin(near))
         found = tuple(points[row].tolist())
