@@ -48,17 +48,6 @@ def patch_outline(image: Image, background: Background) -> Outline | None:
     return ((hull[:, 0] + 0.5) * stretch - 0.5).astype(np.float32)
 
 
-def patch_center(image: Image, background: Background) -> Array:
-    """Return the centroid (2,) of the contact patch in pixels (column, row), NaN where there is no patch."""
-    import cv2
-
-    outline = patch_outline(image, background)
-    if outline is None:
-        return np.full(2, np.nan)
-    moments = cv2.moments(outline)
-    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-
-
 def ellipse_features(image: Image, background: Background) -> Array:
     """Return what ellipse fits the contact patch best, (6,), all NaN where there is no patch.
 
