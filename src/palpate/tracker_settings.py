@@ -26,8 +26,8 @@ class TrackerSettings:
     pressure: str | float = "uniform"
     """How the object presses on the table, which gives c; or c itself [m]."""
     hypotheses: int = 9
-    """How many answers are kept at most while touch cannot tell which is right; a contact may begin with up to 20 for
-    its first frames. 1 keeps one whatever happens."""
+    """How many answers are kept at most while touch cannot tell which is right; a contact may begin with more for its
+    first frames. 1 keeps one whatever happens."""
 
     def __post_init__(self) -> None:
         for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):

@@ -52,7 +52,7 @@ def track(
         int | None,
         tyro.conf.arg(
             metavar="N",
-            help="How many answers are kept at most while touch cannot tell; a contact may begin with up to 20 for its "
+            help="How many answers are kept at most while touch cannot tell; a contact may begin with more for its "
             "first frames. 1 keeps one whatever happens.",
             help_behavior_hint="(default: that of the tracker)",
         ),
