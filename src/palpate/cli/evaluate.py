@@ -243,7 +243,7 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
 def _show_knocks(methods: Mapping[str, Mapping[str, Any]]) -> None:
     """Tell what becomes of the estimate after knocks, by each method."""
     from palpate.cli.console import number, percent, print_table
-    from palpate.tracking.recovery import AFTER
+    from palpate.tracking.recovery import AFTER, FAR_DEG, FAR_MM
 
     rows = [
         [
@@ -258,5 +258,6 @@ def _show_knocks(methods: Mapping[str, Mapping[str, Any]]) -> None:
     ]
     columns = ("touch", "knocks", *(f"mm at {after:g} s" for after in AFTER), "recovered s", "% in 2 s")
     columns = (*columns, "silently wrong before a touch")
-    title = "after knocks: error in the median, and time in contact until it is within 10 mm and 5 deg to stay"
+    near = f"within {FAR_MM:g} mm and {FAR_DEG:g} deg"
+    title = f"after knocks: error in the median, and time in contact until it is {near} to stay"
     print_table(title, columns, rows, numbers=range(1, len(columns)))

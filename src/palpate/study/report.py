@@ -14,6 +14,7 @@ from palpate.study.figures import Key, Sheet, render, study_sheets
 from palpate.study.figures.methods import groups_of, main_method, methods_of
 from palpate.study.results import ALL
 from palpate.study.trial import Trial
+from palpate.tracking.recovery import AFTER, FAR_DEG, FAR_MM
 from palpate.web_page import picture_uri, rendered_page
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -79,6 +80,8 @@ def _page(results: Mapping[str, Any], trials: Sequence[Trial], figures: Sequence
         TEMPLATE,
         **{"against": None, **results, "settings": {name: _plain(value) for name, value in _flat(results["settings"])}},
         same=(SAME_MM, SAME_DEG, MM_PER_DEG),
+        far=(f"{FAR_MM:g} mm", f"{FAR_DEG:g}°"),
+        after=[f"{time:g}" for time in AFTER],
         all=ALL,
         groups=[ALL, *groups] if len(groups) > 1 else groups,
         methods=[str(method) for method in methods],
