@@ -41,7 +41,7 @@ class Estimate(ByValue):
     contact: bool
     """Whether the sensor touches the object."""
     status: Status
-    """What to make of it; see `estimation.diagnosis.Status`."""
+    """How far to trust it, in a word; see `estimation.diagnosis.Status`."""
     reason: str = ""
     """Why the status is what it is, or what of the stream is worse than it should be; empty where all is well."""
     answers: tuple[Answer, ...] = ()

@@ -56,8 +56,8 @@ class Tracker:
 
         Learnt touch uses `model`, by default the one that comes with palpate. `calibration` is what is known of
         this unit, from `palpate calibrate`; without it the first half second of images is taken as untouched.
-        `touch` says what is touched in place of what the settings' mode makes. The first tracker of a process takes
-        half a second to load compiled code, and the very first of a machine some 20 s to compile it.
+        `touch` is an object of your own that measures in place of what `settings.tactile` names. The first tracker of a
+        process takes half a second to load compiled code, and the very first of a machine some 20 s to compile it.
         """
         check_arguments(shape, settings, model, calibration)
         settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
@@ -171,7 +171,7 @@ class Tracker:
         return self._stream.background
 
     def smoothed(self) -> Trajectory:
-        """Return all poses so far, each as all later measurements in its contact leave it."""
+        """Return the object's poses at all frames so far, each corrected by what was measured later in its contact."""
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
 

@@ -24,7 +24,8 @@ class TrackerSettings:
     noise: NoiseSettings = NoiseSettings()
     """How much each factor is believed."""
     pressure: str | float = "uniform"
-    """How the object presses on the table, which gives c; or c itself [m]."""
+    """How the object's weight is spread over the table, by name, which gives its friction radius c: the largest torque
+    of friction over its largest force; or c itself [m]."""
     hypotheses: int = 9
     """How many answers are kept at most while touch cannot tell which is right; a contact may begin with more for its
     first frames. 1 keeps one whatever happens."""

@@ -24,11 +24,11 @@ class NoiseSettings:
     """
 
     sensor_pose: SensorPoseSettings = SensorPoseSettings()
-    """The measured pose of the sensor."""
+    """How well the sensor's pose is measured and calibrated."""
     first_pose: FirstPoseSettings = FirstPoseSettings()
-    """What is known of the object when a contact begins."""
+    """How well the object's pose is known when tracking begins, and while it rests."""
     contact: ContactSettings = ContactSettings()
-    """Sensor and outline touch."""
+    """How closely the sensor's tip and the object's outline meet in a contact."""
     direction: DirectionSettings = DirectionSettings()
     """Where touch says that the tip is touched."""
     place: PlaceSettings = PlaceSettings()
@@ -38,13 +38,13 @@ class NoiseSettings:
     relative_pose: RelativePoseSettings = RelativePoseSettings()
     """How touch says that the sensor has moved on the object."""
     sticking: StickingSettings = StickingSettings()
-    """Inside the friction cone a contact holds."""
+    """How firmly a contact holds while its force is inside the friction cone."""
     balance: BalanceSettings = BalanceSettings()
-    """Force and torque are in balance on the limit surface."""
+    """How closely the object moves as the limit surface has it: push and friction in balance, force and torque."""
     friction_cone: FrictionConeSettings = FrictionConeSettings()
-    """At its edge the force stays while the contact slides."""
+    """How closely the force stays at the edge of the friction cone while the contact slides."""
     priors: Priors = Priors()
-    """What is believed of the object's own unknowns."""
+    """What is believed of the other unknowns, such as friction, before the object is first touched."""
 
 
 STICKING = NoiseSettings(

@@ -33,11 +33,11 @@ class Recording:
     shape: Shape
     """outline of the object, in the object frame"""
     sensor: SensorProfile
-    """what the sensor is like; images have its height and width"""
+    """size and form of the sensor's tip, its rate, and the height and width of its images"""
     object_pose: NDArray[np.float64] | None = None
     """world_T_object, (N, 3) [m, m, rad]: ground truth; a row is NaN where it is not known"""
     contact: NDArray[np.bool_] | None = None
-    """(N,)"""
+    """(N,) whether the sensor touches the object; None where nothing but images tells"""
     episode: NDArray[np.int64] | None = None
     """(N,) number of the contact episode, -1 outside contact"""
     image: Sequence[bytes] | None = None
