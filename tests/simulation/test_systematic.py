@@ -6,6 +6,8 @@ import pytest
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
+from palpate.simulation import systematic
+from palpate.simulation.ageing import Ageing
 from palpate.simulation.folder import plan, simulate_folder
 from palpate.simulation.recordings import simulate_recording
 from palpate.simulation.systematic import SystematicErrors, draw_errors, misstated
@@ -20,6 +22,7 @@ ERRORS = SystematicErrors(
     first_pose=np.array([3e-3, 0.0, -0.03]),
     first_pose_sigma=np.array([2e-3, 2e-3, 0.03]),
     gel_drift=(0.0, 0.0),
+    ageing=Ageing(np.zeros(3), ()),
 )
 
 
@@ -53,6 +56,14 @@ def test_errors_are_drawn_as_large_as_they_are_said_to_be():
     # The sigma that goes with a first pose is that of all of them.
     np.testing.assert_allclose(np.sqrt(np.mean(first**2, axis=0)), drawn[0].first_pose_sigma, rtol=0.1)
     assert np.abs([one.gel_drift for one in drawn]).max() <= 0.2 / 15.0
+    assert len({one.ageing.light[0] for one in drawn}) == 400
+
+
+def test_ageing_leaves_what_is_drawn_next_from_the_same_generator_as_it_is(monkeypatch):
+    rng, other = (np.random.default_rng(5) for _ in range(2))
+    drawn = draw_errors(rng)
+    monkeypatch.setattr(systematic, "draw_ageing", lambda rng: rng.random(9))
+    assert draw_errors(other).gel_drift == drawn.gel_drift and rng.random() == other.random()
 
 
 def test_a_recording_is_misstated_unless_it_is_to_be_ideal():

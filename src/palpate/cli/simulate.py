@@ -62,8 +62,8 @@ def simulate(
     ideal: Annotated[
         bool,
         tyro.conf.arg(
-            help="State mounting, outline, time and first pose exactly, which no real set-up does, and let the gel not "
-            "drift.",
+            help="State mounting, outline, time and first pose exactly, which no real set-up does, and let neither "
+            "gel nor light change.",
         ),
     ] = False,
     sensor: SensorOption = SENSOR,

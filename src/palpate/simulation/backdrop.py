@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.simulation.marks import GRAIN_LEVELS, GRAIN_RADIUS, grain
+
 Image = NDArray[np.float32]
 
 Colours = tuple[float, float, float]
@@ -130,8 +132,7 @@ def _step(values: Any) -> Any:
 def _add_specks(image: NDArray[np.floating], rng: np.random.Generator) -> None:
     """Add a few dots of dust and dents, bright or dark."""
     height, width, _ = image.shape
-    rows, columns = np.ogrid[:height, :width]
+    least, most = GRAIN_RADIUS
     for _ in range(rng.poisson(1.5)):
-        row, column, radius = rng.uniform((0, 0, 1.2), (height, width, 3.0))
-        dot = np.exp(-0.5 * ((rows - row) ** 2 + (columns - column) ** 2) / radius**2)
-        image += dot[..., None] * rng.uniform(-25.0, 60.0, 3)
+        row, column, radius = rng.uniform((0, 0, least), (height, width, most))
+        image += grain((height, width), (row, column), radius)[..., None] * rng.uniform(*GRAIN_LEVELS, 3)

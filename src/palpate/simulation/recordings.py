@@ -13,6 +13,7 @@ from palpate.parallel import one_thread
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording, episode_numbers
 from palpate.recording.sensor import DIGIT, SensorProfile
+from palpate.simulation.ageing import Ageing, over_time
 from palpate.simulation.gel import draw_side, render
 from palpate.simulation.pushes import Sequence, draw_sequence, measured
 from palpate.simulation.systematic import draw_errors, misstated
@@ -51,20 +52,21 @@ def simulate_recording(
     images or not; with a seed of its own, `unit`, the sensor unit is the same in many recordings. The recording's
     sensor is the profile as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
     object now and then, and extra/knocked says when.
-    Mounting, outline, time and first pose are stated with the errors of a real set-up, see `systematic`; an `ideal`
-    recording has noise alone.
+    Mounting, outline, time and first pose are stated with the errors of a real set-up, and gel and light change while
+    they are used, see `systematic`; an `ideal` recording has noise alone.
     `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
     duration that is not allowed.
     """
     unit_seed, *seeds = _seeds(shape, kind, seed, unit)
     pushes, noise, camera, shoves, wrong = (np.random.default_rng(each) for each in seeds)
     errors = None if ideal else draw_errors(wrong)
+    ageing = errors.ageing if errors else None
     sensor_unit = draw_unit(sensor, unit_seed)
     with one_thread():
         gel = replace(sensor, radius=sensor_unit.radius)
         drift = errors.gel_drift if errors else (0.0, 0.0)
         sequence = draw_sequence(shape, kind, gel, pushes, seconds, shoves if knocks else None, drift)
-        pictures = _pictures(sensor_unit, shape, sequence, camera, progress) if images else None
+        pictures = _pictures(sensor_unit, ageing, shape, sequence, camera, progress) if images else None
     motion = sequence.motion
     exact = Recording(
         time=sequence.time,
@@ -124,6 +126,7 @@ def _seeds(shape: Shape, kind: str, seed: int, unit: int | None) -> tuple[int, *
 
 def _pictures(
     unit: SensorUnit,
+    ageing: Ageing | None,
     shape: Shape,
     sequence: Sequence,
     rng: np.random.Generator,
@@ -132,10 +135,11 @@ def _pictures(
     motion = sequence.motion
     side = draw_side(rng)
     poses = se2.between(motion.object_pose, sequence.sensor_pose)
-    each = zip(poses, motion.indentation, motion.tangential_force, strict=True)
+    units = over_time(unit, ageing, sequence.time)
+    each = zip(units, poses, motion.indentation, motion.tangential_force, strict=True)
     pictures: list[bytes] = []
-    for values in each:
-        pictures.append(encode_image(render(unit, shape, *values, rng=rng, side=side)))
+    for now, *values in each:
+        pictures.append(encode_image(render(now, shape, *values, rng=rng, side=side)))
         if progress:
             progress(len(pictures))
     return tuple(pictures)

@@ -9,6 +9,15 @@ What is drawn, and why:
 - First pose: 2 to 5 mm and 1 to 3 degrees off, as an object placed by hand on marks is, and its sigma says so.
 - Gel: over the first 15 s its friction and stiffness drift by up to 20 % each, up or down, as it warms and gathers
   dust, and stay so.
+- Light: over the same time all three lights grow or fade together by up to 5 %, and each by up to 5 % besides. A red
+  LED loses some 0.7 % of its light with each kelvin, a blue or green one a fifth of that, and a closed housing warms by
+  ten kelvin and more. So the balance of the colours changes by up to a tenth, as do two sides of the picture against
+  each other where two lights share a colour: by as much as a detector has to stay quiet at.
+- Marks: none to two grains, dents or scratches come at any moment and stay, see `marks`. Real units have one or two
+  of them from years of use, so that one in a recording is many.
+
+A skin that changes all over is not drawn: real images minutes apart differ as after 14 grey levels of a smooth pattern
+(`docs/study/wear.json`), which is one level in 15 s. The bench of faults has it.
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +28,7 @@ from numpy.typing import NDArray
 from palpate.geometry import se2
 from palpate.geometry.shapes import scaled
 from palpate.recording.recording import Recording
+from palpate.simulation.ageing import Ageing, draw_ageing
 from palpate.simulation.scene import WARMS_FOR
 
 Array = NDArray[np.float64]
@@ -45,6 +55,8 @@ class SystematicErrors:
     """Standard deviations (3,) [m, m, rad] of what first poses are off."""
     gel_drift: tuple[float, float]
     """Shares by which the gel's friction and stiffness grow [1/s], for WARMS_FOR."""
+    ageing: Ageing
+    """What becomes of its light and its skin."""
 
 
 def draw_errors(rng: np.random.Generator) -> SystematicErrors:
@@ -58,6 +70,8 @@ def draw_errors(rng: np.random.Generator) -> SystematicErrors:
         first_pose=_off(rng, rng.uniform(low, high), rng.uniform(least, most)),
         first_pose_sigma=np.array([_rms(low, high) / np.sqrt(2.0)] * 2 + [_rms(least, most)]),
         gel_drift=(rng.uniform(-_DRIFT, _DRIFT), rng.uniform(-_DRIFT, _DRIFT)),
+        # From a generator of its own: whatever is drawn for it, what rng draws next stays the same.
+        ageing=draw_ageing(rng.spawn(1)[0]),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.simulation.marks import scratch as gel_scratch
 from palpate.study.faults.stream import Array, Image, Stream, before_contact, in_contact
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
@@ -87,10 +88,10 @@ def scratch(stream: Stream, rng: np.random.Generator) -> Stream:
     """Draw a dark line over the gel, from one frame in a contact on."""
     image = stream.frames[0].image
     assert image is not None
-    rows, columns = np.indices(image.shape[:2])
-    angle, off = rng.uniform(0.0, np.pi), rng.uniform(-0.2, 0.2) * image.shape[1]
-    across = np.cos(angle) * (columns - image.shape[1] / 2) + np.sin(angle) * (rows - image.shape[0] / 2) - off
-    line = np.where(np.abs(across) < 0.5 * _SCRATCH_WIDTH, -_SCRATCH_DEPTH, 0.0)[..., None]
+    height, width = image.shape[:2]
+    angle, off = rng.uniform(0.0, np.pi), rng.uniform(-0.2, 0.2) * width
+    at = (0.5 * height + off * np.sin(angle), 0.5 * width + off * np.cos(angle))
+    line = -_SCRATCH_DEPTH * gel_scratch((height, width), at, angle, _SCRATCH_WIDTH)[..., None]
     return _for(stream, in_contact(stream), np.inf, lambda _, image: _added(image, line))
 
 
