@@ -205,7 +205,8 @@ class Tracker:
         if touched:
             self._touched_at = time
         blind = self._guard.blind
-        reasons = self._detector.doubt, estimator.reason, self._quality.reason, self._half_turn.reason
+        quality = self._quality
+        reasons = self._detector.doubt, estimator.reason, quality.reason, self._half_turn.reason, quality.too_often
         status, reason = estimator.status, next(filter(None, reasons), "")
         if blind:
             status, reason = "faulty", _FROZEN.format(1e3 * blind)

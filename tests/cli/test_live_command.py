@@ -270,9 +270,7 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
 def test_what_a_camera_needs(capsys):
     assert "either --camera with --poses, or --replay" in failure(capsys)
     assert "either --camera with --poses, or --replay" in failure(capsys, "--camera", "0")
-    assert "X Y THETA or --first-pose-unknown say it" in failure(
-        capsys, "--camera", "0", "--poses", "udp:9"
-    )
+    assert "X Y THETA or --first-pose-unknown say it" in failure(capsys, "--camera", "0", "--poses", "udp:9")
     object_ = ("--shape", "disc", "--first-pose", "0", "0", "0")
     assert "only --shape and --shape-unit" in failure(
         capsys, "--camera", "0", "--poses", "udp:9", *object_, "--plane", "fit"
