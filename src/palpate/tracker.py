@@ -195,7 +195,7 @@ class Tracker:
         estimator, stream, touched = self._estimator, self._stream, self._estimator.touched
         if touched:
             self._touched_at = time
-        reasons = stream.doubt, estimator.reason, stream.weakness, self._half_turn.reason
+        reasons = stream.doubt, estimator.reason, stream.weakness, self._half_turn.reason, stream.too_often
         status, reason = stream.alarm or (estimator.status, next(filter(None, reasons), ""))
         return Estimate(
             time,

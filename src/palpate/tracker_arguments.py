@@ -20,7 +20,8 @@ from palpate.tracker_settings import TrackerSettings
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
-_ANYWHERE, _ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad]
+ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)
+"""The first pose of an object that may be anywhere, and its standard deviations [m, m, rad]."""
 
 
 def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any) -> None:
@@ -52,7 +53,7 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
 
     Warns of angles that are rather degrees, and of what is known less well than an object that may be anywhere.
     """
-    first = finite_numbers(_ANYWHERE if pose is None else pose, (3,))
+    first = finite_numbers(ANYWHERE if pose is None else pose, (3,))
     if first is None:
         raise SettingError(
             f"first pose is {pose!r}; it must be three finite numbers x [m], y [m], theta [rad], or None"
@@ -61,12 +62,12 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
         turns = abs(first[2]) / (2.0 * np.pi)
         logger.warning("first pose has theta %.4g rad, %.1f turns: are these degrees?", first[2], turns)
     if sigma is None:
-        sigma = _ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
+        sigma = ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
     deviation = finite_numbers(sigma, (3,))
     if deviation is None or not (deviation > 0.0).all():
         found = np.asarray(sigma).tolist()
         raise SettingError(f"first pose sigma is {found}; it must be three numbers above 0: x [m], y [m], theta [rad]")
-    if (deviation[:2] > _ANYWHERE_SIGMA[:2]).any():
+    if (deviation[:2] > ANYWHERE_SIGMA[:2]).any():
         logger.warning("first pose sigma has %.4g and %.4g m: are these millimetres?", *deviation[:2])
     if deviation[2] > np.pi:  # more than nothing known
         logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])

@@ -19,6 +19,7 @@ from palpate.formats.palpate_h5 import write_recording
 from palpate.recording.images import encode_image
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.modes import Tactile, TactileChoice
+from palpate.tracker_arguments import first_pose_of
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.poses import pose_words
 from palpate.tracking.run_folder import FILES
@@ -115,6 +116,18 @@ def test_a_first_pose_that_is_known_roughly_and_how_many_answers_are_kept(capsys
     assert (settings["first_pose_sigma"], settings["hypotheses"]) == ([0.02, 0.03, 0.2], 1)
     covariance = np.genfromtxt("runs/blind/estimates.csv", delimiter=",", names=True)
     assert covariance.size == 40
+
+
+def test_a_first_pose_of_which_nothing_is_known(capsys):
+    assert palpate("track", "--first-pose-unknown", "blind.h5", "--json") == 0
+    settings = json.loads(Path("runs/blind/settings.json").read_text())
+    pose, sigma = first_pose_of(None, None, TrackerSettings())  # as Tracker(shape, sensor, first_pose=None) has it
+    assert (settings["first_pose"], settings["first_pose_sigma"]) == (pose.tolist(), sigma.tolist())
+    capsys.readouterr()
+    for option in ("--first-pose", "--first-pose-sigma"):
+        assert failure(capsys, "track", "push.h5", "--first-pose-unknown", option, "1", "1", "1") == (
+            f"palpate: --first-pose-unknown says that nothing is known of the first pose, and {option} is given\n"
+        )
 
 
 @pytest.mark.parametrize(

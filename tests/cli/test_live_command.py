@@ -25,6 +25,7 @@ from palpate.live import rig
 from palpate.live.poses import SensorPlace
 from palpate.live.state import LiveEstimate, LiveState
 from palpate.live.table import table_of
+from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
 
 
 @pytest.fixture(autouse=True)
@@ -91,6 +92,14 @@ def test_a_bag_is_replayed(capsys):
     assert "latency, 99 %" in out and "tracked" in out
     assert "--first-pose X Y THETA" in failure(capsys, "--replay", "bag.mcap", "--shape", "disc")
     assert "take it by --shape" in failure(capsys, "--replay", "bag.mcap")
+
+
+def test_nothing_is_known_of_where_the_object_is(capsys, monkeypatch):
+    real, given = rig.replay_rig, []
+    monkeypatch.setattr(rig, "replay_rig", lambda *said: given.append(said[2:]) or real(*said))
+    write_bag(Path("bag.mcap"), "mcap", push_messages())
+    assert palpate("--replay", "bag.mcap", "--shape", "disc", "--first-pose-unknown", "--seconds", "0.2") == 0
+    assert given == [(ANYWHERE, ANYWHERE_SIGMA)]
 
 
 def test_ctrl_c_ends_it_and_the_file_is_whole(capsys):
@@ -261,7 +270,7 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
 def test_what_a_camera_needs(capsys):
     assert "either --camera with --poses, or --replay" in failure(capsys)
     assert "either --camera with --poses, or --replay" in failure(capsys, "--camera", "0")
-    assert "--first-pose X Y THETA say it" in failure(capsys, "--camera", "0", "--poses", "udp:9")
+    assert "X Y THETA or --first-pose-unknown say it" in failure(capsys, "--camera", "0", "--poses", "udp:9")
     object_ = ("--shape", "disc", "--first-pose", "0", "0", "0")
     assert "only --shape and --shape-unit" in failure(
         capsys, "--camera", "0", "--poses", "udp:9", *object_, "--plane", "fit"

@@ -12,18 +12,14 @@ from push_samples import (
     model_of,
     noisy,
     pushing_angles,
-    rows_of,
     touching,
-    values_at,
     with_settings,
 )
+from slide_samples import DEEPER, slid
 from smoother_samples import FELT, ROBUST, prior_at
 
 from palpate.estimation.belief import Belief
 from palpate.estimation.estimator import Estimator
-from palpate.estimation.factors.balance import Balance, BalanceSettings
-from palpate.estimation.factors.friction_cone import FrictionCone, FrictionConeSettings
-from palpate.estimation.factors.sticking import Sticking, StickingSettings
 from palpate.estimation.settings import STICKING, NoiseSettings
 from palpate.estimation.smoother import make_smoother
 from palpate.estimation.unknowns import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT, Unknown
@@ -33,7 +29,6 @@ from palpate.simulation.limit_surface import Steering, push
 
 Array = np.ndarray
 MODEL = model_of("rectangle")
-DEEPER = np.array([ROBUST.priors.depth[0], 0.0, 0.0])  # [m], into the left side as deep as is expected
 HOLDING = with_settings(ROBUST, priors={"grip": (0.8, 0.12)})  # so well that it holds in all that is drawn to stick
 
 
@@ -90,36 +85,6 @@ def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
     assert (deviation[-1][1:] < deviation[1][1:]).all()
     off = se2.log(se2.between(last.pose, o[-1]))
     assert off @ np.linalg.solve(last.pose_covariance, off) < 11.3  # 99 %
-
-
-def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Array]:
-    """Object and sensor poses of a push by which the sensor slides along the rectangle's left side.
-
-    The sensor goes straight on at an angle of heading [rad] from the side's normal at first, outside the friction cone.
-    The object moves as the balance says with the force at the cone's edge, and the sensor stays on its side.
-    """
-    factors = (
-        Sticking(StickingSettings()),
-        Balance(BalanceSettings(), MODEL),
-        FrictionCone(FrictionConeSettings()),
-    )
-    by_g1 = slice(3, 6), slice(6, 9), slice(6, 9)
-    on_normal_balance_and_cone = [0, 2, 3]
-    g = touching(MODEL, y) + DEEPER
-    touches, sensors = [g], [g]
-    for _ in range(steps):
-        e = sensors[-1] + 1e-3 * np.array([math.cos(heading), math.sin(heading), 0.0])
-        g = touches[-1]
-        for _ in range(8):
-            at = values_at(MODEL, [[touches[-1], g]], [[sensors[-1], e]], {GRIP: grip})
-            rows = [rows_of(factor, at) for factor in factors]
-            residual = np.concatenate([one.residual[0, 0] for one in rows])[on_normal_balance_and_cone]
-            jacobian = np.concatenate([one.jacobian[0, 0, :, part] for one, part in zip(rows, by_g1, strict=True)])
-            change = -np.linalg.solve(jacobian[on_normal_balance_and_cone], residual)
-            g = se2.compose(g, se2.exp(change))
-        touches.append(g)
-        sensors.append(e)
-    return se2.compose(np.array(sensors), se2.inverse(np.array(touches))), np.array(sensors)
 
 
 def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belief, float, float]:

@@ -47,6 +47,27 @@ def test_frames_that_come_seldom_are_told_after_half_a_second(every, rate):
     assert set(said[few + 2 :]) == {f"frames come {rate} times a second and not 30 times; the pose is known less well"}
 
 
+@pytest.mark.parametrize(
+    ("rate", "said"),
+    [
+        (60.0, ""),
+        (85.0, ""),
+        (122.0, "frames come 122 times a second; the pose is known better from one in 2 of them"),
+        (150.0, "frames come 150 times a second; the pose is known better from one in 3 of them"),
+        (250.0, "frames come 250 times a second; the pose is known better from one in 5 of them"),
+    ],
+)
+def test_frames_that_come_more_often_than_serves_are_told_after_all_else(rate, said):
+    times = np.arange(60) / rate
+    quality = StreamQuality(rate, DEVIATION)
+    for frame, (time, pose) in enumerate(zip(times, way(times), strict=True)):
+        quality.see(time, pose, LIGHT, False)
+        assert quality.too_often == (said if frame >= 15 else "")
+        assert quality.reason == ""
+    quality.see(times[-1] + 1.0 / rate, np.zeros(3), 0.5 * LIGHT, False)
+    assert quality.reason.startswith("red, green and blue light are at 50")
+
+
 def test_stamps_in_milliseconds_are_asked_about_and_a_slow_sensor_is_slow():
     times = np.arange(20.0)
     said = reasons(1e3 * times / RATE, way(times))

@@ -17,11 +17,13 @@ from push_samples import (
     pushed,
     sensor,
 )
-from tracker_samples import nees, poses, settings, statuses, track
+from slide_samples import HAND, by_hand, slid
+from tracker_samples import CALIBRATED, nees, poses, settings, statuses, track
 
 from palpate import ObjectPose
 from palpate.estimate import Estimate
 from palpate.estimation import weighing
+from palpate.estimation.disturbed import UNHEEDED
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection
@@ -91,26 +93,13 @@ def test_one_answer_while_nothing_is_doubtful(name, tactile):
     check_answers(several)
 
 
-AT, HAND = 40, 5  # frames
+AT = 40  # frames before the hand
 
 
 @cache
 def moved_by_hand(slid: float, turned: float, steps: int = 80) -> tuple[Array, Array]:
     """A push in which a hand slides the rectangle over the sensor [m] and turns it [rad], in five frames from 40 on."""
-    model = model_of("rectangle")
-    o, e = (list(poses) for poses in pushed("rectangle", AT, 0.015))
-    g = se2.between(o[-1], e[-1])
-    for _ in range(HAND):
-        sensor_pose = se2.compose(e[-1], [1e-3, 0.0, 0.0])
-        g = model.moved_along(g[None], np.array([-slid / HAND]))[0] - [0.0, 0.0, turned / HAND]
-        for _ in range(5):
-            touch = model.touching_at(g)
-            way = touch["gap"] * touch["normal"]
-            g = g - [way.real, way.imag, 0.0]
-        o.append(se2.compose(sensor_pose, se2.inverse(g)))
-        e.append(sensor_pose)
-    after = push(model, o[-1][None], g[None], steps - AT - HAND, Steering())
-    return tuple(np.concatenate([before, later[1:, 0]]) for before, later in zip((o, e), after, strict=True))  # pyright: ignore[reportReturnType]
+    return by_hand(*pushed("rectangle", AT, 0.015), slid, turned, steps - AT - HAND)
 
 
 @pytest.mark.parametrize("slid", [0.018, -0.018])
@@ -138,7 +127,20 @@ def test_one_hypothesis_is_sure_of_itself_where_several_find_the_object(turned):
         assert max(off[2] for off in apart) < math.radians(0.5)
     assert translation_errors(poses(several), o)[-1] < 3e-3
     assert translation_errors(poses(one), o)[AT + HAND + 1 :].min() > 12e-3
-    assert nees(one, o)[AT + HAND + 1 :].min() > 50.0 and {len(estimate.answers) for estimate in one} == {1}
+
+
+def test_friction_learnt_before_a_knock_survives_it_and_what_the_knock_taught_does_not():
+    grip, prior = 0.3, CALIBRATED.priors.grip
+    o, e = by_hand(*slid(-0.04, 0.8, grip, AT), 0.018, -0.3, 30)  # of a slide the grip is learnt
+    (_, several), (_, one) = (track("rectangle", frames(o, e), o[0], settings(hypotheses=n)) for n in (9, 1))
+    learnt, sigma = several[AT].friction
+    assert one[AT].friction == several[AT].friction
+    assert abs(learnt - grip) < 0.6 * abs(prior[0] - grip) and sigma < 0.7 * prior[1]
+    after = slice(AT + UNHEEDED, None)  # before, an answer with a slippery contact may be the best one
+    means, sigmas = np.array([estimate.friction for estimate in several[after]]).T
+    assert np.abs(means - learnt).max() < 0.3 * sigma and sigmas.max() < 1.2 * sigma
+    # Where pushing has to explain the knock, the grip is driven off.
+    assert min(estimate.friction[0] for estimate in one[after]) > grip + 4.0 * sigma
 
 
 @cache

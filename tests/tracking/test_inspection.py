@@ -267,6 +267,15 @@ def test_another_rate_than_the_sensor_says():
     assert found.unbroken
 
 
+def test_frames_that_come_more_often_than_serves():
+    recording = push()
+    often = changed(recording, time=recording.time / 4.0, sensor=replace(recording.sensor, rate=120.0))
+    assert [finding.sentence for finding in inspect_recording(often).findings] == [
+        "frames come 120 times a second; the pose is known better from one in 2 of them"
+    ]
+    assert inspect_recording(often).unbroken
+
+
 @pytest.mark.parametrize(("shift", "kind"), [(0.003, "overlap"), (-0.003, "stand-off")])
 def test_sensor_off_the_outline(shift, kind):
     recording = push()

@@ -12,6 +12,7 @@ from palpate.cli.options import (
     CalibrationOption,
     FirstPoseOption,
     FirstPoseSigmaOption,
+    FirstPoseUnknownOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -19,6 +20,7 @@ from palpate.cli.options import (
     check_model,
     check_new,
     check_window,
+    stated_first_pose,
 )
 
 if TYPE_CHECKING:
@@ -74,6 +76,7 @@ def live(
     calibration: CalibrationOption = None,
     first_pose: FirstPoseOption = None,
     first_pose_sigma: FirstPoseSigmaOption = None,
+    first_pose_unknown: FirstPoseUnknownOption = False,
     bag: Bag = BAG_DEFAULTS,
     record: Annotated[
         Path | None,
@@ -119,6 +122,7 @@ def live(
     if record:
         check_new(record, force)
     settings = TrackerSettings(tactile)
+    first_pose, first_pose_sigma = stated_first_pose(first_pose, first_pose_sigma, first_pose_unknown)
     learnt = None if model is None else TouchModel(model)
     unit = None if calibration is None else load_calibration(calibration)
     with ExitStack() as stack:
@@ -175,7 +179,10 @@ def _rig(
         return replay_rig(recording, replay.name, first_pose, first_pose_sigma)
     assert camera is not None and poses is not None
     if bag.shape is None or first_pose is None:
-        raise SettingError("--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA say it")
+        raise SettingError(
+            "--camera: the object is not known; --shape NAME|FILE and --first-pose X Y THETA or --first-pose-unknown "
+            "say it"
+        )
     if bag != BagOptions(shape=bag.shape, shape_unit=bag.shape_unit):
         raise SettingError("--camera: of the options for bags, only --shape and --shape-unit are of use")
     return camera_rig(camera, poses, load_shape(bag.shape, bag.shape_unit), first_pose, first_pose_sigma, calibration)

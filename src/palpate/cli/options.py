@@ -51,10 +51,14 @@ CalibrationOption = Annotated[
 ]
 
 
-def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[tuple[float, float, float] | None]:
+Numbers = tuple[float, float, float]
+"""A pose or its standard deviations [m, m, rad]."""
+
+
+def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[Numbers | None]:
     """How three numbers are parsed, with one sentence where they are something else."""
 
-    def parse(words: list[str]) -> tuple[float, float, float] | None:
+    def parse(words: list[str]) -> Numbers | None:
         from palpate.errors import SettingError
 
         try:
@@ -73,7 +77,7 @@ def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[tuple[f
 
 
 FirstPoseOption = Annotated[
-    tuple[float, float, float] | None,
+    Numbers | None,
     _three_numbers("--first-pose", "x [m], y [m] and theta [rad]"),
     tyro.conf.arg(
         metavar="X Y THETA",
@@ -82,12 +86,19 @@ FirstPoseOption = Annotated[
     ),
 ]
 FirstPoseSigmaOption = Annotated[
-    tuple[float, float, float] | None,
+    Numbers | None,
     _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
     tyro.conf.arg(
         metavar="SX SY STHETA",
         help="Standard deviations of that pose [m, m, rad]; touch finds an object that is known roughly.",
         help_behavior_hint="(default: that of the noise settings)",
+    ),
+]
+FirstPoseUnknownOption = Annotated[
+    bool,
+    tyro.conf.arg(
+        help="Nothing is known of that pose: the object is within a metre of the world's origin, at any yaw, and touch "
+        "finds it."
     ),
 ]
 SmootherOption = Annotated[
@@ -147,6 +158,24 @@ def _shard(text: str) -> Shard:
     if not (number.isdecimal() and count.isdecimal()):
         raise SettingError(f"--shard is {text!r}; allowed are 1/N to N/N, such as 3/8")
     return Shard(int(number), int(count))
+
+
+def stated_first_pose(
+    first_pose: Numbers | None, sigma: Numbers | None, unknown: bool
+) -> tuple[Numbers | None, Numbers | None]:
+    """Return the first pose and its sigma as --first-pose, --first-pose-sigma and --first-pose-unknown say them.
+
+    Raises SettingError where the last comes with one of the others.
+    """
+    from palpate.errors import SettingError
+    from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
+
+    if not unknown:
+        return first_pose, sigma
+    if first_pose is not None or sigma is not None:
+        given = "--first-pose" if first_pose is not None else "--first-pose-sigma"
+        raise SettingError(f"--first-pose-unknown says that nothing is known of the first pose, and {given} is given")
+    return ANYWHERE, ANYWHERE_SIGMA
 
 
 def check_new(path: Path, force: bool) -> None:

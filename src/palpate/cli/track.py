@@ -12,6 +12,7 @@ from palpate.cli.options import (
     CalibrationOption,
     FirstPoseOption,
     FirstPoseSigmaOption,
+    FirstPoseUnknownOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -23,6 +24,7 @@ from palpate.cli.options import (
     check_new,
     check_window,
     pressure_of,
+    stated_first_pose,
 )
 from palpate.cli.run_report import report_run, report_runs
 
@@ -48,6 +50,7 @@ def track(
     pressure: PressureOption = "uniform",
     first_pose: FirstPoseOption = None,
     first_pose_sigma: FirstPoseSigmaOption = None,
+    first_pose_unknown: FirstPoseUnknownOption = False,
     hypotheses: Annotated[
         int | None,
         tyro.conf.arg(
@@ -108,6 +111,7 @@ def track(
     )
     check_model(model, [tactile])
     _check_view(files, view, save_rrd, force, resume)
+    first_pose, first_pose_sigma = stated_first_pose(first_pose, first_pose_sigma, first_pose_unknown)
     learnt = None if model is None else TouchModel(model)
     unit = None if calibration is None else load_calibration(calibration)
     track_file = partial(

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _LATELY = 15  # usual intervals, half a second at 30 Hz
 _LONGEST = 3.0  # usual intervals that a gap counts as at most, so that one gap is no lower rate
 _SELDOM = 1.5  # usual intervals between frames, in the mean, from which they come seldom
+_BEST, _OFTEN = 60.0, 90.0  # [Hz] the estimate is best up to the one; from the other on a stream is told of
 _TREMBLES = 3.0  # times the stated deviation from which poses are noisier than that
 _MIDDLE = 1.1774  # length in the median of a vector of two, in standard deviations of each
 _FAR, _ASIDE = 0.02, math.radians(70.0)  # [m] gone in touch from which its direction counts, and off +x at most
@@ -78,6 +79,11 @@ class StreamQuality:
         asked = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
         return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {asked}"
 
+    @property
+    def too_often(self) -> str:
+        """That frames come more often than serves the estimate; a reason only where there is no other."""
+        return too_often(1.0 / median(self._intervals)) if len(self._intervals) == _LATELY else ""
+
     def _too_noisy(self) -> str:
         if len(self._off) < _LATELY:
             return ""
@@ -105,6 +111,14 @@ class StreamQuality:
             f"the sensor goes along {way} of its own frame while it touches; x of it is taken to point out of the gel, "
             "along the push"
         )
+
+
+def too_often(rate: float) -> str:
+    """Say that frames come more often [Hz] than serves the estimate, in a sentence; nothing where they do not."""
+    if rate < _OFTEN:
+        return ""
+    every = math.ceil(rate / _BEST - 0.1)  # stamps jitter
+    return f"frames come {rate:.3g} times a second; the pose is known better from one in {every} of them"
 
 
 def _off_the_way(*last: tuple[float, Array]) -> float:

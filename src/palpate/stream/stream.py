@@ -149,3 +149,8 @@ class Stream:
     def weakness(self) -> str:
         """What of the stream is worse than it should be, in a sentence; nothing where all is well."""
         return self._quality.reason
+
+    @property
+    def too_often(self) -> str:
+        """That frames come more often than serves the estimate, in a sentence; nothing where they do not."""
+        return self._quality.too_often

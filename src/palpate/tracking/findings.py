@@ -17,6 +17,7 @@ from palpate.geometry import se2
 from palpate.recording import derived
 from palpate.recording.recording import Recording
 from palpate.recording.units import check_metres, other_time_unit, wrong_width
+from palpate.stream.quality import too_often
 from palpate.tracking.knocks import FASTER, knocked_frames
 from palpate.tracking.truth import flag_runs, trusted_truth
 
@@ -128,6 +129,8 @@ def _rate(recording: Recording) -> Iterator[Finding]:
     if abs(rate / wanted - 1.0) > RATE:
         asked = other_time_unit(1.0 / rate, wanted)
         sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{asked and ': '}{asked}"
+        yield _finding(recording, "rate", 0, -1, sentence)
+    if sentence := too_often(rate):
         yield _finding(recording, "rate", 0, -1, sentence)
 
 

@@ -270,7 +270,7 @@ def _first_truth(recording: Recording) -> Array:
     if recording.object_pose is None or not known.any():
         raise SettingError(
             f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
-            "--first-pose X Y THETA, in Python first_pose"
+            "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
         )
     first = int(np.argmax(known))
     if recording.contact is not None and recording.contact[:first].any():

@@ -1,0 +1,23 @@
+"""The model that comes along, on presses of a real gel: it reads them as docs/study/real_gel.json says."""
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+WITHIN = {"correlation": 0.002, "slope": 0.02, "offset_deg": 0.2, "rms_about_line_deg": 0.1, "pairs_rms_deg": 0.2}
+"""Less than exchanged colours make of each; mirrored or upturned images turn the correlation's sign."""
+
+
+def test_real_presses_are_read_as_reported(shared_data, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    script = importlib.import_module("measure_real_gel")
+    reported = json.loads(script.OUT.read_text())
+    assert list(reported) == list(script.ROWS)
+    row = "as it is"
+    found = script.measured(shared_data / "digit_balls", *script.ROWS[row])
+    assert found["n"] == reported[row]["n"]
+    for name, margin in WITHIN.items():
+        assert found[name] == pytest.approx(reported[row][name], abs=margin), name
