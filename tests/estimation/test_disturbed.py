@@ -10,9 +10,10 @@ from push_samples import SHAPES, sensor
 from palpate.estimation import hypotheses
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.disturbed import UNHEEDED, is_contradicted
+from palpate.estimation.estimator import Estimator
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.weighing import Hypothesis
+from palpate.estimation.weighing import Hypothesis, Weighing
 
 
 def estimator(measured: Any = (), pushing: Any = (), errors: Any = ()) -> Any:
@@ -65,3 +66,22 @@ def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
     bank._steps += UNHEEDED
     bank._doubt_pushing()
     assert found == [second, third, second]
+
+
+def test_a_sensor_pushes_rather_than_glides_past_an_object_at_rest():
+    # It goes straight on, without a word of touch: into the left side of one object, along the lower side of the other.
+    rectangle, radius = SHAPES["rectangle"], sensor().radius
+    settings = NoiseSettings()
+    model = contact_model(rectangle, sensor())
+    poses = [[rectangle.size_x / 2.0 + radius, 0.0, 0.0], [0.0, rectangle.size_y / 2.0 + radius, 0.0]]
+    ways = [
+        Hypothesis(Estimator(model, settings, "fixed-lag", np.array(pose), np.array([1e-3, 1e-3, 1e-2])))
+        for pose in poses
+    ]
+    for step in range(40):
+        for one in ways:
+            one.estimator.touch(np.array([2e-3 * step, 0.0, 0.0]), (), step / 30.0)
+    pushed, passed = (one.estimator.known.pose for one in ways)
+    assert pushed[0] > poses[0][0] + 0.03 and abs(passed[0]) < 0.01  # one moves, the other rests
+    better, worse = Weighing(settings.priors).scores(ways, 40)
+    assert better > worse + 5.0

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from push_samples import RADIUS, model_of, sensor, touching
 
-from palpate.estimation.evidence import add_costs, mean_square
+from palpate.estimation.evidence import add_costs, add_headings, mean_square
+from palpate.geometry import se2
 
 Array = np.ndarray
 SCALE = 2.0  # of the kernels [standard deviations]
@@ -85,3 +87,39 @@ def test_mean_square_of_the_last_terms():
         np.testing.assert_allclose(mean_square(given[0], information[0], places, first), wanted, rtol=1e-12)
     assert mean_square(given[0], information[0], places, 4) == 0.0
     assert mean_square(given[0, :0], information[0, :0], places[:0], 0) == 0.0
+
+
+def headings(heading: float, step: float = 2e-3, at: tuple[float, float, float] = (0.3, -0.2, 2.9)) -> Array:
+    """What it costs in each of six steps (N,) to go so far, at an angle from the normal of a side, on an object here.
+
+    The object rests and the sensor stays on its side, so that seen from the side it glides; only the way in the world
+    counts, which is told to go elsewhere.
+    """
+    model = model_of("rectangle", sensor(RADIUS))
+    g = touching(model, np.full(6, 0.01))
+    o = se2.compose(np.array(at), np.zeros((6, 3)))
+    o[:, :2] += step * np.arange(6)[:, None] * (np.cos(at[2] + heading), np.sin(at[2] + heading))
+    found = np.zeros((1, 6))
+    add_headings(g[None], se2.compose(o, g)[None], model.touching(g[None]), 3, found)
+    return found[0]
+
+
+def test_a_way_straight_into_the_object_costs_nothing():
+    np.testing.assert_allclose(headings(0.0), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_way_past_the_object_costs_the_log_of_its_cosine(side):
+    # At 60 degrees the cosine is a half, softened by a tenth: (0.5 + sqrt(0.25 + 0.01)) / 2. Ways of 4 to 10 mm nearly
+    # count in full. Along the side it is 0.1 / 2, and away from the object hardly anything is left of it.
+    found = headings(side * math.pi / 3.0)
+    assert found[0] == 0.0
+    np.testing.assert_allclose(found[1:], -math.log(0.5 * (0.5 + math.sqrt(0.26))), rtol=0.03)
+    np.testing.assert_allclose(headings(side * math.pi / 2.0)[1:], math.log(20.0), rtol=0.03)
+    assert (headings(side * 3.0)[1:] > 5.0).all()
+
+
+def test_a_sensor_that_stands_still_has_no_way():
+    assert not headings(1.5, 0.0).any()
+    # Of 0.1 mm in six steps, less than its pose is known by, hardly anything counts.
+    assert headings(1.5, 2e-5)[1:].max() < 0.05 * headings(1.5)[1:].min()

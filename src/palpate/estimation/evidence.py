@@ -2,9 +2,12 @@
 
 import math
 
-from palpate.compiled import Array, Places, compiled
+from palpate.compiled import Array, Places, Records, compiled
+from palpate.estimation.planar import dot, position, rotation
 
 _UNTOUCHED = 1.0 - 1e-9  # share of a square that a kernel leaves, from which there might as well be none
+_SHORT = 5e-4  # [m] way of the sensor of which half counts: what noise makes of one that stands still has any direction
+_SOFT = 0.1  # cosine at which that of a way past the object goes over into nothing, for noise turns ways a little
 
 
 @compiled
@@ -40,3 +43,27 @@ def add_costs(residual: Array, information: Array, weight: Array, places: Places
                 if left < _UNTOUCHED:
                     square *= -left / (1.0 - left) * math.log(left)
                 costs[b, places[t, -1]] += 0.5 * square
+
+
+@compiled
+def add_headings(g: Array, e: Array, touching: Records, reach: int, costs: Array) -> None:
+    """Add what it costs that the sensor goes past the object and not into it to each step's costs (B, N).
+
+    A sensor that may go anywhere alike stays in touch with a side only on its way into it, the more easily the
+    straighter: as the cosine of the angle between its way and the side's inward normal. Nothing else speaks against a
+    hypothesis in which it glides along an object at rest, for nothing that does not move is off balance.
+    The way is that of the sensor's point that touches, over the `reach` steps nearby. g and e are (B, N, 3), touching
+    (B, N) is how they touch.
+    """
+    smoothers, steps = costs.shape
+    for b in range(smoothers):
+        for k in range(1, steps):
+            first, last = e[b, max(k - reach, 0)], e[b, min(k + reach - 1, steps - 1)]
+            touch = touching[b, k]
+            way = position(last) - position(first) + (rotation(last[2]) - rotation(first[2])) * touch.material
+            length = abs(way)
+            if length > 0.0:
+                inward = -touch.normal * rotation(e[b, k, 2] - g[b, k, 2])
+                cosine = dot(inward, way) / length
+                into = 0.5 * (cosine + math.sqrt(cosine * cosine + _SOFT * _SOFT))
+                costs[b, k] -= math.log(min(into, 1.0)) / (1.0 + (_SHORT / length) ** 2)

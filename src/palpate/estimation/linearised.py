@@ -5,9 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.evidence import add_costs, mean_square
+from palpate.estimation.evidence import add_costs, add_headings, mean_square
 from palpate.estimation.factors.factor import Factor, Rows, Terms
 from palpate.estimation.growing_terms import GrowingTerms
+from palpate.estimation.unknowns import SENSOR, SENSOR_IN_OBJECT
 from palpate.estimation.values import ANGLE_STEPS, Values
 
 Array = NDArray[np.float64]
@@ -66,6 +67,7 @@ class Linearised:
                 if factor.name != _NOT_OF_STEPS:
                     of = self._costs[..., int(factor.is_of_pushing)]
                     add_costs(rows.residual, rows.information, rows.weight, terms.places, of)
+            add_headings(self.at[SENSOR_IN_OBJECT], self.at[SENSOR], self.at.touching, ANGLE_STEPS, self._costs[..., 1])
         return self._costs
 
     def last_errors(self, at: Values) -> dict[str, Array]:

@@ -222,7 +222,8 @@ class Window:
         """Return what each of the last steps costs (B, N, 2): minus the log of how likely it is, but for a constant.
 
         They are all of the contact, or a thousand. First what is measured in it, then pushing, which holds only where
-        nothing but the sensor moves the object. A term costs its step what its kernel leaves of half the square.
+        nothing but the sensor moves the object. A term costs its step what its kernel leaves of half the square. What
+        several steps cost together, as pushing does, is forgotten when the first of them leaves the window.
         """
         if self._costs is None:
             self._costs = np.concatenate([self._left_costs, self._linearised.costs()], axis=1)
