@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, sensor
+from push_samples import RADIUS, SHAPES, sensor
 
 from palpate.estimation import hypotheses
 from palpate.estimation.contact_model import contact_model
@@ -14,6 +14,7 @@ from palpate.estimation.estimator import Estimator
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.weighing import Hypothesis, Weighing
+from palpate.geometry.shapes import Rectangle
 
 
 def estimator(measured: Any = (), pushing: Any = (), errors: Any = ()) -> Any:
@@ -70,10 +71,8 @@ def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
 
 def test_a_sensor_pushes_rather_than_glides_past_an_object_at_rest():
     # It goes straight on, without a word of touch: into the left side of one object, along the lower side of the other.
-    rectangle, radius = SHAPES["rectangle"], sensor().radius
-    settings = NoiseSettings()
-    model = contact_model(rectangle, sensor())
-    poses = [[rectangle.size_x / 2.0 + radius, 0.0, 0.0], [0.0, rectangle.size_y / 2.0 + radius, 0.0]]
+    settings, model = NoiseSettings(), contact_model(Rectangle(0.24, 0.16), sensor())
+    poses = [[0.12 + RADIUS, 0.0, 0.0], [0.0, 0.08 + RADIUS, 0.0]]
     ways = [
         Hypothesis(Estimator(model, settings, "fixed-lag", np.array(pose), np.array([1e-3, 1e-3, 1e-2])))
         for pose in poses
