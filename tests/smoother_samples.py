@@ -265,7 +265,7 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     solved = least_squares(
         lambda change: residuals(*around(change[None], start))[0],
         np.zeros(size),
-        lambda change: jacobian(change, start),
+        lambda change: jacobian(change, start),  # pyright: ignore[reportArgumentType]
         method="lm",
         x_scale="jac",
         xtol=1e-11,
