@@ -17,10 +17,9 @@ READY_ROS := .venv-ros/.ready
 demo: $(READY)
 	$(BIN)/palpate demo
 
-# Two workers fill two cores: more threads would only wait for one another. Each takes half of the tests in a row and helps
-# the other at the end, so that what the tests of a file share is made once.
+# Two workers fill two cores: more threads would only wait for one another.
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2
 
 # With a real rclpy from the package index, for tests only; `make test` uses it too once it is there, for fewer images.
 ros-test: $(READY_DEV) $(READY_ROS)
