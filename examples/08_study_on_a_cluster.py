@@ -21,7 +21,8 @@ from palpate.study.results import ALL, table
 from palpate.study.study import run_study
 from palpate.study.trial import Method
 
-HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # on any port that is free
+HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, **LOOPBACK}
 METHODS = (Method("none", "fixed-lag"), Method("constant", "fixed-lag"))
 
 

@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -68,12 +69,16 @@ def run(kind: str, text: str) -> None:
         raise SystemExit(f"{text}\n{done.stdout}\nexit code {done.returncode}")
 
 
-if __name__ == "__main__":
-    short = "--short" in sys.argv
-    for kind, text in steps(Path(sys.argv[1]).read_text(encoding="utf-8")):
+def main(words: list[str], run: Callable[[str, str], None] = run) -> None:
+    """Do all that the README named first does; SystemExit where it leaves no picture."""
+    for kind, text in steps(Path(words[0]).read_text(encoding="utf-8")):
         prepare(text)
-        run(kind, text.replace("palpate simulate ", "palpate simulate --seconds 3 ") if short else text)
+        run(kind, text.replace("palpate simulate ", "palpate simulate --seconds 3 ") if "--short" in words else text)
     pictures = sorted(Path("runs").glob("*/figure.png"), key=lambda path: path.stat().st_mtime)
     if not pictures:
         raise SystemExit("no step left a figure in runs/")
     print(f"picture of one's own data: {pictures[-1]}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

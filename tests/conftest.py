@@ -3,6 +3,7 @@ import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -31,6 +32,13 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("real data is not there: no folder ../shared/data")
     return folder
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs get an empty picture at once; what they would show is tested in tests/tracking/test_figures.py."""
+    blank = SimpleNamespace(savefig=lambda path, dpi: path.write_bytes(b""))
+    monkeypatch.setattr("palpate.tracking.run_folder.run_figure", lambda run: blank)
 
 
 @pytest.fixture

@@ -225,71 +225,81 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     first_offset = start[0, 0, 2] - turn[0] if len(turn) else 0.0
     assert TURN_OFFSET.prior is not None
 
-    def residuals(offset: float, values: Array, poses: Array) -> Array:
-        g, e = poses[:, 0], poses[:, 1]
-        known = se2.log(se2.between(prior.pose, se2.compose(e[0], se2.inverse(g[0]))))
-        rows = [root @ np.concatenate([known, values - prior.values])]
+    def residuals(offset: Array, values: Array, poses: Array) -> Array:
+        """Of K guesses at once (K, rows): offset (K,), values (K, OBJECT_SIZE), poses (K, N, 2, 3)."""
+        g, e = poses[:, :, 0], poses[:, :, 1]
+        known = se2.log(se2.between(prior.pose, se2.compose(e[:, 0], se2.inverse(g[:, 0]))))
+        rows = [np.concatenate([known, values - prior.values], axis=-1) @ root.T]
         rows.append(se2.log(se2.between(given.sensor, e)) / noise.sensor_pose.deviation)
         gap, normal, point = outline_at(g, model)
         reach = np.sum(normal * (point - [model.friction_center.real, model.friction_center.imag]), axis=-1) - gap
-        overlap = values[IN_OBJECT[DEPTH]] - values[IN_OBJECT[OUTLINE_SCALE]] * reach
+        overlap = values[:, IN_OBJECT[DEPTH]] - values[:, IN_OBJECT[OUTLINE_SCALE]] * reach
         rows.append((gap + overlap) / noise.contact.deviation)
-        before = se2.transform(g[:-1], se2.transform(se2.inverse(g[1:]), point[1:]))
-        rows.append((before - point[1:]) / slip_sigma)
+        before = se2.transform(g[:, :-1], se2.transform(se2.inverse(g[:, 1:]), point[:, 1:]))
+        rows.append((before - point[:, 1:]) / slip_sigma)
         rows.append(imbalance(g, e, point, model, values) / torque_sigma)
-        apart = se2.log(se2.between(measured, se2.between(g[i], g[j])))
-        rows.append(np.einsum("nij,nj->ni", whiten, apart))
-        _, normal, _ = outline_at(g[directed], model)
-        touched = np.arctan2(-normal[:, 1], -normal[:, 0]) - g[directed, 2]
-        bias, scale = values[IN_OBJECT[DIRECTION_BIAS]], values[IN_OBJECT[DIRECTION_SCALE]]
+        apart = se2.log(se2.between(measured, se2.between(g[:, i], g[:, j])))
+        rows.append(np.einsum("nij,knj->kni", whiten, apart))
+        _, normal, _ = outline_at(g[:, directed], model)
+        touched = np.arctan2(-normal[..., 1], -normal[..., 0]) - g[:, directed, 2]
+        bias, scale = values[:, IN_OBJECT[DIRECTION_BIAS]], values[:, IN_OBJECT[DIRECTION_SCALE]]
         rows.append(se2.wrap(touched + bias - (1.0 - scale) * direction) / direction_sigma)
-        rows.append(se2.wrap(g[turned, 2] - offset - turn) / turn_sigma)
-        rows.append(np.array([offset / TURN_OFFSET.prior[1]]))  # pyright: ignore[reportOptionalSubscript]
-        return np.concatenate([row.ravel() for row in rows])
-
-    def at(change: Array) -> tuple[float, Array, Array]:
-        poses = se2.compose(start, se2.exp(change[1 + OBJECT_SIZE :].reshape(start.shape)))
-        return first_offset + change[0], prior.values + change[1 : 1 + OBJECT_SIZE], poses
+        rows.append(se2.wrap(g[:, turned, 2] - offset[:, None] - turn) / turn_sigma)
+        rows.append(offset / TURN_OFFSET.prior[1])  # pyright: ignore[reportOptionalSubscript]
+        return np.concatenate([row.reshape(len(poses), -1) for row in rows], axis=1)
 
     size = 1 + OBJECT_SIZE + start.size
+
+    def around(change: Array, poses: Array) -> tuple[Array, Array, Array]:
+        """Guesses that are off by changes (K, size), the poses from those given."""
+        moves = change[:, 1 + OBJECT_SIZE :].reshape(-1, *start.shape)
+        values = prior.values + change[:, 1 : 1 + OBJECT_SIZE]
+        return first_offset + change[:, 0], values, se2.compose(poses, se2.exp(moves))
+
+    def jacobian(change: Array, poses: Array) -> Array:
+        """Central differences, of all columns in one go: one after the other takes ten times as long."""
+        ends = [residuals(*around(change + step * np.eye(size), poses)) for step in (1e-6, -1e-6)]
+        return (ends[0] - ends[1]).T / 2e-6
+
     # Depth and bias are far smaller than poses: without a scale the end of the search would be hard to tell.
     solved = least_squares(
-        lambda change: residuals(*at(change)), np.zeros(size), method="lm", x_scale="jac", xtol=1e-11
-    )
-    offset, values, poses = at(solved.x)
-
-    def near(step: Array) -> Array:
-        moves = step[1 + OBJECT_SIZE :].reshape(start.shape)
-        return residuals(offset + step[0], values + step[1 : 1 + OBJECT_SIZE], se2.compose(poses, se2.exp(moves)))
-
-    jacobian = np.stack([(near(step) - near(-step)) / 2e-6 for step in 1e-6 * np.eye(size)], axis=-1)
+        lambda change: residuals(*around(change[None], start))[0],
+        np.zeros(size),
+        lambda change: jacobian(change, start),  # pyright: ignore[reportArgumentType]
+        method="lm",
+        x_scale="jac",
+        xtol=1e-11,
+    ).x
+    (offset,), (values,), (poses,) = around(solved[None], start)
+    solved[1 + OBJECT_SIZE :] = 0.0  # from where the poses are
+    slopes = jacobian(solved, poses)
     last = [*range(size - 6, size), *range(1, 1 + OBJECT_SIZE)]
-    covariance = np.linalg.inv(jacobian.T @ jacobian)[np.ix_(last, last)]
-    return Solved(poses, values, offset, covariance)
+    covariance = np.linalg.inv(slopes.T @ slopes)[np.ix_(last, last)]
+    return Solved(poses, values, float(offset), covariance)
 
 
 def outline_at(g: Array, model: ContactModel) -> tuple[Array, Array, Array]:
-    """Gap (N,), outward normal and the sensor's nearest point (N, 2) at sensor poses (N, 3) in the object frame.
+    """Gap (...), outward normal and the sensor's nearest point (..., 2) at sensor poses (..., 3) in the object frame.
 
     A part bears more the nearer it is.
     """
-    center = se2.transform(g[:, None], np.column_stack([model.parts.real, model.parts.imag]))
+    center = se2.transform(g[..., None, :], np.column_stack([model.parts.real, model.parts.imag]))
     distance, normal, _ = model.field.value_gradient_hessian(center)
-    bears = np.exp(-(distance - distance.min(axis=1, keepdims=True)) / SOFT)
-    gap = distance.min(axis=1) - SOFT * np.log(bears.mean(axis=1)) - model.radius
-    share = (bears / bears.sum(axis=1, keepdims=True))[..., None]
-    return gap, np.sum(share * normal, axis=1), np.sum(share * (center - model.radius * normal), axis=1)
+    bears = np.exp(-(distance - distance.min(axis=-1, keepdims=True)) / SOFT)
+    gap = distance.min(axis=-1) - SOFT * np.log(bears.mean(axis=-1)) - model.radius
+    share = (bears / bears.sum(axis=-1, keepdims=True))[..., None]
+    return gap, np.sum(share * normal, axis=-2), np.sum(share * (center - model.radius * normal), axis=-2)
 
 
 def imbalance(g: Array, e: Array, point: Array, model: ContactModel, values: Array) -> Array:
-    """`p x v - c^2 omega` (N - 1,) [m^2] of all steps (N, 3), touched at points p (N, 2)."""
-    aside = values[IN_OBJECT[FRICTION_CENTER]] * model.friction_radius
-    center = np.array([model.friction_center.real, model.friction_center.imag]) + aside
+    """`p x v - c^2 omega` (K, N - 1) [m^2] of all steps (K, N, 3), touched at points p (K, N, 2)."""
+    aside = values[:, IN_OBJECT[FRICTION_CENTER]] * model.friction_radius
+    center = (np.array([model.friction_center.real, model.friction_center.imag]) + aside)[:, None]
     o = se2.compose(e, se2.inverse(g))
-    before = se2.transform(se2.inverse(o[1:]), se2.transform(o[:-1], center))
-    arm, way, omega = point[1:] - center, center - before, se2.wrap(o[1:, 2] - o[:-1, 2])
-    c_squared = model.friction_radius**2 * np.exp(values[IN_OBJECT[FRICTION_RATIO]])
-    return arm[:, 0] * way[:, 1] - arm[:, 1] * way[:, 0] - c_squared * omega
+    before = se2.transform(se2.inverse(o[:, 1:]), se2.transform(o[:, :-1], center))
+    arm, way, omega = point[:, 1:] - center, center - before, se2.wrap(o[:, 1:, 2] - o[:, :-1, 2])
+    c_squared = model.friction_radius**2 * np.exp(values[:, IN_OBJECT[FRICTION_RATIO]])
+    return arm[..., 0] * way[..., 1] - arm[..., 1] * way[..., 0] - c_squared * omega
 
 
 def angles_of(said: Sequence[ContactDirection | Turn | None]) -> tuple[Array, Array]:

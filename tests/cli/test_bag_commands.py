@@ -32,7 +32,7 @@ from palpate.tracking.time_offset import TimeOffset
 
 
 @pytest.fixture(autouse=True)
-def _in_folder(tmp_path, monkeypatch):
+def _in_folder(tmp_path, monkeypatch, no_figures):
     """Every test works in a folder of its own that holds the bag push.bag and the recording push.h5."""
     monkeypatch.chdir(tmp_path)
     write_bag(Path("push"), "ros1", push_messages())

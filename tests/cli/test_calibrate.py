@@ -176,7 +176,7 @@ def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
     assert told == {"file": str(source), "out": str(out), "frames": 56, "height": 48, "width": 32}
 
 
-def test_a_run_names_its_calibration(tmp_path, monkeypatch, capsys):
+def test_a_run_names_its_calibration(tmp_path, monkeypatch, capsys, no_figures):
     monkeypatch.chdir(tmp_path)
     write_recording(recorded(), "rest.h5")
     assert palpate("calibrate", "rest.h5", "--out", "unit.npz") == 0

@@ -26,7 +26,7 @@ from palpate.tracking.run_folder import FILES
 
 
 @pytest.fixture(autouse=True)
-def _in_folder(tmp_path, monkeypatch):
+def _in_folder(tmp_path, monkeypatch, no_figures):
     """Every test works in a folder of its own that holds push.h5 and blind.h5, which has no ground truth."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
@@ -427,6 +427,7 @@ def test_the_real_process():
     done = run_process("track", "push.h5", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["frames"] == 40
+    assert Path("runs/push/figure.png").read_bytes().startswith(b"\x89PNG")
     failed = run_process("track", "missing.h5")
     assert (failed.returncode, failed.stdout, failed.stderr) == (2, "", "palpate: missing.h5: no such file\n")
 

@@ -311,7 +311,7 @@ def test_an_interrupt_leaves_whole_files_only():
 def test_a_dask_cluster_of_two_workers_makes_what_one_process_makes():
     distributed = pytest.importorskip("distributed", reason="no distributed: pip install palpate[cluster]")
     simulate_folder(Path("here"), JOBS, 3.0, images=False)
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(**options) as cluster:
         simulate_folder(Path("there"), JOBS, 3.0, images=False, dask=cluster.scheduler_address)
         assert os.getpid() not in set(spread(lambda _: os.getpid(), range(4), dask=cluster.scheduler_address))

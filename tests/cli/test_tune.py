@@ -22,7 +22,7 @@ DEVIATION_5_MM = NoiseSettings(contact=ContactSettings(deviation=5e-3))
 
 
 @pytest.fixture(autouse=True)
-def _in_folder(tmp_path, monkeypatch):
+def _in_folder(tmp_path, monkeypatch, no_figures):
     """Every test works in a folder of its own, with five recordings in the folder `all`."""
     monkeypatch.chdir(tmp_path)
     Path("all").mkdir()

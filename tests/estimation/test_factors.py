@@ -135,6 +135,7 @@ def near_outline(name: str, model: ContactModel, theta: Array, rng: np.random.Ge
     outward = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
     pick = rng.permutation(len(outline))
     centers = (outline + 0.5 * along + outward * (model.radius + rng.uniform(-2e-3, 2e-3, (len(outline), 1))))[pick]
+    centers = centers[: 6 * STATES]  # of which more than half are smooth
     around = model.field.cell * np.stack(np.meshgrid(np.arange(-3, 4), np.arange(-3, 4)), axis=-1).reshape(-1, 2)
     spots = centers[:, None] + around
     smooth = (np.abs(model.field.value(spots) - shape.signed_distance(spots)) < 2e-8).all(axis=1)

@@ -8,6 +8,7 @@ from page_samples import Page
 from study_samples import drawn_results, drawn_trials
 
 from palpate.errors import FileError
+from palpate.study import report as report_module
 from palpate.study.comparison import compare
 from palpate.study.figures import study_sheets
 from palpate.study.report import write_report
@@ -41,6 +42,12 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trials, results = study()
     write_report(folder, results, trials)
     return folder
+
+
+@pytest.fixture
+def words_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw no figures, which takes seconds, where the page's words are looked at."""
+    monkeypatch.setattr(report_module, "study_sheets", lambda *_: [])
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +110,7 @@ def test_coverage_of_contact_rests_and_final_poses_stands_beside_errors(page):
     assert "After knocks" not in page.words
 
 
-def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path):
+def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path, words_only):
     trials = drawn_trials(["disc"], METHODS[:1], 2, seconds=2.0)
     results = drawn_results(trials)
     row = results["table"]["disc"]["none"]
@@ -116,7 +123,7 @@ def test_worst_errors_and_mean_nees_are_those_of_the_table(tmp_path):
     assert "(8.8) silently wrong" in words
 
 
-def test_recovery_is_told_where_there_are_knocks(tmp_path):
+def test_recovery_is_told_where_there_are_knocks(tmp_path, words_only):
     trials = drawn_trials(["disc", "mit"], METHODS[:2], 2, seconds=2.0)
     knocks = {"knocks": 3, "knock_recovery_contact_s": [0.5, 1.0, 2.5], "knock_contact_s": [3.0] * 3}
     errors = {"0.5": [9.0, 8.0, 7.0], "1": [4.0, 3.0, 2.0], "1.5": [2.5] * 3, "2": [1.5] * 3, "3": [None] * 3}

@@ -314,7 +314,7 @@ def test_a_cluster_finds_the_same_and_may_lose_workers(monkeypatch):
     import dask.config
 
     here = study(out="here")
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0"}
     quiet = {"silence_logs": "CRITICAL"}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),

@@ -58,7 +58,8 @@ def test_it_tells_how_a_side_leans():
     assert told[0] > told[1] + 2.0 and told[1] > told[2] + 2.0
 
 
-def test_simulated_and_tracked_by_the_commands(tmp_path, capsys):
+def test_simulated_and_tracked_by_the_commands(tmp_path, capsys, monkeypatch, no_figures):
+    monkeypatch.setattr("palpate.study.report.study_sheets", lambda *_: [])
     made = ["simulate", str(tmp_path / "pushes"), "--sensor", "gelsight-mini", "--shape", "disc", "--count", "1"]
     assert main([*made, "--seconds", "3"]) == 0
     assert main(["track", str(tmp_path / "pushes/disc-000000.h5"), "--out", str(tmp_path / "run")]) == 0

@@ -32,7 +32,7 @@ class Killed(BaseException):
 
 
 @pytest.fixture(autouse=True)
-def always_saved(monkeypatch):
+def always_saved(monkeypatch, no_figures):
     monkeypatch.setattr(steps, "_EVERY", 0.0)
     monkeypatch.setattr(steps, "_SHARE", 0)
 

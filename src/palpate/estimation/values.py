@@ -118,7 +118,8 @@ class Values:
         """
         new = np.array([(one.slid, one.spread) if one else (0.0, 0.0) for one in knocks])
         g, e = (np.empty((self.smoothers, self.steps + 1, 3)) for _ in range(2))
-        _put_continued(self[SENSOR_IN_OBJECT], self[SENSOR], sensor_pose, g, e)
+        g[:, :-1], e[:, :-1], e[:, -1] = self[SENSOR_IN_OBJECT], self[SENSOR], sensor_pose
+        _put_next(g)
         known = np.concatenate([self.knocks, new[:, None]], axis=1)
         return Values(self.model, {SENSOR_IN_OBJECT: g, SENSOR: e}, self.shared, known)
 
@@ -190,14 +191,13 @@ def _put_apart(before: Array, now: Array, steps: int, first: int, out: Array) ->
 
 
 @compiled
-def _put_continued(g: Array, e: Array, sensor_pose: Array, g_out: Array, e_out: Array) -> None:
-    steps = g.shape[1]
+def _put_next(poses: Array) -> None:
+    """Put the last pose where the two before it lead; copies of whole arrays would take seconds to compile."""
+    last_step = poses.shape[1] - 1
     turned = np.empty(3)
-    for b in range(len(g)):
-        g_out[b, :steps], e_out[b, :steps] = g[b], e[b]
-        last = g[b, steps - 1]
-        between(g[b, max(steps - 2, 0)], last, turned)
+    for b in range(len(poses)):
+        last = poses[b, last_step - 1]
+        between(poses[b, max(last_step - 2, 0)], last, turned)
         ahead = position(last) + rotation(last[2]) * position(turned)
-        g_out[b, steps, 0], g_out[b, steps, 1] = ahead.real, ahead.imag
-        g_out[b, steps, 2] = wrap(last[2] + turned[2])
-        e_out[b, steps] = sensor_pose
+        poses[b, last_step, 0], poses[b, last_step, 1] = ahead.real, ahead.imag
+        poses[b, last_step, 2] = wrap(last[2] + turned[2])
