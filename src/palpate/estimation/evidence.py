@@ -6,8 +6,8 @@ from palpate.compiled import Array, Places, Records, compiled
 from palpate.estimation.planar import dot, position, rotation
 
 _UNTOUCHED = 1.0 - 1e-9  # share of a square that a kernel leaves, from which there might as well be none
-_SHORT = 5e-4  # [m] way of the sensor of which half counts: what noise makes of one that stands still has any direction
-_SOFT = 0.1  # cosine at which that of a way past the object goes over into nothing, for noise turns ways a little
+_SHORT = 5e-4  # [m] way of the sensor of which half counts, for noise gives a sensor that stands still any direction
+_SOFT = 0.1  # cosine about which ways past the object begin to be all alike, for noise turns them a little
 
 
 @compiled
