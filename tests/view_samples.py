@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimation.hypotheses import Answer
+from palpate.estimation.answers import Answer
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.recording.images import encode_image

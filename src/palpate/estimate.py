@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
+from palpate.estimation.answers import Answer
 from palpate.estimation.diagnosis import Status
-from palpate.estimation.hypotheses import Answer
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sens
 from tracker_samples import settings, track
 
 from palpate.estimate import Estimate
+from palpate.estimation.answers import Answer
 from palpate.estimation.belief import Belief
-from palpate.estimation.hypotheses import Answer
 from palpate.estimation.touched import touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, OBJECT_SIZE
 from palpate.recording.frame import Frame

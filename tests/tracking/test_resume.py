@@ -10,7 +10,8 @@ from recording_samples import pushed
 
 from palpate.cli.main import main
 from palpate.errors import EstimationError, FileError
-from palpate.estimation.hypotheses import Answer, Hypotheses
+from palpate.estimation.answers import Answer
+from palpate.estimation.hypotheses import Hypotheses
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
 from palpate.recording.frame import Frame

@@ -14,13 +14,13 @@ happened is kept, where
 import logging
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.by_value import ByValue
 from palpate.errors import EstimationError
+from palpate.estimation.answers import LIKELY, Answer, answers_of, in_words, is_ambiguous, joint_covariance
 from palpate.estimation.beginning import MOST_YOUNG, Beginning, begun, begun_unfound, log_sum
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
@@ -31,28 +31,13 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, places
 from palpate.estimation.touched import Touched
-from palpate.estimation.weighing import POOR, Hypothesis, Weighing, is_lost, shared_out
-from palpate.geometry import se2
+from palpate.estimation.weighing import Hypothesis, Weighing, is_lost, shared_out
 from palpate.recording.measurements import Measurement
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
-_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
 _BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
-_LIKELY = 0.1  # weight from which a hypothesis counts: is watched, or makes an estimate ambiguous
-
-
-@dataclass(frozen=True, eq=False)
-class Answer(ByValue):
-    """One pose that may be the object's."""
-
-    pose: Array
-    """world_T_object, (3,) [m, m, rad]."""
-    covariance: Array
-    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
-    weight: float
-    """How likely it is among all answers, from 0 to 1."""
 
 
 class Hypotheses:
@@ -128,31 +113,17 @@ class Hypotheses:
     @property
     def answers(self) -> tuple[Answer, ...]:
         """All poses that may be the object's, the best first."""
-        return tuple(
-            Answer(one.estimator.known.pose.copy(), one.estimator.covariance, one.weight)
-            for one in self._all
-            if one.weight
-        )
+        return answers_of(self._all)
 
     @property
     def covariance(self) -> Array:
         """Covariance (3, 3) of all of them about the best, tangent space at its pose (right, body frame)."""
-        if len(self._all) == 1:
-            return self._best.estimator.covariance
-        total = np.zeros((3, 3))
-        for one, apart in zip(self._all, self._from_best, strict=True):
-            total += one.weight * (one.estimator.covariance + np.outer(apart, apart))
-        return total
+        return joint_covariance(self._all)
 
     @property
     def status(self) -> Status:
         """What to make of it."""
-        if sum(one.weight > 0.0 for one in self._all) > 1:
-            is_likely = np.array([one.weight > _LIKELY for one in self._all])
-            is_far = (np.abs(self._from_best) > _APART).any(axis=1)
-            if (is_likely & is_far).any() or (np.diagonal(self.covariance) > _APART**2).any():
-                return "ambiguous"
-        return self._best.estimator.status
+        return "ambiguous" if is_ambiguous(self._all) else self._best.estimator.status
 
     @property
     def reason(self) -> str:
@@ -160,11 +131,7 @@ class Hypotheses:
         best = self._best.estimator
         if self.status != "ambiguous" or best.has_contradicting_poses:
             return best.reason
-        apart = np.abs(self._from_best[[one.weight > 0.5 * POOR for one in self._all]])
-        if len(apart) < 2:
-            return best.reason or REASONS["ambiguous"]
-        far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
-        return f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
+        return in_words(self._all) or best.reason or REASONS["ambiguous"]
 
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here; see Estimator."""
@@ -235,7 +202,7 @@ class Hypotheses:
     def _doubt_pushing(self) -> None:
         """Let something else have moved the object in the likeliest hypothesis that is contradicted anew."""
         for one in self._all:
-            is_watched = one.weight > _LIKELY and not one.open and self._steps >= one.heeds_from
+            is_watched = one.weight > LIKELY and not one.open and self._steps >= one.heeds_from
             if is_watched and is_contradicted(one.estimator, self._steps):
                 self._all = [*self._all, *disturbed(one, self._steps, self._settings.priors)]
                 one.heeds_from = self._steps + UNHEEDED
@@ -297,9 +264,3 @@ class Hypotheses:
             return
         self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
         self._is_found |= not is_rough(self.known, self._model)
-
-    @property
-    def _from_best(self) -> Array:
-        """How far the pose of each is from that of the best (H, 3), tangent space there."""
-        poses = np.array([one.estimator.known.pose for one in self._all])
-        return se2.log(se2.between(poses[0], poses))

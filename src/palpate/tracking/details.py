@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.estimation.hypotheses import Answer
+from palpate.estimation.answers import Answer
 from palpate.files import read_csv, whole_file
 from palpate.formats.estimates_csv import COVARIANCE, UPPER
 from palpate.printable import one_line
