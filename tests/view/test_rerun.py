@@ -6,8 +6,10 @@ import sys
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
@@ -240,34 +242,51 @@ def test_tracking_that_fails_leaves_no_file(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")  # it is meant to go on
-def test_the_viewer_listens_on_loopback_only_and_reports_to_nobody(monkeypatch, tmp_path):
+class Served(NamedTuple):
+    """A viewer that needs no display."""
+
+    address: str
+    """Where it listens."""
+    processes: list[psutil.Process]
+    """What runs since, the viewer last."""
+
+    def end(self) -> None:
+        for process in self.processes:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        psutil.wait_procs(self.processes)
+
+
+@pytest.fixture
+def served(monkeypatch, tmp_path) -> Iterator[Served]:
+    """A viewer without a window, of a user whose home is tmp_path."""
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(viewer, "cache_folder", lambda: tmp_path / "cache" / "code")
     before = set(psutil.Process().children(recursive=True))
-    address = viewer.open_viewer("--serve-grpc")  # which needs no display
-    started = [each for each in psutil.Process().children(recursive=True) if each not in before]
-    try:
-        port = int(address.removeprefix("rerun+http://127.0.0.1:").removesuffix("/proxy"))
-        listening = [
-            connection.laddr
-            for process in started
-            for connection in process.net_connections("inet")
-            if connection.status == psutil.CONN_LISTEN
-        ]
-        assert listening == [("127.0.0.1", port)]
-        words = " ".join(started[-1].cmdline())
-        assert "--memory-limit 1GiB" in words and "--server-memory-limit 256MiB" in words
-        assert all(each.environ()["XDG_CONFIG_HOME"] == str(tmp_path / "cache" / "rerun") for each in started)
-        monkeypatch.setattr(live, "open_viewer", lambda: address)
-        monkeypatch.setattr(live, "_WAITING", 1000)
-        with live_view(imaged_push(), "push", None, force=False, window=True) as log:
-            tracked_with(log.show)
-        assert log.dropped == 0
-    finally:
-        for process in started:
-            process.kill()
-        psutil.wait_procs(started)
+    address = viewer.open_viewer("--serve-grpc")
+    found = Served(address, [each for each in psutil.Process().children(recursive=True) if each not in before])
+    monkeypatch.setattr(live, "open_viewer", lambda: address)
+    yield found
+    found.end()
+
+
+@pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")  # it is meant to go on
+def test_the_viewer_listens_on_loopback_only_and_reports_to_nobody(served, monkeypatch, tmp_path):
+    port = int(served.address.removeprefix("rerun+http://127.0.0.1:").removesuffix("/proxy"))
+    listening = [
+        connection.laddr
+        for process in served.processes
+        for connection in process.net_connections("inet")
+        if connection.status == psutil.CONN_LISTEN
+    ]
+    assert listening == [("127.0.0.1", port)]
+    words = " ".join(served.processes[-1].cmdline())
+    assert "--memory-limit 1GiB" in words and "--server-memory-limit 256MiB" in words
+    assert all(each.environ()["XDG_CONFIG_HOME"] == str(tmp_path / "cache" / "rerun") for each in served.processes)
+    monkeypatch.setattr(live, "_WAITING", 1000)
+    with live_view(imaged_push(), "push", None, force=False, window=True) as log:
+        tracked_with(log.show)
+    assert log.dropped == 0
     settings = json.loads((tmp_path / "cache" / "rerun" / "rerun" / "analytics.json").read_text())
     assert settings["analytics_enabled"] is False
     assert not (tmp_path / ".config").exists()
@@ -276,6 +295,7 @@ def test_the_viewer_listens_on_loopback_only_and_reports_to_nobody(monkeypatch, 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is a window to open")
 @pytest.mark.parametrize("mode", [("--no-such-option",), ()])  # without one it finds no window to open
 def test_a_viewer_that_does_not_start_is_told(mode, monkeypatch):
+    monkeypatch.setattr(viewer, "_WINDOW", 30.0)  # a busy machine takes its time to find no window
     monkeypatch.setenv("DISPLAY", ":no-such-display")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(SettingError, match="the viewer does not start"):
@@ -283,14 +303,10 @@ def test_a_viewer_that_does_not_start_is_told(mode, monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")  # it is meant to go on
-def test_a_viewer_that_is_closed_meanwhile_ends_the_view_only(caplog, monkeypatch):
-    address = viewer.open_viewer("--serve-grpc")
-    monkeypatch.setattr(live, "open_viewer", lambda: address)
+def test_a_viewer_that_is_closed_meanwhile_ends_the_view_only(served, caplog):
     begin = time.monotonic()
     with live_view(imaged_push(), "push", None, force=False, window=True) as log:
-        for process in psutil.Process().children(recursive=True):
-            if "--serve-grpc" in process.cmdline():
-                process.kill()
+        served.end()
         tracked_with(log.show)
     assert time.monotonic() - begin < 15.0
     assert "the view is not whole" in caplog.text

@@ -12,7 +12,7 @@ from palpate.errors import SettingError
 _COMMAND = (sys.executable, "-m", "rerun_cli")
 _MEMORY, _SERVER_MEMORY = "1GiB", "256MiB"  # the oldest data go first
 _PATIENCE = 30.0  # [s] until a viewer listens
-_WINDOW = 0.5  # [s] from then on in which it fails where it can open no window
+_WINDOW = 1.0  # [s] from then on in which it fails where it can open no window
 
 
 def check_rerun() -> None:
@@ -49,11 +49,19 @@ def open_viewer(*mode: str) -> str:
     while time.monotonic() < last and process.poll() is None:
         with socket.socket() as attempt:
             is_listening = attempt.connect_ex(("127.0.0.1", port)) == 0
-        time.sleep(_WINDOW if is_listening else 0.05)
-        if is_listening and process.poll() is None:
+        if not _ends_within(process, _WINDOW if is_listening else 0.05) and is_listening:
             return f"rerun+http://127.0.0.1:{port}/proxy"
     process.kill()
+    process.wait()
     raise SettingError("the viewer does not start; `rerun` by itself says why, and a file can be written instead")
+
+
+def _ends_within(process: subprocess.Popen[bytes], seconds: float) -> bool:
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
 
 
 def quiet_environment() -> dict[str, str]:
