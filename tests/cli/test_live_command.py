@@ -252,7 +252,7 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
     try:
         assert "folder nowhere does not exist" in failure(capsys, *words, "--record", "nowhere/live.mcap")
         assert closed  # and the port is free again
-        assert palpate(*words, "--record", "live.mcap", "--seconds", "2", "--json") == 0
+        assert palpate(*words, "--record", "live.mcap", "--seconds", "3", "--json") == 0
     finally:
         done.set()
         robot.join()
