@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.tracking.above import ESTIMATE, draw_above, draw_number, known_truth
-from palpate.tracking.findings import time_gaps
 from palpate.tracking.metrics import deviations, rotation_errors, translation_errors
 from palpate.tracking.poses import pose_words
 from palpate.tracking.run import Run
+from palpate.tracking.time_gaps import time_gaps
 from palpate.tracking.truth import flag_runs
 
 if TYPE_CHECKING:

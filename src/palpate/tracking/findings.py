@@ -19,6 +19,7 @@ from palpate.recording.recording import Recording
 from palpate.recording.units import check_metres, other_time_unit, wrong_width
 from palpate.stream.quality import too_often
 from palpate.tracking.knocks import FASTER, knocked_frames
+from palpate.tracking.time_gaps import time_gaps
 from palpate.tracking.truth import flag_runs, trusted_truth
 
 Array = NDArray[np.float64]
@@ -37,8 +38,6 @@ Kind = Literal[
     "image",
 ]
 
-GAP = 3.0
-"""Median intervals after which frames are missing rather than late."""
 RATE = 0.05
 """Share by which the median rate may differ from the sensor profile's."""
 EDGE = 0.2
@@ -269,12 +268,6 @@ def _when(finding: Finding) -> tuple[float, float]:
 
 def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
     return Finding(kind, float(recording.time[first]), float(recording.time[last]), sentence, breaks)
-
-
-def time_gaps(time: Array) -> NDArray[np.intp]:
-    """The frames after which others are missing, from times (N,) [s]."""
-    step = np.diff(time)
-    return np.flatnonzero(step > GAP * np.median(step)) if len(step) else np.empty(0, np.intp)
 
 
 def _merged(time: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -9,7 +9,8 @@ import numpy as np
 from palpate.errors import FileError
 from palpate.recording.recording import Recording
 from palpate.touch.background import is_grey
-from palpate.tracking.findings import GAP, Finding, contact_runs, find_all
+from palpate.tracking.findings import Finding, contact_runs, find_all
+from palpate.tracking.time_gaps import time_gaps
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def inspect_recording(recording: Recording) -> Inspection:
     """Look a recording over. Decodes every image."""
     time = recording.time
     step = np.diff(time)
-    regular = step[step <= GAP * np.median(step)] if len(step) else step
+    regular = np.delete(step, time_gaps(time))
     runs = contact_runs(recording)
     findings = tuple(find_all(recording))
     truth = recording.object_pose

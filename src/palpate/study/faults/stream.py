@@ -12,7 +12,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.calibration import Calibration
-from palpate.tracking.findings import flag_runs
+from palpate.tracking.truth import flag_runs
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
