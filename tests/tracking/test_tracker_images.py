@@ -73,6 +73,15 @@ def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(r
     assert distance(frames[lifted - 1].object_pose, found[lifted - 1].pose) < 0.01  # pushed by several times that
 
 
+def test_a_sensor_that_comes_from_afar_feels_its_first_contact_though_the_first_pose_is_off(recording):
+    """Where it should be in the object already, it touches nothing before an image says so."""
+    sensor, rough = recording.sensor_pose[0], np.array([0.004, 0.004, 0.02])
+    nearer = recording.object_pose[0] - 0.008 * np.array([np.cos(sensor[2]), np.sin(sensor[2]), 0.0])
+    tracker = Tracker(recording.shape, recording.sensor, nearer, first_pose_sigma=rough)
+    reasons = [tracker.update(frame).reason for frame in list(recording)[: begun_at(recording) + 30]]
+    assert not any(reason.startswith("in contact before it was known") for reason in reasons)
+
+
 def test_a_reset_in_a_touch_that_was_not_felt_does_not_believe_its_gel(recording):
     frames = late_frames(recording)
     tracker = Tracker(recording.shape, recording.sensor, frames[0].object_pose)

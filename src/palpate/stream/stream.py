@@ -44,7 +44,7 @@ class Stream:
     def _begin(self) -> None:
         self._guard = StreamGuard(self._sensor.rate)
         self._quality = StreamQuality(self._sensor.rate, self._deviation)
-        self._unfelt = UnfeltTouch(is_doubtful=self._detector.background is None)
+        self._unfelt = UnfeltTouch(self._detector.background is None, self._sensor.rate)
         self._gone = False  # whether the sensor is elsewhere than it can have gone since the last frame
         self._last: Frame | None = None
 

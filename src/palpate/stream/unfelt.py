@@ -3,6 +3,10 @@
 It was at the object while the first images came, which count as untouched, and went on into it before a touch was felt.
 """
 
+from collections import deque
+
+from palpate.touch.steady import first_frames
+
 _REASON = "in contact before it was known how the gel looks untouched: touch tells nothing until the sensor lets go"
 _NEAR = 3.0  # [standard deviations] of the gap to the object below which a sensor may touch it
 _IN = 5e-3  # [m] in the object, from which it does: mounting and outline may be off by some millimetres
@@ -11,11 +15,12 @@ _IN = 5e-3  # [m] in the object, from which it does: mounting and outline may be
 class UnfeltTouch:
     """Follows one stream until it is known that its first images showed no touch."""
 
-    def __init__(self, is_doubtful: bool) -> None:
-        """Take whether the first images may show a touch."""
+    def __init__(self, is_doubtful: bool, rate: float) -> None:
+        """Take whether the first images may show a touch, and how many come in a second [Hz]."""
         self.is_doubtful = is_doubtful
         """Whether they may still."""
-        self._was_near = False  # whether the sensor was at the object before the gel was known
+        # Whether the sensor was at the object at each of the images that are taken as untouched, but for the last one.
+        self._near: deque[bool] = deque(maxlen=first_frames(rate) - 1)
         self.now = False
         """Whether the object is touched so at the last frame that was taken."""
 
@@ -30,8 +35,8 @@ class UnfeltTouch:
             return True
         length, deviation = gap
         if not is_gel_known:
-            self._was_near |= length < _NEAR * deviation
-        elif felt or not self._was_near:
+            self._near.append(length < _NEAR * deviation)
+        elif felt or not all(self._near):  # on its way to the object it touched nothing
             self.is_doubtful = False
         return self.is_doubtful and length < -max(deviation, _IN)
 
