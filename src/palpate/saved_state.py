@@ -19,17 +19,8 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = (
-    5  # 1 kept steps that left a window one by one, 2 no size, 3 a term for each tip, 4 no contradictions or doubts
-)
+VERSION = 6  # 1 kept old steps one by one, 2 no size, 3 a term for each tip, 4 no doubts, 5 less of touches that end
 _HOME = "palpate."
-_MOVED = {
-    "palpate.guard": "palpate.stream.guard",
-    "palpate.half_turn": "palpate.stream.half_turn",
-    "palpate.stream_quality": "palpate.stream.quality",
-    "palpate.unfelt": "palpate.stream.unfelt",
-}
-"""Where classes are now that earlier files of this version name elsewhere."""
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}
 
@@ -231,7 +222,6 @@ def _dtype(told: Any) -> np.dtype:
 
 def _class(module: str, name: str) -> type:
     """A class of palpate; it is not imported for the file's sake."""
-    module = _MOVED.get(module, module)
     found = vars(sys.modules[module])[name] if module.startswith(_HOME) else None
     if not isinstance(found, type) or found.__module__ != module:
         raise ValueError(f"{module}.{name} is no class of palpate")

@@ -187,6 +187,31 @@ def test_a_resting_touch_is_not_swallowed():
     assert not detector.update(marked(0))
 
 
+def noisy(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return (image + rng.normal(0.0, 0.6, image.shape)).astype(np.uint8)
+
+
+def test_what_a_touch_leaves_behind_is_the_untouched_gel_from_then_on():
+    rng = np.random.default_rng(8)
+    detector = ContactDetector(still())
+    assert all(detector.update(noisy(marked(300), rng)) for _ in range(20))
+    found = [detector.update(noisy(marked(12), rng)) for _ in range(40)]
+    assert found == [True] * 4 + [False] * 36  # five images in a row
+    assert detector.background is not None and detector.background.mean[0, 1] == pytest.approx(150.0, abs=3.0)
+    assert detector.update(noisy(marked(300), rng))
+
+
+def test_a_touch_that_wanes_or_moves_on_or_shows_more_goes_on():
+    rng = np.random.default_rng(9)
+    waning = [300] * 20 + [round(300 * 0.9**count) for count in range(1, 33)]
+    detector = ContactDetector(still())
+    assert all(detector.update(noisy(marked(count), rng)) for count in waning if count > 9)
+    moving = [np.roll(marked(12), 2 * count, axis=0) for count in range(20)]
+    for after in (moving, [marked(25)] * 20):
+        detector = ContactDetector(still())
+        assert all(detector.update(noisy(image, rng)) for image in [marked(300)] * 20 + after)
+
+
 def test_deviation_follows_too():
     rng = np.random.default_rng(2)
     detector = ContactDetector(still())

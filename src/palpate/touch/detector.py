@@ -11,6 +11,7 @@ from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import Background, Image, Levels, check_channels, check_image, is_flat
 from palpate.touch.calibration import Calibration, misfit
+from palpate.touch.left_behind import LeftBehind
 from palpate.touch.light import Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.steady import SteadyImages, first_frames
@@ -42,9 +43,9 @@ class ContactDetector:
     """Says of one image after the other whether the gel is touched.
 
     An image's cells are compared with those of the untouched gel in the image's light; see `touch.light`. So a light
-    that fades or wanders during a touch leaves none behind. What is thinner than half a cell, as a scratch, is no
-    touch. The 4 standard deviations are those of a cell. While nothing touches, the background follows what is seen;
-    during a touch it stays as it is.
+    that fades or wanders during a touch leaves none behind, and what one leaves behind nevertheless is taken for the
+    untouched gel. What is thinner than half a cell, as a scratch, is no touch. The 4 standard deviations are those of a
+    cell. While nothing touches, the background follows what is seen; during a touch it stays as it is.
 
     Without a background, the images of the first half second are taken as untouched and their statistics are used, as
     long as they are alike and not black; until then the answer is False. One that is read from a file is doubted until
@@ -67,6 +68,7 @@ class ContactDetector:
         area_means(np.zeros((1, 1, 3), np.float32), 1, 1)
         share_unlike(np.ones((2, 2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.float32(1.0))
         self._first = SteadyImages(rate)
+        self._left_behind = LeftBehind(rate)
         self._image_size = size
         self._background = background
         self._doubted = file
@@ -150,6 +152,12 @@ class ContactDetector:
         self._share, self._light = share, light[:, 0]
         self._touched = self._share > (END if self._touched else START)
         self._weigh_doubt()
+        if not self._touched:
+            self._left_behind.forget()
+        elif self._left_behind.add(share, cells, self._tolerance, END):
+            self._touched, self._share = False, 0.0
+            self._left_behind.forget()
+            self._compare_with(replace(background, mean=image.astype(np.float32)))
         if self._share <= END:
             self._untouched += 1
             if self._untouched % _EVERY == 0:
