@@ -191,9 +191,11 @@ def noisy(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return (image + rng.normal(0.0, 0.6, image.shape)).astype(np.uint8)
 
 
-def test_what_a_touch_leaves_behind_is_the_untouched_gel_from_then_on():
+@pytest.mark.parametrize("before", range(5))  # frames, of which each fifth is what the background follows
+def test_what_a_touch_leaves_behind_is_the_untouched_gel_from_then_on(before):
     rng = np.random.default_rng(8)
     detector = ContactDetector(still())
+    assert not any(detector.update(noisy(marked(0), rng)) for _ in range(before))
     assert all(detector.update(noisy(marked(300), rng)) for _ in range(20))
     found = [detector.update(noisy(marked(12), rng)) for _ in range(40)]
     assert found == [True] * 4 + [False] * 36  # five images in a row

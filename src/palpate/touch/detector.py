@@ -157,7 +157,8 @@ class ContactDetector:
         elif self._left_behind.add(share, cells, self._tolerance, END):
             self._touched, self._share = False, 0.0
             self._left_behind.forget()
-            self._compare_with(replace(background, mean=image.astype(np.float32)))
+            background = replace(background, mean=image.astype(np.float32))
+            self._compare_with(background)
         if self._share <= END:
             self._untouched += 1
             if self._untouched % _EVERY == 0:

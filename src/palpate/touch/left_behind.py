@@ -30,7 +30,7 @@ class LeftBehind:
         to change where something moves.
         """
         self._seen.append((share, cells))
-        if len(self._seen) <= _ENOUGH:
+        if len(self._seen) <= _ENOUGH or share >= _MOST:
             return False
         shares = np.array([each for each, _ in self._seen])
         if shares[-_ENOUGH:].max() >= min(_PART * shares.max(), _MOST):
