@@ -9,7 +9,7 @@ from push_samples import RADIUS, SHAPES, sensor
 
 from palpate.estimation import hypotheses
 from palpate.estimation.contact_model import contact_model
-from palpate.estimation.disturbed import UNHEEDED, is_contradicted
+from palpate.estimation.disturbed import UNHEEDED, is_contradicted, is_doubtful
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
@@ -41,12 +41,20 @@ def test_one_factor_alone_raises_an_alarm():
         assert is_contradicted(told, 30) and not is_contradicted(told, steps - 1)
 
 
+def test_other_answers_are_looked_at_before_touch_and_pushing_contradict_each_other():
+    told = {error: estimator([0.0] * 30, errors={("direction", 30): error}.items()) for error in (0.02, 0.03, 0.06)}
+    assert [is_doubtful(one, 30) for one in told.values()] == [False, True, True]
+    assert [is_contradicted(one, 30) for one in told.values()] == [False, False, True]
+    assert not is_doubtful(told[0.03], 29)
+    assert is_doubtful(estimator([3.5, *[0.0] * 4]), 5)  # what contradicts is doubtful
+
+
 def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
     # The best one may be a way past an object at rest, which nothing contradicts.
     model = contact_model(SHAPES["rectangle"], sensor())
     bank = Hypotheses(model, NoiseSettings(), "fixed-lag", np.zeros(3), np.full(3, 1e-3), 9)
     found: list[Any] = []
-    monkeypatch.setattr(hypotheses, "is_contradicted", lambda one, steps: one.contradicted)
+    monkeypatch.setattr(hypotheses, "is_doubtful", lambda one, steps: one.contradicted)
     monkeypatch.setattr(hypotheses, "disturbed", lambda one, steps, priors: found.append(one) or [])
 
     def one(weight: float, contradicted: bool, still_open: int = 0) -> Any:

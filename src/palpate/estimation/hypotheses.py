@@ -3,7 +3,7 @@
 A hypothesis is an `Estimator`. While nothing is doubtful there is one. Others are added, and the one in which nothing
 happened is kept, where
 
-- touch and pushing contradict each other: something else may have moved the object; see `disturbed`;
+- touch and pushing fit one another badly: something else may have moved the object; see `disturbed`;
 - a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
   `beginning`;
 - a contact that was brief began where nothing should be: it may have been none.
@@ -25,7 +25,15 @@ from palpate.estimation.beginning import MOST_YOUNG, Beginning, begun, begun_unf
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
-from palpate.estimation.disturbed import AHEAD, SPREAD, STILL_GOING_ON, UNHEEDED, disturbed, is_contradicted
+from palpate.estimation.disturbed import (
+    AHEAD,
+    SPREAD,
+    STILL_GOING_ON,
+    UNHEEDED,
+    disturbed,
+    is_contradicted,
+    is_doubtful,
+)
 from palpate.estimation.estimator import Estimator, touch_on
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
@@ -92,8 +100,9 @@ class Hypotheses:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether touch and pushing contradict each other as where something else moves the object."""
-        return is_contradicted(self._best.estimator, self._steps)
+        """Whether touch and pushing contradict each other where nothing else moved the object, or as is likeliest."""
+        undisturbed = next((one for one in self._all if not one.broken), self._best)
+        return is_contradicted(undisturbed.estimator, self._steps)
 
     @property
     def known(self) -> Prior:
@@ -200,10 +209,10 @@ class Hypotheses:
         self._untouched = []
 
     def _doubt_pushing(self) -> None:
-        """Let something else have moved the object in the likeliest hypothesis that is contradicted anew."""
+        """Let something else have moved the object in the likeliest hypothesis that is doubtful anew."""
         for one in self._all:
             is_watched = one.weight > LIKELY and not one.open and self._steps >= one.heeds_from
-            if is_watched and is_contradicted(one.estimator, self._steps):
+            if is_watched and is_doubtful(one.estimator, self._steps):
                 self._all = [*self._all, *disturbed(one, self._steps, self._settings.priors)]
                 one.heeds_from = self._steps + UNHEEDED
                 return
