@@ -18,8 +18,8 @@ _ALARMS = (("relative_pose", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 
 Undisturbed, pairs reach 0.16 in a thousandth of all frames and directions 0.5 in a tenth of all recordings; over a
 second an error of a fifth of a standard deviation is systematic, for independent ones would cancel in the estimate."""
 _DOUBT = "direction", 30, 0.025
-"""The same from which other answers are looked at: half of it. Looked at in vain they cost time and hardly the estimate,
-but from a quarter on most of a good run is ambiguous."""
+"""The same from which other answers are looked at: half of it. Looked at in vain they cost time and hardly the
+estimate, but from a quarter on most of a good run is ambiguous."""
 _DEAR = 5, 3.0
 """Steps, and what all that is measured costs in them from which pushing is in doubt. Undisturbed it is 2.8 at most in
 12,000 frames of simulated and real pushes, and a hand that moves the object along its face shows in no factor alone."""
