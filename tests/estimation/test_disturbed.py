@@ -77,6 +77,23 @@ def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
     assert found == [second, third, second]
 
 
+def test_images_are_judged_by_the_answer_in_which_nothing_moved_the_object(monkeypatch):
+    # The best answer may be one in which something did, which explains away what mirrored images contradict.
+    model = contact_model(SHAPES["rectangle"], sensor())
+    bank = Hypotheses(model, NoiseSettings(), "fixed-lag", np.zeros(3), np.full(3, 1e-3), 9)
+    monkeypatch.setattr(hypotheses, "is_contradicted", lambda one, steps: one.contradicted)
+
+    def one(contradicted: bool, broken: list[tuple[int, int]]) -> Any:
+        return Hypothesis(SimpleNamespace(contradicted=contradicted), broken=broken)  # pyright: ignore[reportArgumentType]
+
+    bank._all = [one(False, [(3, 13)]), one(True, [])]
+    assert bank.is_contradicted
+    bank._all = [one(True, [(3, 13)]), one(False, [])]
+    assert not bank.is_contradicted
+    bank._all = [one(True, [(3, 13)]), one(False, [(2, 12)])]  # all are disturbed: the likeliest
+    assert bank.is_contradicted
+
+
 def test_a_sensor_pushes_rather_than_glides_past_an_object_at_rest():
     # It goes straight on, without a word of touch: into the left side of one object, along the lower side of the other.
     settings, model = NoiseSettings(), contact_model(Rectangle(0.24, 0.16), sensor())

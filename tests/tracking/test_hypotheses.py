@@ -74,7 +74,7 @@ def check_answers(found: list[Estimate]) -> None:
         assert (estimate.reason == "") == (estimate.status in ("tracking", "resting"))
         if estimate.status == "ambiguous":
             assert len(estimate.answers) > 1
-            assert estimate.reason.endswith("fit what was measured")
+            assert estimate.reason.endswith("from the best fit what was measured")
 
 
 @pytest.mark.parametrize("tactile", ["none", "oracle"])
