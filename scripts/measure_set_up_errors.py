@@ -4,7 +4,7 @@
 
 FOLDER has recordings of exact set-ups, `palpate simulate FOLDER --ideal`. Each is tracked by touch as it is, with every
 error that `simulation/systematic.py` draws but the gel's drift, one at a time and all together, and once more with all
-but the outline taken for exact. The reported ones: `--count 18 --seed 77501 --seconds 15`. Eight minutes on two cores.
+but the outline taken for exact. The reported ones: `--count 18 --seed 87501 --seconds 15`. Eight minutes on two cores.
 """
 
 import json
