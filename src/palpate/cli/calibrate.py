@@ -25,8 +25,9 @@ def calibrate(
         tyro.conf.arg(
             metavar="PRESSES",
             help="Presses at known angles: a CSV with the columns file, an image beside it, and angle_deg, of the "
-            "contact on the tip; or a recording of presses on an object whose outline and poses are known. Five or "
-            "more tell left from right in the camera's images and what is off in directions.",
+            "contact on the tip; or a recording of presses on an object whose outline and poses are known, or on a "
+            "disc that stays anywhere. Five or more tell left from right in the camera's images and what is off in "
+            "directions.",
             help_behavior_hint="",
         ),
     ] = None,
