@@ -28,7 +28,7 @@ from palpate.touch.calibration import AS_TOLD, Calibration
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
 from palpate.touch.relative import Touch
-from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_offset
+from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_correction
 from palpate.tracker_settings import TrackerSettings
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ class Tracker:
     def _begin(self) -> None:
         """Begin with nothing known of the object but the first pose."""
         settings = self._settings
-        noise = with_offset(settings.noise, self._correction.offset_sigma)
+        noise = with_correction(settings.noise, self._correction)
         self._estimator = Hypotheses(self._contact_model, noise, settings.smoother, *self._first, settings.hypotheses)
         self._touched_at = -math.inf  # [s] time of the last frame of contact
         self._times: list[float] = []

@@ -13,7 +13,7 @@ from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import Shape
 from palpate.recording.measurements import finite_numbers
 from palpate.recording.units import SPAN, TURNS, check_outline, extent_of
-from palpate.touch.calibration import Calibration
+from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.model import TouchModel
 from palpate.tracker_settings import TrackerSettings
 
@@ -82,8 +82,11 @@ def ask_how_far(first: tuple[Array, Array], sensor_pose: Array) -> None:
         logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
 
 
-def with_offset(noise: NoiseSettings, sigma: float | None) -> NoiseSettings:
-    """Return the settings with what is left unknown of a direction's offset after a calibration, [rad]."""
-    if sigma is None:
-        return noise
-    return replace(noise, priors=replace(noise.priors, direction_bias=(0.0, sigma)))
+def with_correction(noise: NoiseSettings, correction: DirectionCorrection) -> NoiseSettings:
+    """Return the settings with what is left unknown of directions after a calibration has corrected them."""
+    priors = noise.priors
+    if correction.offset_sigma is not None:
+        priors = replace(priors, direction_bias=(0.0, correction.offset_sigma))
+    if correction.scale_sigma is not None:
+        priors = replace(priors, direction_scale=(0.0, correction.scale_sigma / correction.scale))
+    return replace(noise, priors=priors)

@@ -95,7 +95,7 @@ def test_too_few_frames_and_no_images_are_told():
 
 def test_a_file_gives_back_what_was_written(tmp_path, background):
     path = tmp_path / "unit.npz"
-    given = Calibration(background, CameraView(3, True, (2, 0, 1)), DirectionCorrection(0.01, 0.95, 0.002))
+    given = Calibration(background, CameraView(3, True, (2, 0, 1)), DirectionCorrection(0.01, 0.95, 0.002, 0.03))
     write_calibration(given, path)
     again = load_calibration(path)
     assert (again.background.mean == background.mean).all()
@@ -117,6 +117,12 @@ def test_a_file_of_the_first_version_has_no_view(tmp_path, background):
     assert load_calibration(tmp_path / "old.npz").view == CameraView()
 
 
+def test_a_file_of_the_second_version_does_not_tell_how_well_the_scale_is_known(tmp_path, background):
+    fields = {"version": 2, "view": [0, 0, 0, 1, 2], "direction": [0.02, 0.9, 0.01]}
+    np.savez(tmp_path / "old.npz", mean=background.mean, deviation=background.deviation, **fields)
+    assert load_calibration(tmp_path / "old.npz").direction == DirectionCorrection(0.02, 0.9, 0.01)
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -130,10 +136,12 @@ def test_a_file_of_the_first_version_has_no_view(tmp_path, background):
         ({"noise": np.ones((2, 2, 3), np.float32)}, r"noise: found shape \(2, 2, 3\), expected \(4, 4, 3\)"),
         ({"mean": np.array([[["a", "b", "c"]]])}, "mean: found values of type"),
         ({"mean": np.array([[[None, 1, 2]]])}, "damaged"),
-        ({"version": 9}, "version: found 9, this palpate reads up to 2"),
+        ({"version": 9}, "version: found 9, this palpate reads up to 3"),
         ({"version": 2, "view": [4, 0, 0, 1, 2]}, "view: found .4, 0, 0, 1, 2., expected quarter turns"),
         ({"version": 2, "view": [0, 0, 0, 1, 1]}, "view: found"),
         ({"version": 2, "view": [0, 0, 0, 1, 2], "direction": [0.0, 0.0, 0.1]}, "direction: found"),
+        ({"version": 3, "view": [0, 0, 0, 1, 2], "direction": [0.0, 1.0, 0.1]}, "direction: found shape"),
+        ({"version": 3, "view": [0, 0, 0, 1, 2], "direction": [0.0, 1.0, 0.1, 0.0]}, "sigmas above 0"),
     ],
 )
 def test_other_files_are_refused_in_one_sentence(tmp_path, fields, words):

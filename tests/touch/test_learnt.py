@@ -11,6 +11,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
 from palpate.touch.background import Background
+from palpate.touch.calibration import DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
 from palpate.touch.model import KINDS, Look, Spread, TouchModel
 from palpate.touch.modes import make_touch
@@ -94,6 +95,24 @@ def test_images_tell_direction_and_turn(mode, kinds):
     if Turn in kinds:
         assert said[Turn].angle == pytest.approx(0.14, rel=1e-3)
         assert said[Turn].variance == pytest.approx(0.02 * 0.5 * 4.0)
+
+
+def test_what_is_off_in_a_unit_is_corrected_in_directions_and_turns():
+    model: Any = StandIn()
+    unit = DirectionCorrection(offset=0.02, scale=0.8)
+    images = make_touch("learnt", DIGIT, SIGMAS, SIGMAS, model, lambda: BACKGROUND, unit)
+    direction, turn = images.measure(frame(10))
+    assert isinstance(direction, ContactDirection) and isinstance(turn, Turn)
+    assert direction.angle == pytest.approx((0.1 - 0.02) / 0.8, rel=1e-3)
+    assert direction.variance == pytest.approx(0.01 * 2.0 * 3.0 / 0.8**2)
+    assert turn.angle == pytest.approx(0.2 / 0.8, rel=1e-3)  # the contact's offset is an unknown
+    assert turn.variance == pytest.approx(0.02 * 0.5 * 4.0 / 0.8**2)
+    for mode in ("learnt-pairs", "learnt-linear"):
+        plain, pairs = touch(mode), make_touch(mode, DIGIT, SIGMAS, SIGMAS, model, lambda: BACKGROUND, unit)
+        for k in (0, 5):
+            told, corrected = plain.measure(frame(k)), pairs.measure(frame(k))
+        np.testing.assert_allclose(corrected[0].pose, told[0].pose / 0.8)
+        np.testing.assert_allclose(corrected[0].covariance[:, 2, 2], told[0].covariance[:, 2, 2] / 0.8**2)
 
 
 @pytest.mark.parametrize(("mode", "variance"), [("learnt-pairs", 0.03 * 30.0), ("learnt-linear", 0.01 * 5.0)])

@@ -220,6 +220,15 @@ def test_images_of_a_unit_are_seen_as_its_calibration_says():
     assert np.array_equal(found.difference, plain.difference)
     assert np.allclose(found.direction, 0.02 + 0.9 * plain.direction)
     assert np.allclose([unit.direction.true(told) for told in found.direction.tolist()], plain.direction)
+    assert np.allclose(np.diff(found.yaw), 0.9 * np.diff(plain.yaw))
+
+
+def test_turns_past_half_a_turn_are_seen_as_a_calibration_says():
+    yaw = np.linspace(np.pi - 0.1, np.pi + 0.1, 20)
+    given = recording(np.column_stack([np.full(20, -0.1), np.zeros(20), yaw]), np.arange(20) >= 3)
+    levels = np.full((64, 128, 3), 100.0, np.float32)
+    unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.0, 0.5))
+    assert np.allclose(np.diff(samples_of(given, calibration=unit).yaw), 0.5 * 0.2 / 19)
 
 
 def test_directions_are_those_that_a_recording_says_its_images_show():

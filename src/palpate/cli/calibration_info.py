@@ -30,6 +30,7 @@ def show_calibration(path: Path, json: bool) -> None:
                 "offset_deg": degrees(direction.offset),
                 "offset_sigma_deg": sigma,
                 "scale": direction.scale,
+                "scale_sigma": direction.scale_sigma,
             }
         )
         return
@@ -37,6 +38,7 @@ def show_calibration(path: Path, json: bool) -> None:
     if sigma is not None:
         lie = str(view)
         off = f"{degrees(direction.offset):+.2f} ± {sigma:.2f} degrees and {direction.scale - 1.0:+.1%}"
+        off += "" if direction.scale_sigma is None else f" ± {direction.scale_sigma:.1%}"
     rows = [
         ("untouched gel", f"{height} x {width} px"),
         ("noise", noise_words(noise)),

@@ -14,13 +14,16 @@ from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Levels
 from palpate.touch.view import AS_IT_IS, CameraView
 
-VERSION = 2  # the first had mean and deviation only; noise came later, and older versions of palpate pass it over
+VERSION = 3  # the first had mean and deviation only, the second no sigma of the scale; noise may be missing
 _FIELDS = ("mean", "deviation")
 
 
 @dataclass(frozen=True)
 class DirectionCorrection:
-    """How the contact directions that a model tells of a unit differ from the true ones: told = offset + scale true."""
+    """How the contact directions that a model tells of a unit differ from the true ones: told = offset + scale true.
+
+    An image shows by how much it moved what touches the gel, whatever turned it: so turns have the same scale.
+    """
 
     offset: float = 0.0
     """[rad]"""
@@ -28,10 +31,20 @@ class DirectionCorrection:
     """Told change of angle for a true one of 1."""
     offset_sigma: float | None = None
     """Standard deviation of the offset [rad]; None where it was not measured."""
+    scale_sigma: float | None = None
+    """Standard deviation of the scale; None likewise."""
 
     def true(self, told: float) -> float:
         """Return the angle [rad] that is meant by a told one."""
-        return (told - self.offset) / self.scale
+        return self.turn(told - self.offset)
+
+    def turn(self, told: Any) -> Any:
+        """Return the turns (...) [rad] that are meant by told ones."""
+        return told / self.scale
+
+    def variance(self, told: Any) -> Any:
+        """Return the variances (...) [rad^2] of true angles or turns from those of told ones."""
+        return told / self.scale**2
 
     def told(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what is told of true angles (N,) [rad]."""
@@ -88,7 +101,7 @@ def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
     """Write the `.npz`, whole or not at all; an existing one is replaced only if `overwrite`."""
     view, direction = calibration.view, calibration.direction
-    sigma = np.nan if direction.offset_sigma is None else direction.offset_sigma
+    sigmas = [np.nan if sigma is None else sigma for sigma in (direction.offset_sigma, direction.scale_sigma)]
     with whole_file(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
@@ -97,7 +110,7 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             deviation=calibration.background.deviation,
             noise=calibration.background.noise,
             view=[view.quarter_turns, view.mirrored, *view.channels],
-            direction=[direction.offset, direction.scale, sigma],
+            direction=[direction.offset, direction.scale, *sigmas],
         )
 
 
@@ -118,7 +131,7 @@ def load_calibration(path: Path | str) -> Calibration:
         if "noise" in arrays:
             background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
         view = _view(arrays["view"]) if version > 1 else AS_IT_IS
-        direction = _direction(arrays["direction"]) if version > 1 else AS_TOLD
+        direction = _direction(arrays["direction"], count=version + 1) if version > 1 else AS_TOLD
     except KeyError as error:
         raise FileError(f"{path}: is a calibration that lacks {error}") from error
     except FileError as error:
@@ -143,8 +156,8 @@ def _view(value: NDArray[Any]) -> CameraView:
     return CameraView(int(turns), bool(mirrored), (red, green, blue))
 
 
-def _direction(value: NDArray[Any]) -> DirectionCorrection:
-    offset, scale, sigma = checked_array("direction", value, NUMBERS, (3,)).astype(float).tolist()
-    if not (np.isfinite(offset) and 0.0 < scale < np.inf and not sigma <= 0.0):
-        raise FileError(f"direction: found {value.tolist()}, expected an offset, a scale above 0 and a sigma above 0")
-    return DirectionCorrection(offset, scale, None if np.isnan(sigma) else sigma)
+def _direction(value: NDArray[Any], count: int) -> DirectionCorrection:
+    offset, scale, *sigmas = checked_array("direction", value, NUMBERS, (count,)).astype(float).tolist()
+    if not (np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)):
+        raise FileError(f"direction: found {value.tolist()}, expected an offset, a scale above 0 and sigmas above 0")
+    return DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas))

@@ -32,26 +32,29 @@ class ImageTouch:
         self,
         model: TouchModel,
         view: "View",
-        direction: DirectionCorrection | None = AS_TOLD,
+        correction: DirectionCorrection = AS_TOLD,
+        direction: bool = True,
         turn: bool = True,
     ) -> None:
-        """Take how this unit's directions are corrected, None to tell none, and whether to tell turns."""
-        self._model, self._view = model, view
+        """Take how what is told of this unit is corrected, and whether to tell directions and turns."""
+        self._model, self._view, self._correction = model, view, correction
         self._direction, self._turn = direction, turn
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
         look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
+        correction = self._correction
         said: list[Measurement] = []
-        if self._direction is not None:
+        if self._direction:
             angle, variance = look.direction
-            said.append(ContactDirection(self._direction.true(angle), variance * spread["direction"].factor))
+            variance = correction.variance(variance * spread["direction"].factor)
+            said.append(ContactDirection(correction.true(angle), variance))
             if look.place is not None:
                 place, variance = look.place
                 said.append(ContactPlace(place, variance * spread["place"].factor))
         if self._turn and look.turn is not None:
             angle, variance = look.turn
-            said.append(Turn(angle, variance * spread["turn"].factor))
+            said.append(Turn(correction.turn(angle), correction.variance(variance * spread["turn"].factor)))
         return said
 
     def end_contact(self) -> None:
@@ -67,9 +70,13 @@ class PairTouch:
         view: "View",
         see: Callable[[Difference], Features],
         compare: Callable[[Features, Features], tuple[Array, Array]],
+        correction: DirectionCorrection = AS_TOLD,
     ) -> None:
-        """Take what makes features (F,) of an image, and turns and variances (P,) of features (P, F) and later (F,)."""
-        self._view, self._see, self._compare = view, see, compare
+        """Take what makes features (F,) of an image, and turns and variances (P,) of features (P, F) and later (F,).
+
+        correction is of what is told of this unit.
+        """
+        self._view, self._see, self._compare, self._correction = view, see, compare, correction
         self._seen: deque[Features] = deque(maxlen=int(BACK[-1]) + 1)
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
@@ -82,7 +89,7 @@ class PairTouch:
         turn, variance = self._compare(seen[-1 - back], seen[-1])
         pose = np.zeros((len(back), 3))
         covariance = np.zeros((len(back), 3, 3))
-        pose[:, 2], covariance[:, 2, 2] = turn, variance
+        pose[:, 2], covariance[:, 2, 2] = self._correction.turn(turn), self._correction.variance(variance)
         covariance[:, 0, 0] = covariance[:, 1, 1] = _UNTOLD**2
         return (RelativePoses(back, pose, covariance),)
 
@@ -116,7 +123,9 @@ class View:
         self._mean = None
 
 
-def linear_touch(model: TouchModel, view: View, deviation: float | None = None) -> Touch:
+def linear_touch(
+    model: TouchModel, view: View, correction: DirectionCorrection = AS_TOLD, deviation: float | None = None
+) -> Touch:
     """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact.
 
     `deviation` is that of a turn [rad], by default as it was measured with the model.
@@ -132,10 +141,10 @@ def linear_touch(model: TouchModel, view: View, deviation: float | None = None) 
         turn = model.linear(earlier[:, points], later[points], kinds)
         return turn, np.full(len(turn), variance)
 
-    return PairTouch(view, see, compare)
+    return PairTouch(view, see, compare, correction)
 
 
-def pair_touch(model: TouchModel, view: View) -> Touch:
+def pair_touch(model: TouchModel, view: View, correction: DirectionCorrection = AS_TOLD) -> Touch:
     """Return touch with a predicted distribution for each pair."""
     factor = model.settings.spread["pair"].factor
 
@@ -148,4 +157,4 @@ def pair_touch(model: TouchModel, view: View) -> Touch:
         turn, variance = model.compare(earlier.astype(np.float32), later.astype(np.float32))
         return turn, variance * factor
 
-    return PairTouch(view, see, compare)
+    return PairTouch(view, see, compare, correction)

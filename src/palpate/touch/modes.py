@@ -91,9 +91,8 @@ def make_touch(
 
     oracle and constant are standard deviations [m, m, rad] of a relative pose in these two modes. Learnt ones use the
     model, by default the one that comes with palpate, and compare images with what background tells at the moment;
-    correction is of a unit's directions; linear is the standard deviation of a turn [rad] by learnt-linear, by default
-    the model's. Raises SettingError on another mode, and on a model of other images than the
-    sensor's.
+    correction is of a unit's directions and turns; linear is the standard deviation of a turn [rad] by learnt-linear,
+    by default the model's. Raises SettingError on another mode, and on a model of other images than the sensor's.
     """
     if tactile == "none":
         return NoTouch()
@@ -117,9 +116,8 @@ def make_touch(
     nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)  # opens the network now, not in a robot's loop
     if tactile == "learnt-linear":
         model.keypoint(nothing)
-        return linear_touch(model, view, linear)
+        return linear_touch(model, view, correction, linear)
     model.look(nothing)
     if tactile == "learnt-pairs":
-        return pair_touch(model, view)
-    directed = None if tactile == "learnt-turn" else correction
-    return ImageTouch(model, view, directed, turn=tactile != "learnt-direction")
+        return pair_touch(model, view, correction)
+    return ImageTouch(model, view, correction, direction=tactile in TELL_DIRECTION, turn=tactile in TELL_TURN)

@@ -5,6 +5,7 @@ model is asked in every view that makes the images those of the profile; where l
 lies on a line over the true angles.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,7 @@ WORST = np.radians(3.0)
 """Scatter about the line beyond which the presses or their angles are not what they are taken for [rad]."""
 _SCALE = 0.1  # standard deviation of the scale before anything is pressed
 _OFFSET = np.radians(2.0)  # the same of the offset [rad]
+_ALIKE = 0.03  # standard deviation of the scale between what is pressed and what is pushed later
 _TRUTH = np.radians(0.3)  # by which the given angles may be off, each by itself [rad]
 
 
@@ -167,8 +169,8 @@ def _fit(view: CameraView, presses: Presses, untouched: Sequence[Image], model: 
     off = told - offset - scale * presses.angle
     cost = off @ (off / variance) + (offset / _OFFSET) ** 2 + ((scale - 1.0) / _SCALE) ** 2 + np.log(variance).sum()
     scatter = float(np.sqrt(np.mean(off**2)))
-    sigma = float(np.sqrt(np.linalg.inv(information)[0, 0])) * max(1.0, scatter / float(np.sqrt(np.mean(variance))))
-    correction = DirectionCorrection(float(offset), float(scale), sigma)
+    sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * max(1.0, scatter / float(np.sqrt(np.mean(variance))))
+    correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), math.hypot(sigmas[1], _ALIKE))
     return -0.5 * float(cost), PressFit(Calibration(background, view, correction), told, scatter)
 
 

@@ -49,7 +49,7 @@ class Samples:
     frame: Indices
     """Number of the frame in its recording, (N,)."""
     yaw: Array
-    """Yaw of the sensor in the object frame, (N,) [rad]."""
+    """Yaw of the sensor in the object frame, (N,) [rad], but for an offset of each contact as images show it."""
     direction: Array
     """Angle of the contact on the tip as images show it, (N,) [rad]; see `measurements.ContactDirection`."""
     place: Array
@@ -103,9 +103,9 @@ def read_samples(
 def samples_of(recording: Recording, number: int = 0, calibration: Calibration | None = None) -> Samples:
     """Return the samples of one recording; raises FileError where it lacks what is needed.
 
-    With the calibration of its unit, images are seen as it says they lie, directions are what its correction makes the
-    true ones of, and a recording without untouched frames is compared with its untouched gel. A simulated recording
-    says itself at which angles its images show contacts: what a unit has of its own no image tells.
+    With the calibration of its unit, images are seen as it says they lie, directions and turns are what its correction
+    makes the true ones of, and a recording without untouched frames is compared with its untouched gel. A simulated
+    recording says itself at which angles its images show contacts: what a unit has of its own no image tells.
     """
     name = recording.file or "the recording"
     if lacks := lacking(recording):
@@ -124,8 +124,11 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
     images = [_without(is_marked, image(index)) for index in frame.tolist()]
     direction, place, kind = geometry_of(recording, g[frame])
+    yaw = g[frame, 2]
     if calibration:
         direction = calibration.direction.told(direction)
+        for each in np.unique(episode):  # each without a leap at half a turn
+            yaw[episode == each] = calibration.direction.scale * np.unwrap(yaw[episode == each])
     elif SHOWN in recording.extra:
         direction = np.asarray(recording.extra[SHOWN][frame], dtype=np.float64)
         if direction.ndim != 1 or not (np.abs(direction) <= np.pi).all():
@@ -135,7 +138,7 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         np.full(len(frame), number),
         episode,
         frame,
-        g[frame, 2],
+        yaw,
         direction,
         place,
         kind,
