@@ -42,11 +42,11 @@ def test_an_answer_counts_by_how_likely_it_is_touched_so_until_the_object_is_fou
     ways = {one.of: one for one in began(begun_unfound, (wrong, 0.5), (right, 0.0), (along, 0.0))}
     assert len(ways) == 3 and not any(one.is_place for one in ways.values())
     # Moved along the side it is touched as before; across it, by hand of standard deviations of 3 mm twice, it is not.
-    assert abs(ways[1].earned) < 1.0 and abs(ways[2].earned - ways[1].earned) < 0.5
-    assert ways[0].earned - 0.5 - ways[1].earned == pytest.approx(-0.5 * 8**2 / (3**2 + 3**2), abs=0.3)
+    assert abs(ways[1].log_prior) < 1.0 and abs(ways[2].log_prior - ways[1].log_prior) < 0.5
+    assert ways[0].log_prior - 0.5 - ways[1].log_prior == pytest.approx(-0.5 * 8**2 / (3**2 + 3**2), abs=0.3)
     # Once it was found each goes on as it was.
     ways = began(begun, (wrong, 0.5), (right, 0.0))
-    assert [(one.of, one.earned, one.prior, one.is_place) for one in ways] == [
+    assert [(one.of, one.log_prior, one.prior, one.is_place) for one in ways] == [
         (0, 0.5, None, False),
         (1, 0.0, None, False),
     ]
@@ -54,14 +54,14 @@ def test_an_answer_counts_by_how_likely_it_is_touched_so_until_the_object_is_fou
 
 def test_a_touch_where_it_cannot_be_leaves_an_answer_alive():
     far = [began(begun_unfound, (answer((off, 0.0, 0.0), SURE), 2.0)) for off in (0.3, 0.5)]
-    assert {max(one.earned for one in ways if not one.is_place) for ways in far} == {2.0 - 12.0}
+    assert {max(one.log_prior for one in ways if not one.is_place) for ways in far} == {2.0 - 12.0}
 
 
 @pytest.mark.parametrize("begin", [begun, begun_unfound])
 def test_one_known_roughly_begins_at_several_places_likely_ones_first(begin):
     ways = began(begin, (answer((0.0, 0.0, 0.0), ROUGH), 0.0))
-    earned = [one.earned for one in ways]
-    assert 3 < len(ways) <= 20 and earned == sorted(earned, reverse=True)
+    log_prior = [one.log_prior for one in ways]
+    assert 3 < len(ways) <= 20 and log_prior == sorted(log_prior, reverse=True)
     assert sum(one.is_place for one in ways) >= len(ways) - 1
 
 
@@ -70,7 +70,7 @@ def test_beginnings_at_the_same_pose_become_one():
     (alone,) = began(begun_unfound, (one, 0.0))
     (both,) = began(begun_unfound, (one, 0.0), (same, -1.0))
     assert both.of == 0
-    assert both.earned == pytest.approx(alone.earned + np.log1p(np.exp(-1.0)))
+    assert both.log_prior == pytest.approx(alone.log_prior + np.log1p(np.exp(-1.0)))
     assert len(began(begun, (one, 0.0), (same, -1.0))) == 2
 
 
