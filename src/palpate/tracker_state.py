@@ -112,7 +112,7 @@ def _given(tracker: Tracker) -> dict[str, Any]:
     """What a tracker makes anew and does not change, by names."""
     return {
         "contact model": tracker._contact_model,
-        "begin contact": tracker._estimator.begins_contact,
+        "begin contact": tracker._estimator.begin_contact,
         **{f"unknown {one.name}": one for one in UNKNOWNS},
         **dict(_tools(tracker._touch, "touch")),
     }

@@ -55,7 +55,7 @@ def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
     bank = Hypotheses(model, NoiseSettings(), "fixed-lag", np.zeros(3), np.full(3, 1e-3), 9)
     found: list[Any] = []
     monkeypatch.setattr(hypotheses, "is_doubtful", lambda one, steps: one.contradicted)
-    monkeypatch.setattr(hypotheses, "disturbed", lambda one, steps, priors: found.append(one) or [])
+    monkeypatch.setattr(hypotheses, "knock_hypotheses", lambda one, steps, priors: found.append(one) or [])
 
     def one(weight: float, contradicted: bool, knock_steps_left: int = 0) -> Any:
         return Hypothesis(SimpleNamespace(contradicted=contradicted), knock_steps_left=knock_steps_left, weight=weight)  # pyright: ignore[reportArgumentType]

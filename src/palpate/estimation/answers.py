@@ -57,7 +57,7 @@ def is_ambiguous(hypotheses: Sequence[Hypothesis]) -> bool:
     return bool((is_likely & is_far).any() or (np.diagonal(joint_covariance(hypotheses)) > _APART**2).any())
 
 
-def in_words(hypotheses: Sequence[Hypothesis]) -> str:
+def ambiguity_in_words(hypotheses: Sequence[Hypothesis]) -> str:
     """Say how many fit and how far they are apart; nothing where there is one."""
     apart = np.abs(_from_best(hypotheses)[[one.weight > 0.5 * POOR for one in hypotheses]])
     if len(apart) < 2:

@@ -42,7 +42,7 @@ class Beginning:
     """Whether it is one of several places, so that pushing tells nothing for some steps."""
 
 
-def begun(
+def ways_to_begin(
     answers: Sequence[tuple[Estimator, float]],
     model: ContactModel,
     sensor_pose: Array,
@@ -61,7 +61,7 @@ def begun(
     return sorted(ways, key=lambda one: -one.log_prior)[:MOST_YOUNG]
 
 
-def begun_unfound(
+def ways_to_begin_unfound(
     answers: Sequence[tuple[Estimator, float]],
     model: ContactModel,
     sensor_pose: Array,

@@ -53,7 +53,7 @@ def _is_worse(estimator: Estimator, steps: int, alarm: tuple[str, int, float]) -
     return steps >= count and estimator.mean_square(name, count) > limit
 
 
-def disturbed(one: Hypothesis, steps: int, priors: Priors) -> list[Hypothesis]:
+def knock_hypotheses(one: Hypothesis, steps: int, priors: Priors) -> list[Hypothesis]:
     """Return the hypotheses that something else moved the object in the last steps, of so many in this contact."""
     found: list[Hypothesis] = []
     first = max(steps - BACK, 1)

@@ -20,8 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
-from palpate.estimation.answers import LIKELY_WEIGHT, Answer, answers_of, in_words, is_ambiguous, joint_covariance
-from palpate.estimation.beginning import MOST_YOUNG, Beginning, begun, begun_unfound, log_sum
+from palpate.estimation.answers import (
+    LIKELY_WEIGHT,
+    Answer,
+    ambiguity_in_words,
+    answers_of,
+    is_ambiguous,
+    joint_covariance,
+)
+from palpate.estimation.beginning import MOST_YOUNG, Beginning, log_sum, ways_to_begin, ways_to_begin_unfound
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
@@ -30,14 +37,14 @@ from palpate.estimation.disturbed import (
     ALARM_DEAD_STEPS,
     SPREAD,
     STILL_GOING_ON,
-    disturbed,
     is_contradicted,
     is_doubtful,
+    knock_hypotheses,
 )
 from palpate.estimation.estimator import Estimator, touch_on
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
-from palpate.estimation.starts import is_rough, places
+from palpate.estimation.starts import is_rough, outline_places
 from palpate.estimation.touched import Touched
 from palpate.estimation.weighing import Hypothesis, Weighing, is_lost, shared_out
 from palpate.recording.measurements import Measurement
@@ -71,7 +78,7 @@ class Hypotheses:
         self._steps = 0  # of this contact
         self._untouched: list[Hypothesis] = []  # what there was before it, if nothing was displaced then
         if self._most > 1:
-            places(model)  # found now, not when a contact begins
+            outline_places(model)  # found now, not when a contact begins
         self._weighing = Weighing(settings.priors)
 
     @property
@@ -110,9 +117,9 @@ class Hypotheses:
         return self._best.estimator.known
 
     @property
-    def begins_contact(self) -> BeginContact:
+    def begin_contact(self) -> BeginContact:
         """What makes the graph of a contact, the same for all hypotheses."""
-        return self._best.estimator.begins_contact
+        return self._best.estimator.begin_contact
 
     @property
     def touched(self) -> Touched | None:
@@ -140,7 +147,7 @@ class Hypotheses:
         best = self._best.estimator
         if self.status != "ambiguous" or best.has_contradicting_poses:
             return best.reason
-        return in_words(self._all) or best.reason or REASONS["ambiguous"]
+        return ambiguity_in_words(self._all) or best.reason or REASONS["ambiguous"]
 
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here; see Estimator."""
@@ -213,7 +220,7 @@ class Hypotheses:
         for one in self._all:
             is_watched = one.weight > LIKELY_WEIGHT and not one.knock_steps_left and self._steps >= one.next_alarm_from
             if is_watched and is_doubtful(one.estimator, self._steps):
-                self._all = [*self._all, *disturbed(one, self._steps, self._settings.priors)]
+                self._all = [*self._all, *knock_hypotheses(one, self._steps, self._settings.priors)]
                 one.next_alarm_from = self._steps + ALARM_DEAD_STEPS
                 return
 
@@ -254,7 +261,7 @@ class Hypotheses:
 
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[Hypothesis]:
         """The hypotheses that a contact begins with."""
-        begin = begun if self._is_found else begun_unfound
+        begin = ways_to_begin if self._is_found else ways_to_begin_unfound
         answers = [(one.estimator, one.log_prior) for one in self._all]
         return [self._beginning(one) for one in begin(answers, self._model, sensor_pose, measurements)]
 
