@@ -108,6 +108,14 @@ def test_isam2_goes_on_between_contacts_and_says_that_it_cannot_in_them(tmp_path
     assert (tmp_path / "state.npz").read_bytes() == before
 
 
+def test_what_tracker_and_stream_call_alike_stays_apart(tmp_path):
+    tracker: Any = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings("none"))
+    tracker._alike, tracker._stream._alike = 1.0, 2.0
+    tracker.save(tmp_path / "state.npz")
+    loaded: Any = Tracker.load(tmp_path / "state.npz")
+    assert (loaded._alike, loaded._stream._alike) == (1.0, 2.0)
+
+
 class Deep(OwnMeasurement):
     on: ClassVar[tuple[str, ...]] = ("depth",)
 
