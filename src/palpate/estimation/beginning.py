@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.diagnosis import UNCERTAIN
+from palpate.estimation.diagnosis import is_uncertain
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.starts import expected_starts, is_rough, starts
 from palpate.geometry import se2
@@ -80,7 +80,8 @@ def ways_to_begin_unfound(
         if not is_rough(prior, model):
             ways.append(Beginning(index, as_expected, prior))
             continue
-        if estimator.is_displaced or not places or not _is_guess(prior):
+        is_guess = is_uncertain(prior.pose_covariance)  # then one graph does not find it
+        if estimator.is_displaced or not places or not is_guess:
             ways.append(Beginning(index, as_expected, unmoved))
         ways += [Beginning(index, log_prior + likely - LOG_UNLIKELY, at, True) for at, likely in places]
     kept: list[tuple[Prior, Beginning]] = []
@@ -92,11 +93,6 @@ def ways_to_begin_unfound(
         elif len(kept) < MOST_YOUNG:
             kept.append((one.prior, one))
     return [one for _, one in kept]
-
-
-def _is_guess(prior: Prior) -> bool:
-    """Whether a pose is known so roughly that its covariance is a guess itself, and one graph does not find it."""
-    return bool((np.diagonal(prior.pose_covariance) > UNCERTAIN**2).any())
 
 
 def log_sum(logs: Sequence[float]) -> float:

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from palpate.errors import SettingError
+from palpate.geometry.se2 import Sigmas
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image, is_grey
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
@@ -41,8 +42,6 @@ TELL_TURN = ("learnt", "learnt-turn")
 
 GREY = "images are grey, and the touch model reads colours"
 """Why a model that comes along does not read images."""
-
-Sigmas = tuple[float, float, float]
 
 
 def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None = None) -> tuple[Tactile, str]:

@@ -14,9 +14,9 @@ from palpate.estimation.planar import adjoint, between, log, log_by_pose, whiten
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import SENSOR_IN_OBJECT
 from palpate.estimation.values import State
+from palpate.geometry.se2 import Sigmas
 from palpate.recording.measurements import RelativePoses
 
-Sigmas = tuple[float, float, float]
 DATA = np.dtype([("pose", np.float64, (3,)), ("root", np.float64, (3, 3))])
 """Measured `g_i^-1 g_j`, and the matrix that whitens its error."""
 
