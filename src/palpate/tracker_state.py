@@ -15,7 +15,7 @@ from palpate.estimation.unknowns import UNKNOWNS
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 from palpate.recording.sensor import sensor_from_dict, sensor_to_dict
 from palpate.saved_state import StateFile, Unsaved, write_state
-from palpate.touch.learnt import View
+from palpate.touch.learnt import DifferenceInput
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
@@ -125,5 +125,5 @@ def _tools(thing: Any, name: str) -> Iterator[tuple[str, Any]]:
     for field, value in vars(thing).items():
         if callable(value) or isinstance(value, TouchModel):
             yield f"{name}.{field}", value
-        elif isinstance(value, View):
+        elif isinstance(value, DifferenceInput):
             yield from _tools(value, f"{name}.{field}")

@@ -31,17 +31,17 @@ class ImageTouch:
     def __init__(
         self,
         model: TouchModel,
-        view: "View",
+        network_input: "DifferenceInput",
         direction: DirectionCorrection | None = AS_TOLD,
         turn: bool = True,
     ) -> None:
         """Take how this unit's directions are corrected, None to tell none, and whether to tell turns."""
-        self._model, self._view = model, view
+        self._model, self._input = model, network_input
         self._direction, self._turn = direction, turn
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
-        look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
+        look, spread = self._model.look(self._input.of(frame)), self._model.settings.spread
         said: list[Measurement] = []
         if self._direction is not None:
             angle, variance = look.direction
@@ -56,7 +56,7 @@ class ImageTouch:
 
     def end_contact(self) -> None:
         """See Touch."""
-        self._view.forget()
+        self._input.forget()
 
 
 class PairTouch:
@@ -64,17 +64,17 @@ class PairTouch:
 
     def __init__(
         self,
-        view: "View",
+        network_input: "DifferenceInput",
         see: Callable[[Difference], Features],
         compare: Callable[[Features, Features], tuple[Array, Array]],
     ) -> None:
         """Take what makes features (F,) of an image, and turns and variances (P,) of features (P, F) and later (F,)."""
-        self._view, self._see, self._compare = view, see, compare
+        self._input, self._see, self._compare = network_input, see, compare
         self._seen: deque[Features] = deque(maxlen=int(BACK[-1]) + 1)
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
-        self._seen.append(self._see(self._view.of(frame)))
+        self._seen.append(self._see(self._input.of(frame)))
         back = compared_frames(len(self._seen) - 1)
         if not len(back):
             return ()
@@ -89,10 +89,10 @@ class PairTouch:
     def end_contact(self) -> None:
         """See Touch."""
         self._seen.clear()
-        self._view.forget()
+        self._input.forget()
 
 
-class View:
+class DifferenceInput:
     """Frames as the networks see them: their difference from the untouched gel, as it was when the contact began.
 
     The light may change meanwhile.
@@ -116,7 +116,7 @@ class View:
         self._mean = None
 
 
-def linear_touch(model: TouchModel, view: View, deviation: float | None = None) -> Touch:
+def linear_touch(model: TouchModel, network_input: DifferenceInput, deviation: float | None = None) -> Touch:
     """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact.
 
     `deviation` is that of a turn [rad], by default as it was measured with the model.
@@ -132,10 +132,10 @@ def linear_touch(model: TouchModel, view: View, deviation: float | None = None) 
         turn = model.linear(earlier[:, points], later[points], kinds)
         return turn, np.full(len(turn), variance)
 
-    return PairTouch(view, see, compare)
+    return PairTouch(network_input, see, compare)
 
 
-def pair_touch(model: TouchModel, view: View) -> Touch:
+def pair_touch(model: TouchModel, network_input: DifferenceInput) -> Touch:
     """Return touch with a predicted distribution for each pair."""
     factor = model.settings.spread["pair"].factor
 
@@ -148,4 +148,4 @@ def pair_touch(model: TouchModel, view: View) -> Touch:
         turn, variance = model.compare(earlier.astype(np.float32), later.astype(np.float32))
         return turn, variance * factor
 
-    return PairTouch(view, see, compare)
+    return PairTouch(network_input, see, compare)
