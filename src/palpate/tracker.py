@@ -198,18 +198,18 @@ class Tracker:
         reasons = stream.doubt, estimator.reason, stream.weakness, self._mirrored_images.reason, stream.too_often
         status, reason = stream.alarm or (estimator.status, next(filter(None, reasons), ""))
         return Estimate(
-            time,
-            estimator.known.pose.copy(),
-            estimator.covariance + estimator.covariance_of_motion(stream.blind),
-            estimator.in_contact,
-            status,
-            reason,
-            estimator.answers,
-            _friction(estimator.known),
-            touched and touched.point,
-            touched and touched.normal,
-            touched.sliding if touched else math.nan,
-            time - self._touched_at,
+            time=time,
+            pose=estimator.known.pose.copy(),
+            covariance=estimator.covariance + estimator.covariance_of_motion(stream.blind),
+            contact=estimator.in_contact,
+            status=status,
+            reason=reason,
+            answers=estimator.answers,
+            friction=_friction(estimator.known),
+            contact_point=touched and touched.point,
+            contact_normal=touched and touched.normal,
+            sliding=touched.sliding if touched else math.nan,
+            touch_age=time - self._touched_at,
         )
 
     def _forget_contact(self) -> None:
