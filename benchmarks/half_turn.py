@@ -15,7 +15,7 @@ from palpate import Tracker, load_recording
 from palpate.estimation.settings import NoiseSettings
 from palpate.recording.recording import Recording
 from palpate.touch.view import AS_IT_IS, CameraView
-from palpate.tracking.run import first_pose_of
+from palpate.tracking.prepared import first_pose_of
 
 VIEWS = {"as it is": AS_IT_IS, "turned by half a turn": CameraView(2), "mirrored": CameraView(0, mirrored=True)}
 

@@ -28,7 +28,8 @@ from palpate.touch.background import Image, background_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, TouchModel
-from palpate.touch.presses import Presses, learn_from_presses, read_image
+from palpate.touch.press_files import read_image
+from palpate.touch.presses import Presses, learn_from_presses
 from palpate.training.scores import coverage
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ import numpy as np
 from palpate.recording.sensor import DIGIT
 from palpate.simulation.gel import ball_overlap, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
-from palpate.touch.presses import read_image
+from palpate.touch.press_files import read_image
 
 BALL, DEPTH = 0.005, 0.0012
 """Radius of the simulated ball and how deep it is pressed in [m]: as large on the gel as the real one."""

@@ -29,7 +29,7 @@ from palpate.formats import load_recording
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import background_of
 from palpate.touch.difference import difference, reduced
-from palpate.touch.presses import read_image
+from palpate.touch.press_files import read_image
 from palpate.training.fit import FitSettings, fit
 from palpate.training.losses import gaussian_nll
 from palpate.training.networks import WIDTH, DirectionNetwork, Encoder, imprint

@@ -21,7 +21,7 @@ from palpate.recording.frame import Frame
 from palpate.study.faults.images import wear
 from palpate.study.faults.stream import stream_of
 from palpate.touch.light import Levels, cells_of, share_unlike
-from palpate.touch.presses import read_image
+from palpate.touch.press_files import read_image
 
 OUT = Path(__file__).parents[1] / "docs/study/wear.json"
 WORN = (0.0, 7.0, 14.0)  # [grey levels]

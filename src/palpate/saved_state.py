@@ -19,7 +19,7 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = 6  # 1 kept old steps one by one, 2 no size, 3 a term for each tip, 4 no doubts, 5 less of touches that end
+VERSION = 7  # files of another version are refused
 _HOME = "palpate."
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}
@@ -118,9 +118,7 @@ class _Writer:
     def _sequence(self, values: Any) -> Any:
         """A list or tuple; many numbers, or arrays that are alike, are told as one array."""
         kind = type(values).__name__
-        if len(values) > 1 and all(type(value) is float for value in values):
-            return {kind: self._array(np.array(values)), "of": "numbers"}
-        if len(values) > 1 and all(type(value) is bool for value in values):
+        if len(values) > 1 and {type(value) for value in values} in ({float}, {bool}):
             return {kind: self._array(np.array(values)), "of": "numbers"}
         if len(values) > 1 and all(type(value) is tuple and 0 < len(value) == len(values[0]) for value in values):
             return {kind: [self.plain(list(column)) for column in zip(*values, strict=True)], "of": "rows"}

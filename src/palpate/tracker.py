@@ -12,6 +12,7 @@ from palpate.estimate import Estimate
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.hypotheses import Hypotheses
+from palpate.estimation.mirrored_images import MirroredImages
 from palpate.estimation.smoother import IN_A_WINDOW
 from palpate.estimation.unknowns import GRIP, IN_OBJECT
 from palpate.estimation.warm_up import warm_up
@@ -21,7 +22,6 @@ from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile, known_sensor
 from palpate.recording.trajectory import Trajectory
 from palpate.stream.checked_frame import check_kind
-from palpate.stream.half_turn import HalfTurn
 from palpate.stream.stream import Stream
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, Calibration
@@ -72,7 +72,7 @@ class Tracker:
         self._is_touch_given = touch is not None
         calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
         is_open = not (calibrated or self._is_touch_given)
-        self._half_turn = HalfTurn(looks=is_open and settings.smoother in IN_A_WINDOW)
+        self._mirrored_images = MirroredImages(looks=is_open and settings.smoother in IN_A_WINDOW)
         # Networks are opened now and not in a robot's loop, where images may come to them.
         self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
         self._begin()
@@ -178,7 +178,7 @@ class Tracker:
     def _touch_object(self, frame: Frame) -> None:
         """Take a frame of contact, the first of one or the next; in a graph without a solution, as the first."""
         told = self._told(frame)
-        estimator = self._estimator = self._half_turn.see(self._estimator, frame, told)
+        estimator = self._estimator = self._mirrored_images.see(self._estimator, frame, told)
         try:
             estimator.touch(frame.sensor_pose, self._measured(frame, told), frame.time)
         except EstimationError as error:
@@ -195,27 +195,27 @@ class Tracker:
         estimator, stream, touched = self._estimator, self._stream, self._estimator.touched
         if touched:
             self._touched_at = time
-        reasons = stream.doubt, estimator.reason, stream.weakness, self._half_turn.reason, stream.too_often
+        reasons = stream.doubt, estimator.reason, stream.weakness, self._mirrored_images.reason, stream.too_often
         status, reason = stream.alarm or (estimator.status, next(filter(None, reasons), ""))
         return Estimate(
-            time,
-            estimator.known.pose.copy(),
-            estimator.covariance + estimator.covariance_of_motion(stream.blind),
-            estimator.in_contact,
-            status,
-            reason,
-            estimator.answers,
-            _friction(estimator.known),
-            touched and touched.point,
-            touched and touched.normal,
-            touched.sliding if touched else math.nan,
-            time - self._touched_at,
+            time=time,
+            pose=estimator.known.pose.copy(),
+            covariance=estimator.covariance + estimator.covariance_of_motion(stream.blind),
+            contact=estimator.in_contact,
+            status=status,
+            reason=reason,
+            answers=estimator.answers,
+            friction=_friction(estimator.known),
+            contact_point=touched and touched.point,
+            contact_normal=touched and touched.normal,
+            sliding=touched.sliding if touched else math.nan,
+            touch_age=time - self._touched_at,
         )
 
     def _forget_contact(self) -> None:
         """Forget what touch told in a contact that is over."""
         self._touch.end_contact()
-        self._half_turn.end_contact()
+        self._mirrored_images.end_contact()
 
     @property
     def _feels(self) -> bool:
@@ -234,7 +234,7 @@ class Tracker:
 
     def _measured(self, frame: Frame, told: Sequence[Measurement]) -> Sequence[Measurement]:
         """All that is measured at a frame of which touch tells this."""
-        return (*self._half_turn.believed(told), *frame.measurements)
+        return (*self._mirrored_images.believed(told), *frame.measurements)
 
     def _check_readable(self, frame: Frame) -> None:
         """Raise FrameError where a model is to read a frame of contact without an image, or a grey first one."""

@@ -3,7 +3,7 @@
 The estimates that follow are those of a tracker that was not interrupted, to the last digit, with the same palpate.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,15 @@ from palpate.estimation.unknowns import UNKNOWNS
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 from palpate.recording.sensor import sensor_from_dict, sensor_to_dict
 from palpate.saved_state import StateFile, Unsaved, write_state
-from palpate.touch.learnt import View
+from palpate.touch.learnt import DifferenceInput
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 
 FORMAT = "palpate-tracker"
-_MADE = ("_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given", "_stream", "_deviation")
-"""Attributes of a tracker and its stream that they are made with; all others are what they know."""
-_BESIDE = "beside"
+_TRACKER_MADE_WITH = "_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given", "_stream"
+_STREAM_MADE_WITH = "_sensor", "_deviation"
+"""Attributes of a tracker and of its stream that they are made with; all others are what they know."""
 
 
 def save_tracker(tracker: Tracker, path: Path | str, beside: Any = None) -> None:
@@ -33,12 +33,10 @@ def save_tracker(tracker: Tracker, path: Path | str, beside: Any = None) -> None
         raise SettingError("a tracker with the particle filter cannot be saved: what it draws next is in no file")
     if tracker._is_touch_given:
         raise SettingError("a tracker with a touch of your own cannot be saved: palpate cannot make it anew")
-    parts = vars(tracker) | vars(tracker._stream)
-    known = {name: value for name, value in parts.items() if name not in _MADE}
+    stream = _known(tracker._stream, _STREAM_MADE_WITH)
     if tracker._stream.last is not None:
-        known["_last"] = replace(tracker._stream.last, measurements=())
-    if beside is not None:
-        known[_BESIDE] = beside
+        stream["_last"] = replace(tracker._stream.last, measurements=())
+    known = {"tracker": _known(tracker, _TRACKER_MADE_WITH), "stream": stream, "beside": beside}
     try:
         write_state(path, _about(tracker), known, _given(tracker))
     except Unsaved as error:
@@ -68,14 +66,18 @@ def load_tracker_and(path: Path | str) -> tuple[Tracker, Any]:
             )
         tracker = _made(about)
         known = file.state(_given(tracker))
-        beside = known.pop(_BESIDE, None)
-        for part in (vars(tracker), vars(tracker._stream)):
-            part.update({name: value for name, value in known.items() if name in part})
+        vars(tracker).update(known["tracker"])
+        vars(tracker._stream).update(known["stream"])
+        return tracker, known["beside"]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise FileError(f"{file.path}: is no saved tracker ({error!r})") from error
     except PalpateError as error:
         raise FileError(f"{file.path}: {str(error).removeprefix(f'{file.path}: ')}") from error
-    return tracker, beside
+
+
+def _known(thing: Any, made_with: Sequence[str]) -> dict[str, Any]:
+    """The attributes of a tracker or its stream but for those that it is made with."""
+    return {name: value for name, value in vars(thing).items() if name not in made_with}
 
 
 def _about(tracker: Tracker) -> dict[str, Any]:
@@ -112,7 +114,7 @@ def _given(tracker: Tracker) -> dict[str, Any]:
     """What a tracker makes anew and does not change, by names."""
     return {
         "contact model": tracker._contact_model,
-        "begin contact": tracker._estimator.begins_contact,
+        "begin contact": tracker._estimator.begin_contact,
         **{f"unknown {one.name}": one for one in UNKNOWNS},
         **dict(_tools(tracker._touch, "touch")),
     }
@@ -123,5 +125,5 @@ def _tools(thing: Any, name: str) -> Iterator[tuple[str, Any]]:
     for field, value in vars(thing).items():
         if callable(value) or isinstance(value, TouchModel):
             yield f"{name}.{field}", value
-        elif isinstance(value, View):
+        elif isinstance(value, DifferenceInput):
             yield from _tools(value, f"{name}.{field}")

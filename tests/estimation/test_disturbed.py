@@ -9,7 +9,7 @@ from push_samples import RADIUS, SHAPES, sensor
 
 from palpate.estimation import hypotheses
 from palpate.estimation.contact_model import contact_model
-from palpate.estimation.disturbed import UNHEEDED, is_contradicted, is_doubtful
+from palpate.estimation.disturbed import ALARM_DEAD_STEPS, is_contradicted, is_doubtful
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.estimation.settings import NoiseSettings
@@ -55,14 +55,14 @@ def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
     bank = Hypotheses(model, NoiseSettings(), "fixed-lag", np.zeros(3), np.full(3, 1e-3), 9)
     found: list[Any] = []
     monkeypatch.setattr(hypotheses, "is_doubtful", lambda one, steps: one.contradicted)
-    monkeypatch.setattr(hypotheses, "disturbed", lambda one, steps, priors: found.append(one) or [])
+    monkeypatch.setattr(hypotheses, "knock_hypotheses", lambda one, steps, priors: found.append(one) or [])
 
-    def one(weight: float, contradicted: bool, still_open: int = 0) -> Any:
-        return Hypothesis(SimpleNamespace(contradicted=contradicted), open=still_open, weight=weight)  # pyright: ignore[reportArgumentType]
+    def one(weight: float, contradicted: bool, knock_steps_left: int = 0) -> Any:
+        return Hypothesis(SimpleNamespace(contradicted=contradicted), knock_steps_left=knock_steps_left, weight=weight)  # pyright: ignore[reportArgumentType]
 
     best, being_moved, second, third, unlikely = (
         one(0.4, False),
-        one(0.2, True, still_open=2),
+        one(0.2, True, knock_steps_left=2),
         one(0.2, True),
         one(0.15, True),
         one(0.05, True),
@@ -72,7 +72,7 @@ def test_every_likely_hypothesis_is_watched_the_likeliest_first(monkeypatch):
     for _ in range(3):
         bank._doubt_pushing()
     assert found == [second, third]  # one a frame; the same hand raises no second alarm
-    bank._steps += UNHEEDED
+    bank._steps += ALARM_DEAD_STEPS
     bank._doubt_pushing()
     assert found == [second, third, second]
 
@@ -83,8 +83,8 @@ def test_images_are_judged_by_the_answer_in_which_nothing_moved_the_object(monke
     bank = Hypotheses(model, NoiseSettings(), "fixed-lag", np.zeros(3), np.full(3, 1e-3), 9)
     monkeypatch.setattr(hypotheses, "is_contradicted", lambda one, steps: one.contradicted)
 
-    def one(contradicted: bool, broken: list[tuple[int, int]]) -> Any:
-        return Hypothesis(SimpleNamespace(contradicted=contradicted), broken=broken)  # pyright: ignore[reportArgumentType]
+    def one(contradicted: bool, without_pushing: list[tuple[int, int]]) -> Any:
+        return Hypothesis(SimpleNamespace(contradicted=contradicted), without_pushing=without_pushing)  # pyright: ignore[reportArgumentType]
 
     bank._all = [one(False, [(3, 13)]), one(True, [])]
     assert bank.is_contradicted

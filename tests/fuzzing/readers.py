@@ -32,7 +32,7 @@ from palpate.study.trial import Method, read_trial, write_trial
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, load_calibration, write_calibration
 from palpate.touch.model import NETWORKS, SHIPPED, TouchModel, fingerprint
-from palpate.touch.presses import read_presses
+from palpate.touch.press_files import read_presses
 from palpate.tracking.details import read_answers, read_friction
 from palpate.tracking.inspection import inspect_recording
 

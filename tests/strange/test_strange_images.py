@@ -10,7 +10,7 @@ import pytest
 
 from palpate.errors import FileError
 from palpate.recording.images import decode_image, encode_image, image_size
-from palpate.touch.presses import read_image
+from palpate.touch.press_files import read_image
 
 
 def png(rows, columns):

@@ -15,7 +15,7 @@ from palpate.geometry.shapes import Disc, Polygon, shape_from_dict
 from palpate.recording.sensor import SensorProfile
 from palpate.simulation.objects import find_shape
 from palpate.study.comparison import read_scores
-from palpate.touch.presses import read_presses
+from palpate.touch.press_files import read_presses
 from palpate.tracking.details import read_friction
 
 HUGE = 10**400

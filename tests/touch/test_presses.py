@@ -26,7 +26,8 @@ from palpate.touch import press_figure
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
 from palpate.touch.model import shipped_model
-from palpate.touch.presses import Presses, PressFit, learn_from_presses, read_presses
+from palpate.touch.press_files import read_presses
+from palpate.touch.presses import Presses, PressFit, learn_from_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings

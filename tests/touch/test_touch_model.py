@@ -13,7 +13,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
-from palpate.touch.learnt import ImageTouch, PairTouch, View, linear_touch, pair_touch
+from palpate.touch.learnt import DifferenceInput, ImageTouch, PairTouch, linear_touch, pair_touch
 from palpate.touch.model import NETWORKS, Look, Spread, TouchModel, fingerprint, write_model
 from palpate.touch.relative import BACK, compared_frames
 
@@ -184,16 +184,16 @@ def level_of(seen: Any) -> float:
 
 def test_a_view_keeps_the_background_of_a_contact():
     gel = Gel()
-    view = View(gel)
+    network_input = DifferenceInput(gel)
     assert gel.asked == 0  # nothing is known of it before the contact
-    assert level_of(view.of(frame(110))) == pytest.approx(10.0, abs=0.01)
+    assert level_of(network_input.of(frame(110))) == pytest.approx(10.0, abs=0.01)
     gel.level = 105.0
-    assert level_of(view.of(frame(110))) == pytest.approx(10.0, abs=0.01)
-    view.forget()
-    assert level_of(view.of(frame(110))) == pytest.approx(5.0, abs=0.01)
+    assert level_of(network_input.of(frame(110))) == pytest.approx(10.0, abs=0.01)
+    network_input.forget()
+    assert level_of(network_input.of(frame(110))) == pytest.approx(5.0, abs=0.01)
     assert gel.asked == 2
     with pytest.raises(EstimationError, match=r"frame at 0.500 s has no image"):
-        view.of(Frame(0.5, np.zeros(3)))
+        network_input.of(Frame(0.5, np.zeros(3)))
 
 
 def stand_in(**changes: Any) -> Any:
@@ -221,22 +221,22 @@ def stand_in(**changes: Any) -> Any:
 
 def test_what_an_image_tells_is_believed_as_far_as_was_measured():
     gel = Gel()
-    direction, turn = ImageTouch(stand_in(), View(gel)).measure(frame(110))
+    direction, turn = ImageTouch(stand_in(), DifferenceInput(gel)).measure(frame(110))
     assert isinstance(direction, ContactDirection) and isinstance(turn, Turn)
     assert direction.angle == pytest.approx(-0.1, abs=1e-4)
     assert direction.variance == pytest.approx(0.1 * 2.0 * 3.0)  # scale and together
     assert turn.angle == pytest.approx(0.1, abs=1e-4)
     assert turn.variance == pytest.approx(0.2 * 5.0 * 1.5)
-    (only,) = ImageTouch(stand_in(), View(gel), turn=False).measure(frame(110))
+    (only,) = ImageTouch(stand_in(), DifferenceInput(gel), turn=False).measure(frame(110))
     assert isinstance(only, ContactDirection)
-    (only,) = ImageTouch(stand_in(), View(gel), direction=None).measure(frame(110))
+    (only,) = ImageTouch(stand_in(), DifferenceInput(gel), direction=None).measure(frame(110))
     assert isinstance(only, Turn)
 
 
 @pytest.mark.parametrize("make", [pair_touch, linear_touch])
 def test_pairs_tell_the_turn_since_each_earlier_frame(make):
     gel = Gel()
-    touch = make(stand_in(), View(gel))
+    touch = make(stand_in(), DifferenceInput(gel))
     for age in range(60):
         said = touch.measure(frame(100 + age))
         back = compared_frames(age) if age <= BACK[-1] else BACK
@@ -265,7 +265,7 @@ def test_pairs_are_asked_with_features_in_the_order_of_back():
         asked.append((earlier.copy(), later.copy()))
         return np.zeros(len(earlier)), np.ones(len(earlier))
 
-    touch = PairTouch(View(Gel()), lambda seen: np.array([level_of(seen)]), compare)
+    touch = PairTouch(DifferenceInput(Gel()), lambda seen: np.array([level_of(seen)]), compare)
     for age in range(13):
         touch.measure(frame(100 + age))
     earlier, later = asked[-1]

@@ -23,7 +23,7 @@ from tracker_samples import CALIBRATED, nees, poses, settings, statuses, track
 from palpate import ObjectPose
 from palpate.estimate import Estimate
 from palpate.estimation import weighing
-from palpate.estimation.disturbed import UNHEEDED
+from palpate.estimation.disturbed import ALARM_DEAD_STEPS
 from palpate.geometry import se2
 from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection
@@ -136,7 +136,7 @@ def test_friction_learnt_before_a_knock_survives_it_and_what_the_knock_taught_do
     learnt, sigma = several[AT].friction
     assert one[AT].friction == several[AT].friction
     assert abs(learnt - grip) < 0.6 * abs(prior[0] - grip) and sigma < 0.7 * prior[1]
-    after = slice(AT + UNHEEDED, None)  # before, an answer with a slippery contact may be the best one
+    after = slice(AT + ALARM_DEAD_STEPS, None)  # before, an answer with a slippery contact may be the best one
     means, sigmas = np.array([estimate.friction for estimate in several[after]]).T
     assert np.abs(means - learnt).max() < 0.3 * sigma and sigmas.max() < 1.2 * sigma
     # Where pushing has to explain the knock, the grip is driven off.

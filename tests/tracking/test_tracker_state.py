@@ -108,6 +108,14 @@ def test_isam2_goes_on_between_contacts_and_says_that_it_cannot_in_them(tmp_path
     assert (tmp_path / "state.npz").read_bytes() == before
 
 
+def test_what_tracker_and_stream_call_alike_stays_apart(tmp_path):
+    tracker: Any = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings("none"))
+    tracker._alike, tracker._stream._alike = 1.0, 2.0
+    tracker.save(tmp_path / "state.npz")
+    loaded: Any = Tracker.load(tmp_path / "state.npz")
+    assert (loaded._alike, loaded._stream._alike) == (1.0, 2.0)
+
+
 class Deep(OwnMeasurement):
     on: ClassVar[tuple[str, ...]] = ("depth",)
 
@@ -188,7 +196,7 @@ def test_files_that_are_no_saved_tracker(saved, tmp_path):
 def test_states_of_other_versions_and_other_code(saved):
     about = StateFile(saved).about
     for changes, words in (
-        ({"version": 1}, "version is 1, this palpate reads 6"),
+        ({"version": 1}, "version is 1, this palpate reads 7"),
         ({"about": {**about, "palpate": "9.9"}}, "was saved by palpate 9.9, and this is 0"),
         ({"about": {**about, "model_hash": "0"}}, "its touch model is another one now"),
         ({"about": {**about, "shape": {"type": "cube"}}}, "cube"),

@@ -106,7 +106,8 @@ def _pressed(
     from palpate.touch.model import TouchModel, shipped_model
     from palpate.touch.modes import GREY
     from palpate.touch.press_figure import press_figure
-    from palpate.touch.presses import learn_from_presses, read_image, read_presses
+    from palpate.touch.press_files import read_image, read_presses
+    from palpate.touch.presses import learn_from_presses
     from palpate.touch.untouched import untouched_images
     from palpate.training.presses_of import presses_of
 

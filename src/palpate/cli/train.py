@@ -130,7 +130,7 @@ def _train_on_presses(
     """Train on presses and return what the model is worth."""
     from palpate.cli.console import progress_bar
     from palpate.files import in_file
-    from palpate.touch.presses import read_image, read_presses
+    from palpate.touch.press_files import read_image, read_presses
     from palpate.training.from_presses import train_on_presses
 
     at_rest = [read_image(path, grey=True) for path in untouched]

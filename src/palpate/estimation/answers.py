@@ -12,7 +12,7 @@ from palpate.geometry import se2
 
 Array = NDArray[np.float64]
 
-LIKELY = 0.1
+LIKELY_WEIGHT = 0.1
 """Weight from which a hypothesis counts: is watched, or makes an estimate ambiguous."""
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
 
@@ -52,12 +52,12 @@ def is_ambiguous(hypotheses: Sequence[Hypothesis]) -> bool:
     """Return whether another than the best is likely and far from it, or all together are spread out."""
     if sum(one.weight > 0.0 for one in hypotheses) < 2:
         return False
-    is_likely = np.array([one.weight > LIKELY for one in hypotheses])
+    is_likely = np.array([one.weight > LIKELY_WEIGHT for one in hypotheses])
     is_far = (np.abs(_from_best(hypotheses)) > _APART).any(axis=1)
     return bool((is_likely & is_far).any() or (np.diagonal(joint_covariance(hypotheses)) > _APART**2).any())
 
 
-def in_words(hypotheses: Sequence[Hypothesis]) -> str:
+def ambiguity_in_words(hypotheses: Sequence[Hypothesis]) -> str:
     """Say how many fit and how far they are apart; nothing where there is one."""
     apart = np.abs(_from_best(hypotheses)[[one.weight > 0.5 * POOR for one in hypotheses]])
     if len(apart) < 2:

@@ -127,11 +127,21 @@ def _solve_one(
 ) -> bool:
     """Solve in place: gradient and edge become the changes, covariance that of the last step and what is shared.
 
-    A block Cholesky factorisation from the oldest step to the newest, what is shared last. False where there is none.
+    False where there is no solution.
+    """
+    if not _factorise(own, nearby, border, corner, gradient, edge):
+        return False
+    _last_covariance(own[-1], border[-1], corner, covariance)
+    return _substitute_back(own, nearby, border, corner, gradient, edge)
+
+
+@compiled
+def _factorise(own: Array, nearby: Array, border: Array, corner: Array, gradient: Array, edge: Array) -> bool:
+    """Put a block Cholesky root L in place of the matrix, from the oldest step to the newest, what is shared last.
+
+    Gradient becomes L^-1 gradient, and edge what the steps leave of it. False where there is no root.
     """
     steps = len(gradient)
-    last = np.zeros((LAST_SIZE, LAST_SIZE))
-    inverse = np.zeros((LAST_SIZE, LAST_SIZE))
     for k in range(steps):
         root, y = own[k], gradient[k]
         if not cholesky_root(root, STEP_SIZE):
@@ -160,14 +170,20 @@ def _solve_one(
                 for j in range(STEP_SIZE):
                     for c in range(STEP_SIZE):
                         border[k + 1, i, j] -= border[k, i, c] * ahead[j, c]
-    if not cholesky_root(corner, SHARED_SIZE):
-        return False
+    return cholesky_root(corner, SHARED_SIZE)
+
+
+@compiled
+def _last_covariance(own: Array, border: Array, corner: Array, covariance: Array) -> None:
+    """Put the covariance of the last step and what is shared into `covariance`, from their rows of the root L."""
+    last = np.zeros((LAST_SIZE, LAST_SIZE))
+    inverse = np.zeros((LAST_SIZE, LAST_SIZE))
     for i in range(LAST_SIZE):
         for j in range(i + 1):
             if i < STEP_SIZE:
-                last[i, j] = own[steps - 1, i, j]
+                last[i, j] = own[i, j]
             elif j < STEP_SIZE:
-                last[i, j] = border[steps - 1, i - STEP_SIZE, j]
+                last[i, j] = border[i - STEP_SIZE, j]
             else:
                 last[i, j] = corner[i - STEP_SIZE, j - STEP_SIZE]
     for j in range(LAST_SIZE):
@@ -182,6 +198,12 @@ def _solve_one(
             for k in range(max(i, j), LAST_SIZE):
                 total += inverse[k, i] * inverse[k, j]
             covariance[i, j] = total
+
+
+@compiled
+def _substitute_back(own: Array, nearby: Array, border: Array, corner: Array, gradient: Array, edge: Array) -> bool:
+    """Solve for what is shared, then for the steps from the newest to the oldest. False where that is not finite."""
+    steps = len(gradient)
     for i in range(SHARED_SIZE):
         for j in range(i):
             edge[i] -= corner[i, j] * edge[j]

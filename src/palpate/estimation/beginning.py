@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.diagnosis import UNCERTAIN
+from palpate.estimation.diagnosis import is_uncertain
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.starts import expected_starts, is_rough, starts
 from palpate.geometry import se2
@@ -22,7 +22,7 @@ from palpate.recording.measurements import Measurement
 
 Array = NDArray[np.float64]
 
-UNLIKELY = 1.0  # log of how much less likely it is that something happened than that nothing did
+LOG_UNLIKELY = 1.0  # log of how many times less likely it is that something happened than that nothing did
 _IMPOSSIBLE = 12.0  # the same, at most, of a touch where the object is not
 MOST_YOUNG = 20  # ways to begin, at most: all faces of an outline, each at several places
 _SAME = np.array([2e-3, 2e-3, 0.02])  # [m, m, rad]
@@ -34,7 +34,7 @@ class Beginning:
 
     of: int
     """Index of the answer that begins it so."""
-    earned: float
+    log_prior: float
     """Log of how likely it is."""
     prior: Prior | None = None
     """What is known then; None where the answer goes on as it was."""
@@ -42,7 +42,7 @@ class Beginning:
     """Whether it is one of several places, so that pushing tells nothing for some steps."""
 
 
-def begun(
+def ways_to_begin(
     answers: Sequence[tuple[Estimator, float]],
     model: ContactModel,
     sensor_pose: Array,
@@ -53,15 +53,15 @@ def begun(
     Answers are estimators and the log of how likely each is; sensor_pose (3,) is the measured world_T_sensor.
     """
     ways: list[Beginning] = []
-    for index, (estimator, earned) in enumerate(answers):
+    for index, (estimator, log_prior) in enumerate(answers):
         prior = estimator.see_first_touch(sensor_pose, measurements)
         places = starts(prior, model, sensor_pose, measurements) if is_rough(prior, model) else []
-        ways.append(Beginning(index, earned, estimator.unmoved if places else None))
-        ways += [Beginning(index, earned + likely - UNLIKELY, at, True) for at, likely in places]
-    return sorted(ways, key=lambda one: -one.earned)[:MOST_YOUNG]
+        ways.append(Beginning(index, log_prior, estimator.unmoved if places else None))
+        ways += [Beginning(index, log_prior + likely - LOG_UNLIKELY, at, True) for at, likely in places]
+    return sorted(ways, key=lambda one: -one.log_prior)[:MOST_YOUNG]
 
 
-def begun_unfound(
+def ways_to_begin_unfound(
     answers: Sequence[tuple[Estimator, float]],
     model: ContactModel,
     sensor_pose: Array,
@@ -72,31 +72,27 @@ def begun_unfound(
     Each is as likely as it was, times how likely the object is touched as it is. Those at the same pose become one.
     """
     ways: list[Beginning] = []
-    for index, (estimator, earned) in enumerate(answers):
+    for index, (estimator, log_prior) in enumerate(answers):
         prior, unmoved = estimator.see_first_touch(sensor_pose, measurements), estimator.unmoved
         places = expected_starts(prior, model, sensor_pose, measurements)
         as_left = places if not estimator.is_displaced else expected_starts(unmoved, model, sensor_pose, measurements)
-        as_expected = earned + max(log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
+        as_expected = log_prior + max(log_sum([likely for _, likely in as_left]), -_IMPOSSIBLE)
         if not is_rough(prior, model):
             ways.append(Beginning(index, as_expected, prior))
             continue
-        if estimator.is_displaced or not places or not _is_guess(prior):
+        is_guess = is_uncertain(prior.pose_covariance)  # then one graph does not find it
+        if estimator.is_displaced or not places or not is_guess:
             ways.append(Beginning(index, as_expected, unmoved))
-        ways += [Beginning(index, earned + likely - UNLIKELY, at, True) for at, likely in places]
+        ways += [Beginning(index, log_prior + likely - LOG_UNLIKELY, at, True) for at, likely in places]
     kept: list[tuple[Prior, Beginning]] = []
-    for one in sorted(ways, key=lambda one: -one.earned):
+    for one in sorted(ways, key=lambda one: -one.log_prior):
         assert one.prior is not None
         same = next((other for prior, other in kept if are_near(prior.pose, one.prior.pose)), None)
         if same is not None:
-            same.earned = log_sum([same.earned, one.earned])
+            same.log_prior = log_sum([same.log_prior, one.log_prior])
         elif len(kept) < MOST_YOUNG:
             kept.append((one.prior, one))
     return [one for _, one in kept]
-
-
-def _is_guess(prior: Prior) -> bool:
-    """Whether a pose is known so roughly that its covariance is a guess itself, and one graph does not find it."""
-    return bool((np.diagonal(prior.pose_covariance) > UNCERTAIN**2).any())
 
 
 def log_sum(logs: Sequence[float]) -> float:

@@ -194,7 +194,7 @@ class Diagnosis:
             return "strained"
         if self.displaced and (np.diagonal(prior.pose_covariance) > _FOUND**2).any():
             return "displaced"
-        if (np.diagonal(self.covariance(prior)) > UNCERTAIN**2).any():
+        if is_uncertain(self.covariance(prior)):
             return "uncertain"
         return "strained" if self._strain > 1.0 else "tracking"
 
@@ -204,7 +204,7 @@ class Diagnosis:
             return "strained"
         if self.displaced:
             return "displaced"
-        return "uncertain" if (np.diagonal(self.covariance(prior)) > UNCERTAIN**2).any() else "resting"
+        return "uncertain" if is_uncertain(self.covariance(prior)) else "resting"
 
     def covariance(self, prior: Prior) -> Array:
         """Return the covariance (3, 3) to report of what is known."""
@@ -246,3 +246,8 @@ class Diagnosis:
         by_object[IN_OBJECT[DEPTH]], by_object[IN_OBJECT[OUTLINE_SCALE]] = 1.0, -reach
         by_pose = -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))
         return float(gap + overlap(prior, reach)), np.concatenate([by_pose, by_object])
+
+
+def is_uncertain(covariance: Array) -> bool:
+    """Return whether a covariance (3, 3) of the object's pose is so large that it is a guess itself."""
+    return bool((np.diagonal(covariance) > UNCERTAIN**2).any())

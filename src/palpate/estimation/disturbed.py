@@ -7,7 +7,7 @@ contact that holds as well as thought or is more slippery.
 import numpy as np
 
 from palpate.errors import EstimationError
-from palpate.estimation.beginning import UNLIKELY
+from palpate.estimation.beginning import LOG_UNLIKELY
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.unknowns import Priors
 from palpate.estimation.values import Knock
@@ -20,12 +20,12 @@ second an error of a fifth of a standard deviation is systematic, for independen
 _DOUBT = "direction", 30, 0.025
 """The same from which other answers are looked at: half of it. Looked at in vain they cost time and hardly the
 estimate, but from a quarter on most of a good run is ambiguous."""
-_DEAR = 5, 3.0
+_COSTLY = 5, 3.0
 """Steps, and what all that is measured costs in them from which pushing is in doubt. Undisturbed it is 2.8 at most in
 12,000 frames of simulated and real pushes, and a hand that moves the object along its face shows in no factor alone."""
 BACK, AHEAD = 10, 6
 """Steps before an alarm and after it in which a hand may move the object."""
-UNHEEDED = BACK + AHEAD
+ALARM_DEAD_STEPS = BACK + AHEAD
 """Steps after an alarm in which another is of the same hand."""
 SPREAD = 0.012
 """[m] by which it slides over the sensor more or less."""
@@ -37,8 +37,8 @@ STILL_GOING_ON = Knock(0.0, SPREAD / np.sqrt(BACK))
 
 def is_contradicted(estimator: Estimator, steps: int) -> bool:
     """Return whether touch and pushing contradict each other, so many steps after a contact began."""
-    count, dear = _DEAR
-    if steps >= count and estimator.costs()[-count:, 0].sum() > dear:
+    count, limit = _COSTLY
+    if steps >= count and estimator.costs()[-count:, 0].sum() > limit:
         return True
     return any(_is_worse(estimator, steps, alarm) for alarm in _ALARMS)
 
@@ -53,7 +53,7 @@ def _is_worse(estimator: Estimator, steps: int, alarm: tuple[str, int, float]) -
     return steps >= count and estimator.mean_square(name, count) > limit
 
 
-def disturbed(one: Hypothesis, steps: int, priors: Priors) -> list[Hypothesis]:
+def knock_hypotheses(one: Hypothesis, steps: int, priors: Priors) -> list[Hypothesis]:
     """Return the hypotheses that something else moved the object in the last steps, of so many in this contact."""
     found: list[Hypothesis] = []
     first = max(steps - BACK, 1)
@@ -64,7 +64,14 @@ def disturbed(one: Hypothesis, steps: int, priors: Priors) -> list[Hypothesis]:
                 estimator = one.estimator.knocked(steps - first, (slid, SPREAD), grip)
             except EstimationError:
                 continue
-            earned = one.earned - UNLIKELY - np.log(len(grips))
-            broken, slippery = [*one.broken, (first, steps)], one.slippery or grip is not None
-            found.append(Hypothesis(estimator, earned, broken, AHEAD, steps + UNHEEDED, slippery))
+            log_prior = one.log_prior - LOG_UNLIKELY - np.log(len(grips))
+            knocked = Hypothesis(
+                estimator,
+                log_prior,
+                without_pushing=[*one.without_pushing, (first, steps)],
+                knock_steps_left=AHEAD,
+                next_alarm_from=steps + ALARM_DEAD_STEPS,
+                slippery=one.slippery or grip is not None,
+            )
+            found.append(knocked)
     return found

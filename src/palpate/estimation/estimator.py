@@ -50,7 +50,7 @@ class Estimator:
         """
         self._model, self._settings = model, settings
         self._factors = make_factors(settings, model)
-        self.begins_contact = make_smoother(smoother, settings, model)
+        self.begin_contact = make_smoother(smoother, settings, model)
         """What makes the graph of a contact."""
         self._diagnosis = Diagnosis(model, settings.contact.deviation, settings.sensor_pose.calibration)
         deviation = np.concatenate([first_deviation, settings.priors.deviation])
@@ -180,7 +180,7 @@ class Estimator:
         if self._contact is None:
             known = self.see_first_touch(sensor_pose, measurements) if self._start is None else self._start
             self.known, self._start = self._without_untold_yaw(known, measurements), None
-            self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
+            self._contact = self.begin_contact(self.known, sensor_pose, measurements, time)
         else:
             self._contact.add(sensor_pose, measurements, time)
         self._take_touch(self._contact, sensor_pose, measurements, time)
@@ -222,7 +222,7 @@ class Estimator:
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
         self.known = self.known.loosened(self._diagnosis.covariance_of_motion(pushed))
         try:
-            self._contact = self.begins_contact(self.known, sensor_pose, measurements, time)
+            self._contact = self.begin_contact(self.known, sensor_pose, measurements, time)
         except EstimationError:
             raise EstimationError(reason) from error
         self._believe(self._contact, sensor_pose, time)

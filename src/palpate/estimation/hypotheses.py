@@ -20,24 +20,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
-from palpate.estimation.answers import LIKELY, Answer, answers_of, in_words, is_ambiguous, joint_covariance
-from palpate.estimation.beginning import MOST_YOUNG, Beginning, begun, begun_unfound, log_sum
+from palpate.estimation.answers import (
+    LIKELY_WEIGHT,
+    Answer,
+    ambiguity_in_words,
+    answers_of,
+    is_ambiguous,
+    joint_covariance,
+)
+from palpate.estimation.beginning import MOST_YOUNG, Beginning, log_sum, ways_to_begin, ways_to_begin_unfound
 from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import ContactModel
 from palpate.estimation.diagnosis import REASONS, Status
 from palpate.estimation.disturbed import (
     AHEAD,
+    ALARM_DEAD_STEPS,
     SPREAD,
     STILL_GOING_ON,
-    UNHEEDED,
-    disturbed,
     is_contradicted,
     is_doubtful,
+    knock_hypotheses,
 )
 from palpate.estimation.estimator import Estimator, touch_on
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
-from palpate.estimation.starts import is_rough, places
+from palpate.estimation.starts import is_rough, outline_places
 from palpate.estimation.touched import Touched
 from palpate.estimation.weighing import Hypothesis, Weighing, is_lost, shared_out
 from palpate.recording.measurements import Measurement
@@ -71,7 +78,7 @@ class Hypotheses:
         self._steps = 0  # of this contact
         self._untouched: list[Hypothesis] = []  # what there was before it, if nothing was displaced then
         if self._most > 1:
-            places(model)  # found now, not when a contact begins
+            outline_places(model)  # found now, not when a contact begins
         self._weighing = Weighing(settings.priors)
 
     @property
@@ -101,7 +108,7 @@ class Hypotheses:
     @property
     def is_contradicted(self) -> bool:
         """Whether touch and pushing contradict each other where nothing else moved the object, or as is likeliest."""
-        undisturbed = next((one for one in self._all if not one.broken), self._best)
+        undisturbed = next((one for one in self._all if not one.without_pushing), self._best)
         return is_contradicted(undisturbed.estimator, self._steps)
 
     @property
@@ -110,9 +117,9 @@ class Hypotheses:
         return self._best.estimator.known
 
     @property
-    def begins_contact(self) -> BeginContact:
+    def begin_contact(self) -> BeginContact:
         """What makes the graph of a contact, the same for all hypotheses."""
-        return self._best.estimator.begins_contact
+        return self._best.estimator.begin_contact
 
     @property
     def touched(self) -> Touched | None:
@@ -140,7 +147,7 @@ class Hypotheses:
         best = self._best.estimator
         if self.status != "ambiguous" or best.has_contradicting_poses:
             return best.reason
-        return in_words(self._all) or best.reason or REASONS["ambiguous"]
+        return ambiguity_in_words(self._all) or best.reason or REASONS["ambiguous"]
 
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here; see Estimator."""
@@ -167,13 +174,13 @@ class Hypotheses:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
         if not self.in_contact:
             self._steps = 0
-            self._untouched = [replace(one, estimator=one.estimator.copied(), broken=[]) for one in self._all]
+            self._untouched = [replace(one, estimator=one.estimator.copied(), without_pushing=[]) for one in self._all]
             if self.is_displaced or self._most == 1:
                 self._untouched = []
             if self._most > 1:
                 self._all = self._begun(sensor_pose, measurements)
             self._all = self._solved(lambda one: one.estimator.touch(sensor_pose, measurements, time), time)
-        elif len(self._all) > 1 or self._best.open:
+        elif len(self._all) > 1 or self._best.knock_steps_left:
             self._all = self._touched(sensor_pose, measurements, time)
         else:
             self._best.estimator.touch(sensor_pose, measurements, time)
@@ -201,9 +208,9 @@ class Hypotheses:
         may_be_none = self.is_displaced and self._steps <= _BRIEF
         self._all = [one for one in self._all if not is_lost(one)] or self._all
         for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
-            one.earned = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
-            one.estimator.end_contact(max(moved, SPREAD if one.open else 0.0))
-            one.broken, one.open, one.heeds_from = [], 0, 0
+            one.log_prior = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
+            one.estimator.end_contact(max(moved, SPREAD if one.knock_steps_left else 0.0))
+            one.without_pushing, one.knock_steps_left, one.next_alarm_from = [], 0, 0
         if may_be_none and self._untouched:
             self._doubt_contact()
         self._untouched = []
@@ -211,31 +218,31 @@ class Hypotheses:
     def _doubt_pushing(self) -> None:
         """Let something else have moved the object in the likeliest hypothesis that is doubtful anew."""
         for one in self._all:
-            is_watched = one.weight > LIKELY and not one.open and self._steps >= one.heeds_from
+            is_watched = one.weight > LIKELY_WEIGHT and not one.knock_steps_left and self._steps >= one.next_alarm_from
             if is_watched and is_doubtful(one.estimator, self._steps):
-                self._all = [*self._all, *disturbed(one, self._steps, self._settings.priors)]
-                one.heeds_from = self._steps + UNHEEDED
+                self._all = [*self._all, *knock_hypotheses(one, self._steps, self._settings.priors)]
+                one.next_alarm_from = self._steps + ALARM_DEAD_STEPS
                 return
 
     def _doubt_contact(self) -> None:
         """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
-        after, before = (log_sum([one.earned for one in some]) for some in (self._all, self._untouched))
+        after, before = (log_sum([one.log_prior for one in some]) for some in (self._all, self._untouched))
         for one in self._untouched:
             one.estimator.stay(self._steps)
-            one.earned += after - before
+            one.log_prior += after - before
         self._all = shared_out([*self._untouched, *self._all], self._room)
 
     def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[Hypothesis]:
         """All hypotheses that can be solved with one more frame of the contact; EstimationError where none can."""
         estimators, knocks = (
             [one.estimator for one in self._all],
-            [STILL_GOING_ON if one.open else None for one in self._all],
+            [STILL_GOING_ON if one.knock_steps_left else None for one in self._all],
         )
         is_solved = touch_on(estimators, sensor_pose, measurements, time, knocks)
         for one in self._all:
-            if one.open:
-                one.open -= 1
-                one.broken = [*one.broken, (self._steps, self._steps + 1)]
+            if one.knock_steps_left:
+                one.knock_steps_left -= 1
+                one.without_pushing = [*one.without_pushing, (self._steps, self._steps + 1)]
         return [one for one, solved in zip(self._all, is_solved, strict=True) if solved]
 
     def _solved(self, take: Callable[[Hypothesis], None], time: float) -> list[Hypothesis]:
@@ -254,8 +261,8 @@ class Hypotheses:
 
     def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[Hypothesis]:
         """The hypotheses that a contact begins with."""
-        begin = begun if self._is_found else begun_unfound
-        answers = [(one.estimator, one.earned) for one in self._all]
+        begin = ways_to_begin if self._is_found else ways_to_begin_unfound
+        answers = [(one.estimator, one.log_prior) for one in self._all]
         return [self._beginning(one) for one in begin(answers, self._model, sensor_pose, measurements)]
 
     def _beginning(self, way: Beginning) -> Hypothesis:
@@ -263,13 +270,18 @@ class Hypotheses:
         one = self._all[way.of]
         if way.prior is None:
             return one
-        broken, still_open = ([(0, 1)], AHEAD) if way.is_place else ([], 0)
-        return Hypothesis(one.estimator.started(way.prior), way.earned, broken, still_open, slippery=one.slippery)
+        return Hypothesis(
+            one.estimator.started(way.prior),
+            way.log_prior,
+            without_pushing=[(0, 1)] if way.is_place else [],
+            knock_steps_left=AHEAD if way.is_place else 0,
+            slippery=one.slippery,
+        )
 
     def _weigh(self) -> None:
         """Weigh all hypotheses, the best first, and keep those worth it."""
         if len(self._all) > 1:
             self._all = self._weighing.kept(self._all, self._steps, self._room)
             return
-        self._best.earned, self._best.broken, self._best.weight = 0.0, [], 1.0
+        self._best.log_prior, self._best.without_pushing, self._best.weight = 0.0, [], 1.0
         self._is_found |= not is_rough(self.known, self._model)

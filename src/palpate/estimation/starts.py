@@ -43,7 +43,7 @@ def is_rough(prior: Prior, model: ContactModel) -> bool:
 
 def is_round(model: ContactModel) -> bool:
     """Return whether the outline looks the same at every yaw, so that no touch tells it."""
-    return bool(np.ptp(np.abs(places(model)[0] - model.friction_center)) < _ROUND)
+    return bool(np.ptp(np.abs(outline_places(model)[0] - model.friction_center)) < _ROUND)
 
 
 def starts(
@@ -90,7 +90,7 @@ def _at_places(
     prior: Prior, model: ContactModel, sensor_pose: Array, measurements: Sequence[Measurement]
 ) -> tuple[Array, Array]:
     """Poses of the object (N, 3) at which the sensor touches it at each place, and _PLACE there in the world."""
-    center, normal = places(model)
+    center, normal = outline_places(model)
     center = center - overlap(prior, reaches(model, center - model.radius * normal, normal)) * normal
     said = [one for one in measurements if isinstance(one, ContactDirection)]
     around = _PLACE
@@ -143,7 +143,7 @@ def _at(prior: Prior, pose: Array, covariance: Array) -> Prior:
 
 
 @lru_cache(maxsize=8)
-def places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def outline_places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return where the centre of a tip may be when it touches and the outward normal there, all round, object frame."""
     start = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
     centred = replace(model, parts=np.zeros(1, np.complex128))

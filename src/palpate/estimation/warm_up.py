@@ -1,7 +1,6 @@
 """Compiling everything before a robot's loop begins: a short push through every compiled function."""
 
 import logging
-import time
 from functools import cache
 
 import numpy as np
@@ -22,9 +21,8 @@ logger = logging.getLogger(__name__)
 
 
 @cache
-def warm_up(smoother: SmootherName = "fixed-lag") -> float:
-    """Compile the estimator, or load what was compiled before, and return how long it took [s]; at once if done."""
-    begin = time.perf_counter()
+def warm_up(smoother: SmootherName = "fixed-lag") -> None:
+    """Compile the estimator, or load what was compiled before; once in a process."""
     if not is_cached():
         logger.warning("compiling the estimator: once for this version, some 20 s")
     settings = NoiseSettings()
@@ -51,4 +49,3 @@ def warm_up(smoother: SmootherName = "fixed-lag") -> float:
             other.add(np.array([1e-4 * step - 0.05, 0.0, 0.0]), said, 0.1 * step)
         other.last_errors()
     all_is_compiled()
-    return time.perf_counter() - begin

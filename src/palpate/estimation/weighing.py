@@ -36,13 +36,13 @@ class Hypothesis:
 
     estimator: Estimator
     """What it makes of all that is measured."""
-    earned: float = 0.0
+    log_prior: float = 0.0
     """Log of how likely it is without this contact."""
-    broken: list[tuple[int, int]] = field(default_factory=list)
+    without_pushing: list[tuple[int, int]] = field(default_factory=list)
     """Steps of this contact, from one to before another, in which nothing of pushing holds."""
-    open: int = 0
-    """Frames in which that goes on."""
-    heeds_from: int = 0
+    knock_steps_left: int = 0
+    """Steps for which something may move the object on, so that nothing of pushing holds in them either."""
+    next_alarm_from: int = 0
     """Step of this contact from which an alarm is of something new."""
     slippery: bool = False
     """Whether the contact is taken to be more slippery than was thought."""
@@ -67,12 +67,12 @@ class Weighing:
         costs = np.array([one.estimator.costs() for one in hypotheses])
         forgotten = steps - costs.shape[1]
         for one in hypotheses:
-            for first, end in one.broken:
+            for first, end in one.without_pushing:
                 costs[:, max(first - forgotten, 0) : max(end - forgotten, 0), 1] = 0.0
         costs = costs.sum(axis=2)
         costs = np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
         return np.array(
-            [one.earned - _COUNTS * cost - self.oddness(one) for one, cost in zip(hypotheses, costs, strict=True)]
+            [one.log_prior - _COUNTS * cost - self.oddness(one) for one, cost in zip(hypotheses, costs, strict=True)]
         )
 
     def oddness(self, one: Hypothesis) -> float:
@@ -96,10 +96,10 @@ class Weighing:
             one = hypotheses[index]
             one.weight = float(np.exp(scores[index] - scores.max()))
             is_poor = one.age > _GRACE and one.weight < POOR
-            is_new = one.open or one.age < _NEW
+            is_new = one.knock_steps_left or one.age < _NEW
             is_same = not is_new and are_near(poses[index], poses[is_compared]).any()
             if not is_poor and not is_same:
-                is_compared[index] = not one.open
+                is_compared[index] = not one.knock_steps_left
                 kept.append(one)
         is_young = all(one.age <= _YOUNG for one in kept)
         kept = kept[: max(most, MOST_YOUNG) if is_young else most]
@@ -110,9 +110,9 @@ class Weighing:
 
 
 def shared_out(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
-    """Return those that have earned most, the best first, each with the weight that it has earned."""
-    best = sorted(hypotheses, key=lambda one: -one.earned)[:most]
-    likely = np.exp([one.earned - best[0].earned for one in best])
+    """Return those likeliest by their `log_prior`, the best first, and weigh them by it."""
+    best = sorted(hypotheses, key=lambda one: -one.log_prior)[:most]
+    likely = np.exp([one.log_prior - best[0].log_prior for one in best])
     for one, weight in zip(best, likely / likely.sum(), strict=True):
         one.weight = float(weight)
     return best

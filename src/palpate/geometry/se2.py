@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Sigmas = tuple[float, float, float]
+"""Standard deviations of a pose or of a motion [m, m, rad]."""
 
 _TAU = 2.0 * math.pi
 _TINY = 1e-300

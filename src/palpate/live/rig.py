@@ -25,7 +25,7 @@ from palpate.live.udp import UdpPoses
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.touch.calibration import Calibration, view_of
-from palpate.tracking.run import first_pose_of
+from palpate.tracking.prepared import first_pose_of
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Rig:
 def replay_rig(
     recording: Recording, name: str, first_pose: ArrayLike | None, first_pose_sigma: ArrayLike | None = None
 ) -> Rig:
-    """A recording that is played in real time; the first pose is as `tracking.run.first_pose_of` finds it."""
+    """A recording that is played in real time; the first pose is as `tracking.prepared.first_pose_of` finds it."""
     size = (recording.sensor.image_height, recording.sensor.image_width)
     first, sigma = first_pose_of(recording, NoiseSettings(), first_pose, first_pose_sigma)
     replay = Replay(recording)

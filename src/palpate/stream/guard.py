@@ -103,49 +103,60 @@ class StreamGuard:
             )
 
     def check_pose(self, time: float, pose: Array, touched: bool) -> bool:
-        """Return whether the sensor is elsewhere than it can have gone since the last frame that was taken.
+        """Take a pose (3,) [m, m, rad], or refuse one that leaps in a contact.
 
-        Raises FrameError on a pose (3,) that leaps in a contact. Between contacts a leap does no harm and is believed.
+        Returns whether the sensor is elsewhere than it can have gone since the last frame that was taken. Raises
+        FrameError on a leap; between contacts one does no harm and is believed.
         """
         now, last = _Pose(time, pose), self._now
         self._leapt_to = None
         stands = last is not None and np.array_equal(last.pose, pose)
+        way = 0.0 if last is None else _apart(last.pose, pose)[0]
         if last is not None and not stands and self._still >= _STOOD:
-            self._exact |= _apart(last.pose, pose)[0] < _FIRST_STEP
+            self._exact |= way < _FIRST_STEP
         self.unseen = self.blind
         if last is not None:
-            way = _apart(last.pose, pose)[0]
             # What has let go of the object meanwhile has pushed it on at most as fast as before.
             self.pushed = way if touched else min(way, self._speed * (time - last.time))
         if last is None or not (touched and self._touched):
-            self._now, self._touched = now, touched
-            still = self._still + 1 if stands else 1
-            if not (stands and self._frozen):
-                self._begin(now)
-            self._still = still
+            self._touched = touched
+            self._take_untouched(now, stands)
             return False
-        gone = not self._fits(last, now)
-        if gone:
+        return self._take_in_contact(last, now, stands)
+
+    def _take_untouched(self, now: _Pose, stands: bool) -> None:
+        """Take a pose that is not in a contact that goes on; one that stands frozen keeps where it came from."""
+        self._now = now
+        if not (stands and self._frozen):
+            self._begin(now)
+        self._count_still(stands)
+
+    def _take_in_contact(self, last: _Pose, now: _Pose, stands: bool) -> bool:
+        """Take the next pose of a contact, or refuse it; return whether the sensor is elsewhere."""
+        leaps = not self._fits(last, now)
+        if leaps:
             self._leap(last, now)
         self._elsewhere = []
-        gone = gone or (self.blind > 0.0 and not stands)
+        gone = leaps or (self.blind > 0.0 and not stands)
         self._now = now
         if gone:
             self._begin(now)
-        elif stands:
-            self._still += 1
-        else:
+        elif not stands:
             self._taken.append(now)
-            self._still = 1
-            self._way += float((pose - last.pose)[:2] @ (np.cos(pose[2]), np.sin(pose[2])))
+            self._way += float((now.pose - last.pose)[:2] @ (np.cos(now.pose[2]), np.sin(now.pose[2])))
             self._farthest = max(self._farthest, self._way)
+        self._count_still(stands and not gone)
         return gone
+
+    def _count_still(self, stands: bool) -> None:
+        """Count a pose that is the same as the one before, or begin to count anew."""
+        self._still = self._still + 1 if stands else 1
 
     def _begin(self, now: _Pose) -> None:
         """Forget where the sensor came from: a contact begins with it, or goes on elsewhere."""
         self._taken.clear()
         self._taken.append(now)
-        self._elsewhere, self._still = [], 1
+        self._elsewhere = []
         self._way = self._farthest = 0.0
 
     def _leap(self, last: _Pose, now: _Pose) -> None:

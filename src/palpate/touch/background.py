@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.touch.light import cell_width, cells_of
+from palpate.touch.light import Levels, cell_width, cells_of
 
 Image = NDArray[np.uint8]
-Levels = NDArray[np.float32]
 
 _FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an image that shows nothing, or of a grey
-_SPARSE = 8  # pixels, of which one is looked at for that, and for colours
+SPARSE = 8  # pixels, of which one is looked at for that, for colours and for whether an image is the same
 _ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
 _COMMON = 10  # images that what all cells have in common of noise counts for, since that of one is known from few
 _SWAPPED = 4.0  # times better that blue for red must fit: untouched values differ by noise, swapped ones by tens
@@ -107,14 +106,14 @@ def check_image(image: Image, height: int, width: int) -> None:
 
 def is_flat(image: Image | Levels) -> bool:
     """Return whether an image is all of one level, as black and saturated ones are."""
-    return float(np.ptp(image[::_SPARSE, ::_SPARSE])) < _FLAT
+    return float(np.ptp(image[::SPARSE, ::SPARSE])) < _FLAT
 
 
 def is_grey(image: Image | Levels) -> bool:
     """Return whether all channels of an image (height, width, 3) are alike, as those of a black one are."""
     if image.ndim != 3:
         return False
-    sparse = image[::_SPARSE, ::_SPARSE]
+    sparse = image[::SPARSE, ::SPARSE]
     return bool((sparse == sparse[..., :1]).all())
 
 
@@ -124,7 +123,7 @@ def check_channels(image: Image, background: Background) -> None:
     Most of the gel looks as it did untouched, whatever touches it; so the medians over the image tell. A gel that is
     lit in greys looks the same in both orders and passes.
     """
-    colours = float(np.ptp(background.mean[::_SPARSE, ::_SPARSE], axis=-1).mean())
+    colours = float(np.ptp(background.mean[::SPARSE, ::SPARSE], axis=-1).mean())
     if colours > _FLAT and is_grey(image) and not is_flat(image):
         raise SettingError("image: found grey, expected colours as the untouched gel has")
     levels = image.astype(np.float32)

@@ -11,7 +11,8 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError
 from palpate.files import INTEGERS, NUMBERS, checked_array, existing_file, whole_file
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background, Levels
+from palpate.touch.background import Background
+from palpate.touch.light import Levels
 from palpate.touch.view import AS_IT_IS, CameraView
 
 VERSION = 3  # the first had mean and deviation only, the second no sigma of the scale; noise may be missing

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
-from palpate.touch.background import Background, Image, Levels, check_channels, check_image, is_flat
+from palpate.touch.background import SPARSE, Background, Image, check_channels, check_image, is_flat
 from palpate.touch.calibration import Calibration, misfit
 from palpate.touch.left_behind import LeftBehind
-from palpate.touch.light import Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
+from palpate.touch.light import Levels, Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.steady import SteadyImages, first_frames
 
@@ -34,7 +34,6 @@ _OTHER = 0.8  # share of significant values from which on no gel is seen: touche
 _OTHER_UNIT = 0.6  # the same until the gel of a file was seen: nearly all other units are farther off
 _THIN = 0.5  # share of that which is left without thin lines where a scratch is seen and no touch
 _SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
-_SPARSE = 8  # pixels, of which one is looked at for that
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
 _EVERY = 5  # frames, of which one is taken for that: more tell little and cost time
 
@@ -180,7 +179,7 @@ class ContactDetector:
 
     def _check_alive(self, image: Image) -> None:
         """SettingError where a camera with noise gives the same image again and again."""
-        sparse = image[::_SPARSE, ::_SPARSE].copy()
+        sparse = image[::SPARSE, ::SPARSE].copy()
         changed = 1.0 if self._sparse is None else float((sparse != self._sparse).mean())
         self._sparse = sparse
         self._is_noisy = self._is_noisy or (self._same > 0 and changed > _CHANGES)

@@ -31,18 +31,18 @@ class ImageTouch:
     def __init__(
         self,
         model: TouchModel,
-        view: "View",
+        network_input: "DifferenceInput",
         correction: DirectionCorrection = AS_TOLD,
         direction: bool = True,
         turn: bool = True,
     ) -> None:
         """Take how what is told of this unit is corrected, and whether to tell directions and turns."""
-        self._model, self._view, self._correction = model, view, correction
+        self._model, self._input, self._correction = model, network_input, correction
         self._direction, self._turn = direction, turn
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
-        look, spread = self._model.look(self._view.of(frame)), self._model.settings.spread
+        look, spread = self._model.look(self._input.of(frame)), self._model.settings.spread
         correction = self._correction
         said: list[Measurement] = []
         if self._direction:
@@ -59,7 +59,7 @@ class ImageTouch:
 
     def end_contact(self) -> None:
         """See Touch."""
-        self._view.forget()
+        self._input.forget()
 
 
 class PairTouch:
@@ -67,7 +67,7 @@ class PairTouch:
 
     def __init__(
         self,
-        view: "View",
+        network_input: "DifferenceInput",
         see: Callable[[Difference], Features],
         compare: Callable[[Features, Features], tuple[Array, Array]],
         correction: DirectionCorrection = AS_TOLD,
@@ -76,12 +76,12 @@ class PairTouch:
 
         correction is of what is told of this unit.
         """
-        self._view, self._see, self._compare, self._correction = view, see, compare, correction
+        self._input, self._see, self._compare, self._correction = network_input, see, compare, correction
         self._seen: deque[Features] = deque(maxlen=int(BACK[-1]) + 1)
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         """See Touch."""
-        self._seen.append(self._see(self._view.of(frame)))
+        self._seen.append(self._see(self._input.of(frame)))
         back = compared_frames(len(self._seen) - 1)
         if not len(back):
             return ()
@@ -96,10 +96,10 @@ class PairTouch:
     def end_contact(self) -> None:
         """See Touch."""
         self._seen.clear()
-        self._view.forget()
+        self._input.forget()
 
 
-class View:
+class DifferenceInput:
     """Frames as the networks see them: their difference from the untouched gel, as it was when the contact began.
 
     The light may change meanwhile.
@@ -124,7 +124,7 @@ class View:
 
 
 def linear_touch(
-    model: TouchModel, view: View, correction: DirectionCorrection = AS_TOLD, deviation: float | None = None
+    model: TouchModel, network_input: DifferenceInput, correction: DirectionCorrection = AS_TOLD, deviation: float | None = None
 ) -> Touch:
     """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact.
 
@@ -141,10 +141,10 @@ def linear_touch(
         turn = model.linear(earlier[:, points], later[points], kinds)
         return turn, np.full(len(turn), variance)
 
-    return PairTouch(view, see, compare, correction)
+    return PairTouch(network_input, see, compare, correction)
 
 
-def pair_touch(model: TouchModel, view: View, correction: DirectionCorrection = AS_TOLD) -> Touch:
+def pair_touch(model: TouchModel, network_input: DifferenceInput, correction: DirectionCorrection = AS_TOLD) -> Touch:
     """Return touch with a predicted distribution for each pair."""
     factor = model.settings.spread["pair"].factor
 
@@ -157,4 +157,4 @@ def pair_touch(model: TouchModel, view: View, correction: DirectionCorrection = 
         turn, variance = model.compare(earlier.astype(np.float32), later.astype(np.float32))
         return turn, variance * factor
 
-    return PairTouch(view, see, compare, correction)
+    return PairTouch(network_input, see, compare, correction)

@@ -6,11 +6,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from palpate.errors import SettingError
+from palpate.geometry.se2 import Sigmas
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image, is_grey
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
-from palpate.touch.learnt import ImageTouch, View, linear_touch, pair_touch
+from palpate.touch.learnt import DifferenceInput, ImageTouch, linear_touch, pair_touch
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
 from palpate.touch.steady import is_dark
@@ -41,8 +42,6 @@ TELL_TURN = ("learnt", "learnt-turn")
 
 GREY = "images are grey, and the touch model reads colours"
 """Why a model that comes along does not read images."""
-
-Sigmas = tuple[float, float, float]
 
 
 def chosen(image: Image | None, sensor: SensorProfile, model: TouchModel | None = None) -> tuple[Tactile, str]:
@@ -104,7 +103,7 @@ def make_touch(
         raise SettingError(f"tactile is {tactile!r}; allowed are {', '.join(get_args(Tactile))}")
     if len(sensor.tips) > 1:
         raise SettingError(f"tactile is {tactile}, which reads images of one tip; sensor {sensor.name!r} has several")
-    model, view = model or shipped_model(sensor.name), View(background)
+    model, network_input = model or shipped_model(sensor.name), DifferenceInput(background)
     made_for = model.settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         raise SettingError(
@@ -116,8 +115,8 @@ def make_touch(
     nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)  # opens the network now, not in a robot's loop
     if tactile == "learnt-linear":
         model.keypoint(nothing)
-        return linear_touch(model, view, correction, linear)
+        return linear_touch(model, network_input, correction, linear)
     model.look(nothing)
     if tactile == "learnt-pairs":
-        return pair_touch(model, view, correction)
-    return ImageTouch(model, view, correction, direction=tactile in TELL_DIRECTION, turn=tactile in TELL_TURN)
+        return pair_touch(model, network_input, correction)
+    return ImageTouch(model, network_input, correction, direction=tactile in TELL_DIRECTION, turn=tactile in TELL_TURN)

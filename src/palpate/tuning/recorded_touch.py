@@ -27,7 +27,8 @@ from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, TactileChoice, make_touch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.run import first_pose_of, gathered, lift_of_beginning
+from palpate.tracking.prepared import first_pose_of, lift_of_beginning
+from palpate.tracking.run import gathered
 from palpate.tracking.steps import Steps
 from palpate.tracking.truth import trusted_truth
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.belief import Prior
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.one_term_each import OneTermEach
 from palpate.estimation.planar import cauchy, cross, rotation
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import DIRECTION_BIAS, DIRECTION_SCALE, IN_SHARED, SENSOR_IN_OBJECT
@@ -73,21 +73,12 @@ def true_angle(said: ContactDirection, prior: Prior) -> float:
     return (1.0 - float(prior[DIRECTION_SCALE][0])) * said.angle - float(prior[DIRECTION_BIAS][0])
 
 
-class Direction(Factor):
+class Direction(OneTermEach):
     """One term for each contact direction that touch tells."""
 
     name = "direction"
     steps = ((SENSOR_IN_OBJECT,),)
     shared = (DIRECTION_BIAS, DIRECTION_SCALE)
-    rows = 1
+    measurement, value = ContactDirection, "angle"
     data = DATA
     kernel = _linearise
-
-    def __init__(self, settings: DirectionSettings) -> None:
-        self.given = (kernel_scale(settings.kernel),)
-        self._share = settings.share
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        said = [one for one in step.measurements if isinstance(one, ContactDirection)]
-        return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)

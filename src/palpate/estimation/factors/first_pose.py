@@ -19,8 +19,7 @@ from palpate.estimation.planar import adjoint, log, log_by_pose, position, rotat
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import CONTACT_SIZE, OBJECT_SIZE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
-
-Sigmas = tuple[float, float, float]
+from palpate.geometry.se2 import Sigmas
 
 
 @dataclass(frozen=True)

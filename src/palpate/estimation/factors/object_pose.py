@@ -5,6 +5,7 @@ import numpy as np
 from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.factors.factor import Factor, Step, Terms
 from palpate.estimation.factors.first_pose import object_pose_error
+from palpate.estimation.planar import whiten
 from palpate.estimation.unknowns import SENSOR, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
 from palpate.recording.measurements import ObjectPose as ObjectPoseMeasurement
@@ -29,13 +30,8 @@ def _linearise(
     for b in range(len(g)):
         for t in range(len(places)):
             object_pose_error(g[b, places[t, 0]], e[b, places[t, 0]], data[t].pose, error, by_g_and_e)
-            root = data[t].root
+            whiten(data[t].root, error, by_g_and_e, residual[b, t], jacobian[b, t])
             for r in range(3):
-                residual[b, t, r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
-                for k in range(6):
-                    jacobian[b, t, r, k] = (
-                        root[r, 0] * by_g_and_e[0, k] + root[r, 1] * by_g_and_e[1, k] + root[r, 2] * by_g_and_e[2, k]
-                    )
                 information[b, t, r] = weight[b, t, r] = 1.0
 
 

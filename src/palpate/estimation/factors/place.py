@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.one_term_each import OneTermEach
 from palpate.estimation.planar import cauchy
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import SENSOR_IN_OBJECT
@@ -53,20 +53,11 @@ def _linearise(
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
 
 
-class Place(Factor):
+class Place(OneTermEach):
     """One term for each contact place that touch tells."""
 
     name = "place"
     steps = ((SENSOR_IN_OBJECT,),)
-    rows = 1
+    measurement, value = ContactPlace, "place"
     data = DATA
     kernel = _linearise
-
-    def __init__(self, settings: PlaceSettings) -> None:
-        self.given = (kernel_scale(settings.kernel),)
-        self._share = settings.share
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        said = [one for one in step.measurements if isinstance(one, ContactPlace)]
-        return terms_now([(one.place, 1.0 / (one.variance * self._share)) for one in said], DATA)

@@ -10,13 +10,13 @@ import numpy as np
 from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.errors import EstimationError
 from palpate.estimation.factors.factor import Factor, Step, Terms
-from palpate.estimation.planar import adjoint, between, log, log_by_pose
+from palpate.estimation.planar import adjoint, between, log, log_by_pose, whiten
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import SENSOR_IN_OBJECT
 from palpate.estimation.values import State
+from palpate.geometry.se2 import Sigmas
 from palpate.recording.measurements import RelativePoses
 
-Sigmas = tuple[float, float, float]
 DATA = np.dtype([("pose", np.float64, (3,)), ("root", np.float64, (3, 3))])
 """Measured `g_i^-1 g_j`, and the matrix that whitens its error."""
 
@@ -57,15 +57,10 @@ def _linearise(
             between(data[t].pose, relative, apart)
             log(apart, error)
             log_by_pose(error, by_later)
+            whiten(data[t].root, error, by_later, residual[b, t], jacobian[b, t, :, 3:])
             # The earlier pose moves what is seen from it the other way: exp(-Ad_relative^-1 d).
             between(later, earlier, back)
             adjoint(back, turned)
-            root = data[t].root
-            for r in range(3):
-                residual[b, t, r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
-                for c in range(3):
-                    whitened = root[r, 0] * by_later[0, c] + root[r, 1] * by_later[1, c] + root[r, 2] * by_later[2, c]
-                    jacobian[b, t, r, 3 + c] = whitened
             for r in range(3):
                 for c in range(3):
                     later_r = jacobian[b, t, r]

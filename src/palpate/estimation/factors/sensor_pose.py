@@ -10,8 +10,8 @@ from palpate.estimation.planar import between, log, log_by_pose
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import SENSOR
 from palpate.estimation.values import State
+from palpate.geometry.se2 import Sigmas
 
-Sigmas = tuple[float, float, float]
 DATA = np.dtype([("pose", np.float64, (3,))])
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiled import Array, Given, Places, Records, compiled
-from palpate.estimation.factors.factor import Factor, Step, Terms, kernel_scale, terms_now
+from palpate.estimation.factors.factor import Terms
+from palpate.estimation.factors.one_term_each import OneTermEach
 from palpate.estimation.planar import cauchy, wrap
 from palpate.estimation.setting import Settings, Tunable, setting
 from palpate.estimation.unknowns import IN_SHARED, SENSOR_IN_OBJECT, TURN_OFFSET, Unknown
@@ -55,25 +56,16 @@ def _linearise(
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
 
 
-class Turn(Factor):
+class Turn(OneTermEach):
     """One term for each turn that touch tells."""
 
     name = "turn"
     steps = ((SENSOR_IN_OBJECT,),)
     shared = (TURN_OFFSET,)
-    rows = 1
+    measurement, value = TurnMeasurement, "angle"
     data = DATA
     kernel = _linearise
     reads_outline = False
-
-    def __init__(self, settings: TurnSettings) -> None:
-        self.given = (kernel_scale(settings.kernel),)
-        self._share = settings.share
-
-    def terms(self, step: Step) -> Terms | None:
-        """See Factor."""
-        said = [one for one in step.measurements if isinstance(one, TurnMeasurement)]
-        return terms_now([(one.angle, 1.0 / (one.variance * self._share)) for one in said], DATA)
 
     def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
         """See Factor. Under its kernel a turn far off the offset would hardly pull."""

@@ -22,7 +22,7 @@ _REASON = (
 )
 
 
-class HalfTurn:
+class MirroredImages:
     """Follows a stream as its images are and as if they were mirrored, until one of both is contradicted."""
 
     def __init__(self, looks: bool) -> None:

@@ -8,6 +8,7 @@ from push_samples import contact_directions, frames, model_of, touching, with_se
 from tracker_samples import nees
 
 from palpate.estimation.hypotheses import Hypotheses
+from palpate.estimation.mirrored_images import MirroredImages, mirrored
 from palpate.estimation.settings import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
@@ -15,7 +16,6 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, ContactPlace, ObjectPose, RelativePoses, Turn
 from palpate.simulation.limit_surface import Steering, push
 from palpate.simulation.recordings import simulate_recording
-from palpate.stream.half_turn import HalfTurn, mirrored
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.untouched import calibrate
 from palpate.touch.view import CameraView
@@ -40,15 +40,15 @@ def estimator(first: Array | None = None) -> Hypotheses:
 
 
 def followed(
-    seen: list[Frame], angles: Array, half_turn: HalfTurn, first: Array | None = None
+    seen: list[Frame], angles: Array, mirrored_images: MirroredImages, first: Array | None = None
 ) -> tuple[Hypotheses, list[bool]]:
     """The estimator in the end, and whether images are taken to be turned, after each frame."""
     one, turned = estimator(first), []
     for frame, angle in zip(seen, angles, strict=True):
         told = [ContactDirection(float(angle), SAID)]
-        one = half_turn.see(one, frame, told)
-        one.touch(frame.sensor_pose, half_turn.believed(told), frame.time)
-        turned.append(half_turn.is_turned)
+        one = mirrored_images.see(one, frame, told)
+        one.touch(frame.sensor_pose, mirrored_images.believed(told), frame.time)
+        turned.append(mirrored_images.is_turned)
     return one, turned
 
 
@@ -56,29 +56,29 @@ def followed(
 def test_what_is_felt_on_the_wrong_side_is_mirrored_and_what_was_believed_is_taken_back(side):
     seen, angles = felt(side * 6.0 * DEGREE)
     assert angles[0] == pytest.approx(side * 6.0 * DEGREE, abs=1e-6)
-    half_turn = HalfTurn(looks=True)
-    found, turned = followed(seen, -angles, half_turn)
+    mirrored_images = MirroredImages(looks=True)
+    found, turned = followed(seen, -angles, mirrored_images)
     # It is contradicted after five frames, and half a second more is waited for.
     assert turned.index(True) == 20 and turned[-1]
-    assert "turned by half a turn or mirrored" in half_turn.reason
-    assert "the outline may be mirrored or the first pose wrong" in half_turn.reason
-    as_they_are, never = followed(seen, angles, HalfTurn(looks=True))
+    assert "turned by half a turn or mirrored" in mirrored_images.reason
+    assert "the outline may be mirrored or the first pose wrong" in mirrored_images.reason
+    as_they_are, never = followed(seen, angles, MirroredImages(looks=True))
     assert not any(never)
     np.testing.assert_array_equal(found.path(), as_they_are.path())
 
 
 def test_what_is_felt_in_the_middle_tells_nothing():
     seen, _ = felt(0.0)
-    half_turn = HalfTurn(looks=True)
-    assert not any(followed(seen, np.zeros(len(seen)), half_turn)[1]) and half_turn.reason == ""
+    mirrored_images = MirroredImages(looks=True)
+    assert not any(followed(seen, np.zeros(len(seen)), mirrored_images)[1]) and mirrored_images.reason == ""
 
 
 def test_sides_that_were_right_are_no_longer_doubted():
     seen, angles = felt(6.0 * DEGREE)
-    half_turn = HalfTurn(looks=True)
-    followed(seen, angles, half_turn)
-    assert not any(followed(seen, -angles, half_turn)[1])
-    assert not any(followed(seen, -angles, HalfTurn(looks=False))[1])
+    mirrored_images = MirroredImages(looks=True)
+    followed(seen, angles, mirrored_images)
+    assert not any(followed(seen, -angles, mirrored_images)[1])
+    assert not any(followed(seen, -angles, MirroredImages(looks=False))[1])
 
 
 @pytest.mark.parametrize("frame", [8, 12])
@@ -86,9 +86,9 @@ def test_where_both_are_contradicted_nothing_is_known(frame):
     # Something turns the object by 20 degrees in the midst of it.
     seen, angles = felt(6.0 * DEGREE)
     angles[frame:] += 20.0 * DEGREE
-    half_turn = HalfTurn(looks=True)
-    assert not any(followed(seen, -angles, half_turn)[1])
-    assert not any(followed(seen, -felt(6.0 * DEGREE)[1], half_turn)[1])
+    mirrored_images = MirroredImages(looks=True)
+    assert not any(followed(seen, -angles, mirrored_images)[1])
+    assert not any(followed(seen, -felt(6.0 * DEGREE)[1], mirrored_images)[1])
 
 
 def test_an_object_that_is_elsewhere_tells_nothing_of_images():
@@ -96,18 +96,18 @@ def test_an_object_that_is_elsewhere_tells_nothing_of_images():
     seen, angles = felt(6.0 * DEGREE)
     turned = se2.exp(np.array([0.0, 0.0, 16.0 * DEGREE]))
     assert abs(estimator(turned).gap(seen[0].sensor_pose)[0]) > 5e-3
-    assert not any(followed(seen, angles, HalfTurn(looks=True), turned)[1])
+    assert not any(followed(seen, angles, MirroredImages(looks=True), turned)[1])
 
 
 def test_of_an_object_that_is_known_roughly_nothing_is_asked():
     seen, angles = felt(6.0 * DEGREE)
     rough = Hypotheses(MODEL, NOISE, "fixed-lag", np.zeros(3), np.array([0.02, 0.02, 0.5]), 9)
-    half_turn = HalfTurn(looks=True)
+    mirrored_images = MirroredImages(looks=True)
     for frame, angle in zip(seen, angles, strict=True):
         told = [ContactDirection(-float(angle), SAID)]
-        rough = half_turn.see(rough, frame, told)
-        rough.touch(frame.sensor_pose, half_turn.believed(told), frame.time)
-    assert not half_turn.is_turned
+        rough = mirrored_images.see(rough, frame, told)
+        rough.touch(frame.sensor_pose, mirrored_images.believed(told), frame.time)
+    assert not mirrored_images.is_turned
 
 
 def test_with_several_answers_nothing_is_asked():
@@ -117,12 +117,12 @@ def test_with_several_answers_nothing_is_asked():
         rough.touch(frame.sensor_pose, [ContactDirection(float(angle), SAID)], frame.time)
     rough.end_contact()
     assert len(rough.answers) > 1
-    half_turn = HalfTurn(looks=True)
+    mirrored_images = MirroredImages(looks=True)
     for frame, angle in zip(seen, angles, strict=True):
         told = [ContactDirection(-float(angle), SAID)]
-        found = half_turn.see(rough, frame, told)
-        found.touch(frame.sensor_pose, half_turn.believed(told), 10.0 + frame.time)
-    assert not half_turn.is_turned
+        found = mirrored_images.see(rough, frame, told)
+        found.touch(frame.sensor_pose, mirrored_images.believed(told), 10.0 + frame.time)
+    assert not mirrored_images.is_turned
 
 
 def test_what_is_told_of_an_image_that_lies_turned():
