@@ -153,6 +153,37 @@ def test_an_object_that_was_moved_is_found_again():
     assert abs(rotation_errors(found[-1].pose[None], truth[None]).item()) < 5e-3
 
 
+class Firm(OwnMeasurement):
+    """The grip, which tells nothing of the pose."""
+
+    on = ("grip",)
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        return (values[0] - 0.5) / 0.01, np.array([[100.0]])
+
+
+class Failing(OwnPose):
+    """A pose by code that fails."""
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        raise RuntimeError("no camera")
+
+
+@pytest.mark.parametrize("said", [Firm(), Failing(np.zeros(3))])
+def test_what_tells_nothing_of_the_pose_finds_no_object_that_was_moved(said):
+    # The sensor has stood where the rectangle should be, and draws back.
+    where = np.array([[-0.098, 0.0, 0.0], *[[-0.3, 0.0, 0.0]] * 4])
+    seen = frames(np.zeros((5, 3)), where, contact=False)
+    told = [dataclasses.replace(frame, measurements=(said,)) for frame in seen[1:]]
+    found, expected = (track("rectangle", given, np.zeros(3), settings())[1] for given in ([seen[0], *told], seen))
+    assert statuses(found) == ["displaced"] * 5
+    assert [one.reason for one in found] == [one.reason for one in expected]
+    np.testing.assert_allclose(poses(found), poses(expected), atol=1e-12)
+    np.testing.assert_allclose(found[-1].covariance, expected[-1].covariance, rtol=1e-9, atol=1e-15)
+    # What was measured counts nevertheless.
+    assert (found[-1].friction[0] > 0.45) == isinstance(said, Firm)
+
+
 def test_a_measurement_that_cannot_be_of_an_object_at_rest_is_left_out(caplog):
     class OfSensor(OwnPose):
         on = ("sensor",)

@@ -257,11 +257,11 @@ class Estimator:
         since = time if self._resting_since is None else self._resting_since
         prior = self.known.loosened(self._diagnosis.displacement_covariance())
         doubted = prior.loosened(self._diagnosis.contradiction_covariance())
-        known = measured_at_rest(doubted, measurements, self._factors, self._model, since, time)
+        known, tells_pose = measured_at_rest(self.known, doubted, measurements, self._factors, self._model, since, time)
         step = Step(prior.pose, None, measurements, [since, time], at_rest=True)
         self._diagnosis.see_object_poses(prior, measured_poses(step, [prior.pose] * 2), moved=0.0)
-        if known is not doubted:
-            self.known = known
+        self.known = known
+        if tells_pose:
             self._diagnosis.forget_displacement()
             self._touched = None  # it may have been found elsewhere
 
