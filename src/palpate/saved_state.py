@@ -19,7 +19,7 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = 6  # 1 kept old steps one by one, 2 no size, 3 a term for each tip, 4 no doubts, 5 less of touches that end
+VERSION = 7  # others are refused
 _HOME = "palpate."
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}

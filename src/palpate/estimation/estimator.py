@@ -96,6 +96,11 @@ class Estimator:
         angle = self._contact.pushing_angle() if isinstance(self._contact, FixedLag) else math.nan
         return touched(self._model, self._contact.belief(), angle)
 
+    @property
+    def touched_for(self) -> float:
+        """Time from the first frame of the current graph to the last one [s]; 0 between contacts."""
+        return self._online[-1][0] - self._online[0][0] if self._online else 0.0
+
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here (3,), and the standard deviation of that [m]."""
         return self._diagnosis.gap(self.known, sensor_pose)
