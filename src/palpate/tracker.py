@@ -20,7 +20,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile, known_sensor
 from palpate.recording.trajectory import Trajectory
-from palpate.stream.checked_frame import check_kind
+from palpate.stream.checked_frame import checked_measurements
 from palpate.stream.half_turn import HalfTurn
 from palpate.stream.stream import Stream
 from palpate.touch.background import Background
@@ -227,10 +227,7 @@ class Tracker:
         if self._stream.is_unfelt and self._feels:
             return ()
         told = self._touch.measure(frame)
-        if self._is_touch_given:
-            for one in told:
-                check_kind(frame.time, one, len(self._sensor.tips))
-        return told
+        return checked_measurements(frame.time, told, len(self._sensor.tips)) if self._is_touch_given else told
 
     def _measured(self, frame: Frame, told: Sequence[Measurement]) -> Sequence[Measurement]:
         """All that is measured at a frame of which touch tells this."""
