@@ -59,7 +59,7 @@ class Tracker:
         `touch` is an object of your own that measures in place of what `settings.tactile` names. The first tracker of a
         process takes half a second to load compiled code, and the very first of a machine some 20 s to compile it.
         """
-        check_arguments(shape, settings, model, calibration)
+        check_arguments(shape, settings, model, calibration, touch)
         settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)

@@ -13,6 +13,7 @@ from palpate.errors import EstimationError, SettingError, ShapeError
 from palpate.estimation.settings import PRESETS, NoiseSettings
 from palpate.geometry.shapes import Disc, Polygon, Rectangle
 from palpate.recording.frame import Frame
+from palpate.touch.relative import NoTouch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 
@@ -108,6 +109,8 @@ def test_an_outline_in_millimetres_is_asked_about(caplog):
         ({"settings": "learnt"}, "settings is 'learnt'; it must be palpate.TrackerSettings"),
         ({"model": "folder"}, "model is 'folder'; it must be a palpate.TouchModel"),
         ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),
+        ({"touch": "learnt"}, r"touch is 'learnt'; it must be an object with methods measure\(frame\) and end_contact"),
+        ({"touch": NoTouch}, "touch is <class '.*NoTouch'>; it must be an object"),
         ({"settings": TrackerSettings(pressure=40.0)}, "pressure is 40 m, and the object is 0.176 m wide"),
     ],
 )
