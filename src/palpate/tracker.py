@@ -81,8 +81,8 @@ class Tracker:
         """Begin anew with the same sensor, settings and untouched gel, at whatever time the next frame has.
 
         Images that were found to lie turned still do.
-        `pose` (3,) is world_T_object [m, m, rad] then, with standard deviations `sigma` (3,); by default the first pose
-        of this tracker again, as well known as it was.
+        `pose` (3,) is world_T_object [m, m, rad] then, with standard deviations `sigma` (3,); by default the pose and
+        sigma that it last began with. A `pose` without `sigma` is known as well as `noise.first_pose` says.
         """
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
