@@ -32,6 +32,7 @@ from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_o
 from palpate.tracker_settings import TrackerSettings
 
 Array = NDArray[np.float64]
+_NO_FRAME = "no frame has been taken so far; there is one after the first update"
 
 
 class Tracker:
@@ -161,8 +162,12 @@ class Tracker:
 
     @property
     def frame(self) -> Frame:
-        """The last frame as it was taken: its image as the profile's lie, contact as the image tells."""
-        assert self._stream.last is not None
+        """The last frame as it was taken: its image as the profile's lie, contact as the image tells.
+
+        Raises EstimationError before the first one.
+        """
+        if self._stream.last is None:
+            raise EstimationError(_NO_FRAME)
         return self._stream.last
 
     @property
@@ -171,7 +176,12 @@ class Tracker:
         return self._stream.background
 
     def smoothed(self) -> Trajectory:
-        """Return the object's poses at all frames so far, each corrected by what was measured later in its contact."""
+        """Return the object's poses at all frames so far, each corrected by what was measured later in its contact.
+
+        Raises EstimationError before the first one.
+        """
+        if not self._times:
+            raise EstimationError(_NO_FRAME)
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
 

@@ -203,6 +203,18 @@ def test_a_first_time_that_is_not_finite():
         disc_tracker().update(small_frame(time=np.nan))
 
 
+def test_before_the_first_frame_there_is_none_to_tell_of():
+    tracker = disc_tracker()
+    for _ in range(2):
+        with pytest.raises(EstimationError, match="no frame has been taken so far"):
+            tracker.frame  # noqa: B018
+        with pytest.raises(EstimationError, match="no frame has been taken so far"):
+            tracker.smoothed()
+        tracker.update(small_frame())
+        assert tracker.frame.time == 1.0 and len(tracker.smoothed()) == 1
+        tracker.reset()
+
+
 def test_a_sensor_pose_of_two_numbers():
     with pytest.raises(EstimationError, match="sensor pose"):
         disc_tracker().update(small_frame(sensor_pose=np.zeros(2)))
