@@ -112,6 +112,15 @@ def test_an_own_residual_is_worth_as_much(contact, smoother):
         np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-14)
 
 
+def test_a_frame_may_bring_any_number_of_measurements():
+    (frame,) = frames(np.zeros((1, 3)), np.array([[-0.109, 0.0, 0.0]]))
+    alone, many = (track("disc", [], np.zeros(3), settings("none"))[0] for _ in range(2))
+    together = alone.update(frame, [ContactDirection(0.1, 1e-2)])
+    each = many.update(frame, [ContactDirection(0.1, 12.0)] * 1200)
+    np.testing.assert_allclose(each.pose, together.pose, atol=1e-6)
+    np.testing.assert_allclose(each.covariance, together.covariance, rtol=0.05)
+
+
 @pytest.mark.parametrize("own", [False, True])
 def test_a_slow_camera_tells_of_when_it_looked(own):
     # Ten frames late, an object that moves on at 1 mm a frame is 10 mm behind.
