@@ -38,10 +38,11 @@ class Late(Deep):
 
 BAD: dict[str, tuple[Any, str]] = {
     "no frame": ({"time": 1.0}, "found dict in place of a frame"),
-    "time of text": ({"time": "soon"}, "frame has time 'soon'; it must be a number"),
+    "time of text": ({"time": "soon"}, "frame has time 'soon'; it must be a finite number"),
     "time before": ({"time": 0.1}, "times must increase"),
-    "time that is nan": ({"time": np.nan}, "times must increase"),
-    "endless time": ({"time": np.inf}, "times must increase"),
+    "time that is nan": ({"time": np.nan}, r"^frame has time nan; it must be a finite number \[s\]$"),
+    "endless time": ({"time": np.inf}, "time inf; it must be a finite number"),
+    "time of more than floats hold": ({"time": 10**400}, "it must be a finite number"),
     "no pose": ({"sensor_pose": None}, "sensor pose None; it must be three finite numbers"),
     "pose of text": ({"sensor_pose": "here"}, "sensor pose here; it must be three"),
     "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),

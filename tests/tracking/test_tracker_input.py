@@ -29,7 +29,7 @@ def test_a_sensor_pose_that_is_not_finite(bad):
         disc_tracker().update(small_frame(sensor_pose=np.array([0.0, bad, 0.0])))
 
 
-@pytest.mark.parametrize("next_time", [1.0, 0.5, np.nan])
+@pytest.mark.parametrize("next_time", [1.0, 0.5])
 def test_time_that_does_not_increase(next_time):
     tracker = disc_tracker()
     tracker.update(small_frame())
@@ -199,7 +199,7 @@ def test_the_settings_that_ship():
 
 
 def test_a_first_time_that_is_not_finite():
-    with pytest.raises(EstimationError, match="time"):
+    with pytest.raises(EstimationError, match=r"^frame has time nan; it must be a finite number \[s\]$"):
         disc_tracker().update(small_frame(time=np.nan))
 
 

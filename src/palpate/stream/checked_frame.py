@@ -32,10 +32,11 @@ def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: floa
     """
     if not isinstance(frame, Frame):
         raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
-    if not isinstance(frame.time, Real) or isinstance(frame.time, bool):
-        raise FrameError(f"frame has time {frame.time!r}; it must be a number [s]")
+    is_number = isinstance(frame.time, Real) and not isinstance(frame.time, bool)
+    if not is_number or finite_numbers(frame.time, ()) is None:
+        raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
     when = f"frame at {frame.time:.3f} s"
-    if not after < frame.time < np.inf:
+    if frame.time <= after:
         raise FrameError(f"{when} follows one at {after:.3f} s; times must increase")
     if frame.contact is None and frame.image is None:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
