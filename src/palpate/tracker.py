@@ -21,7 +21,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import Measurement
 from palpate.recording.sensor import SensorProfile, known_sensor
 from palpate.recording.trajectory import Trajectory
-from palpate.stream.checked_frame import check_kind
+from palpate.stream.checked_frame import checked_measurements
 from palpate.stream.stream import Stream
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, Calibration
@@ -32,6 +32,7 @@ from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_o
 from palpate.tracker_settings import TrackerSettings
 
 Array = NDArray[np.float64]
+_NO_FRAME = "no frame has been taken so far; there is one after the first update"
 
 
 class Tracker:
@@ -59,7 +60,7 @@ class Tracker:
         `touch` is an object of your own that measures in place of what `settings.tactile` names. The first tracker of a
         process takes half a second to load compiled code, and the very first of a machine some 20 s to compile it.
         """
-        check_arguments(shape, settings, model, calibration)
+        check_arguments(shape, settings, model, calibration, touch)
         settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
@@ -81,8 +82,8 @@ class Tracker:
         """Begin anew with the same sensor, settings and untouched gel, at whatever time the next frame has.
 
         Images that were found to lie turned still do.
-        `pose` (3,) is world_T_object [m, m, rad] then, with standard deviations `sigma` (3,); by default the first pose
-        of this tracker again, as well known as it was.
+        `pose` (3,) is world_T_object [m, m, rad] then, with standard deviations `sigma` (3,); by default the pose and
+        sigma that it last began with. A `pose` without `sigma` is known as well as `noise.first_pose` says.
         """
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
@@ -161,8 +162,12 @@ class Tracker:
 
     @property
     def frame(self) -> Frame:
-        """The last frame as it was taken: its image as the profile's lie, contact as the image tells."""
-        assert self._stream.last is not None
+        """The last frame as it was taken: its image as the profile's lie, contact as the image tells.
+
+        Raises EstimationError before the first one.
+        """
+        if self._stream.last is None:
+            raise EstimationError(_NO_FRAME)
         return self._stream.last
 
     @property
@@ -171,7 +176,12 @@ class Tracker:
         return self._stream.background
 
     def smoothed(self) -> Trajectory:
-        """Return the object's poses at all frames so far, each corrected by what was measured later in its contact."""
+        """Return the object's poses at all frames so far, each corrected by what was measured later in its contact.
+
+        Raises EstimationError before the first one.
+        """
+        if not self._times:
+            raise EstimationError(_NO_FRAME)
         contact = np.array(self._contacts, dtype=bool)
         return Trajectory(np.array(self._times), self._estimator.path(), contact=contact)
 
@@ -227,10 +237,7 @@ class Tracker:
         if self._stream.is_unfelt and self._feels:
             return ()
         told = self._touch.measure(frame)
-        if self._is_touch_given:
-            for one in told:
-                check_kind(frame.time, one, len(self._sensor.tips))
-        return told
+        return checked_measurements(frame.time, told, len(self._sensor.tips)) if self._is_touch_given else told
 
     def _measured(self, frame: Frame, told: Sequence[Measurement]) -> Sequence[Measurement]:
         """All that is measured at a frame of which touch tells this."""

@@ -15,6 +15,7 @@ from palpate.recording.measurements import finite_numbers
 from palpate.recording.units import SPAN, TURNS, check_outline, extent_of
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.model import TouchModel
+from palpate.touch.relative import Touch
 from palpate.tracker_settings import TrackerSettings
 
 logger = logging.getLogger(__name__)
@@ -24,10 +25,10 @@ ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)
 """The first pose of an object that may be anywhere, and its standard deviations [m, m, rad]."""
 
 
-def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any) -> None:
-    """Raise SettingError unless these are an outline, settings, a touch model and a calibration, or None but the first.
+def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
+    """Raise SettingError unless these are an outline, settings, a touch model, a calibration and touch.
 
-    Raises it, or ShapeError, where lengths must be in another unit.
+    All but the first may be None. Raises it, or ShapeError, where lengths must be in another unit.
     """
     if not isinstance(shape, Shape):
         raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
@@ -36,8 +37,10 @@ def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any) -> 
         ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),
         ("model", model, TouchModel, "a palpate.TouchModel(folder)"),
         ("calibration", calibration, Calibration, "a Calibration, which palpate.load_calibration reads from a file"),
+        ("touch", touch, Touch, "an object with methods measure(frame) and end_contact()"),
     ):
-        if found is not None and not isinstance(found, kind):
+        # A class has the methods of its objects.
+        if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
             said = str(found) if isinstance(found, Path) else found
             raise SettingError(f"{name} is {said!r}; it must be {maker}")
     pressure = settings.pressure if settings is not None else ""

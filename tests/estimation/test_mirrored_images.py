@@ -67,6 +67,14 @@ def test_what_is_felt_on_the_wrong_side_is_mirrored_and_what_was_believed_is_tak
     np.testing.assert_array_equal(found.path(), as_they_are.path())
 
 
+@pytest.mark.parametrize("rate", [15.0, 60.0])
+def test_half_a_second_is_waited_for_at_any_rate(rate):
+    seen, angles = felt(6.0 * DEGREE, 60)
+    seen = [replace(frame, time=k / rate) for k, frame in enumerate(seen)]
+    _, turned = followed(seen, -angles, HalfTurn(looks=True))
+    assert turned.index(True) == pytest.approx(5.0 + 0.5 * rate, abs=1.0)
+
+
 def test_what_is_felt_in_the_middle_tells_nothing():
     seen, _ = felt(0.0)
     mirrored_images = MirroredImages(looks=True)

@@ -33,7 +33,7 @@ def known(seed: int = 0, size: float = 1e-4, pose: Any = (0.3, -0.2, 3.1)) -> Pr
 
 
 def at_rest(prior: Prior, *said: Measurement) -> Prior:
-    return measured_at_rest(prior, said, FACTORS, MODEL, SINCE, NOW)
+    return measured_at_rest(prior, prior, said, FACTORS, MODEL, SINCE, NOW)[0]
 
 
 def near(prior: Prior, by: Any) -> Array:
@@ -132,6 +132,18 @@ def test_what_touch_says_is_of_no_account_at_rest():
     prior = known()
     assert at_rest(prior, ContactDirection(0.1, 1e-4), Turn(0.1, 1e-4)) is prior
     assert at_rest(prior) is prior
+
+
+def test_what_tells_of_the_pose_is_weighed_against_what_is_doubted():
+    prior = known()
+    doubted = prior.loosened(1e-4 * np.eye(3))
+    seen, deep = ObjectPose(near(prior, (2e-4, -1e-4, 1.5e-4)), SEEN), Deep(float(prior[DEPTH][0]) + 2e-4, 5e-5)
+    found, tells_pose = measured_at_rest(prior, doubted, [seen, deep], FACTORS, MODEL, SINCE, NOW)
+    assert tells_pose
+    np.testing.assert_array_equal(found.pose, at_rest(doubted, seen, deep).pose)
+    found, tells_pose = measured_at_rest(prior, doubted, [deep], FACTORS, MODEL, SINCE, NOW)
+    assert not tells_pose
+    np.testing.assert_array_equal(found.covariance, at_rest(prior, deep).covariance)
 
 
 def warning_of(caplog: pytest.LogCaptureFixture) -> str:

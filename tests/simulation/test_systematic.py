@@ -1,5 +1,7 @@
 """What is stated wrongly all through a recording is as large as it is said to be, and truth stays the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,9 @@ def test_what_is_stated_is_off_by_the_errors_and_truth_is_not():
     np.testing.assert_allclose(se2.between(exact.object_pose[0], stated.first_pose), ERRORS.first_pose, atol=1e-12)
     np.testing.assert_array_equal(stated.object_pose, exact.object_pose)
     np.testing.assert_array_equal(stated.contact, exact.contact)
+    assert stated.frames["image"] == "1 frame late"
+    assert misstated(exact, replace(ERRORS, late=0)).frames["image"] == "0 frames late"
+    assert stated.frames["first_pose"] == "stated with an error; first_pose_sigma is its standard deviation"
 
 
 def test_errors_are_drawn_as_large_as_they_are_said_to_be():

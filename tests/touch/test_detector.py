@@ -161,6 +161,16 @@ def test_half_a_second_of_any_rate_is_taken_and_never_few():
         assert detector.background is not None
 
 
+def test_what_is_forgotten_while_it_is_gathered_is_not_taken_as_untouched():
+    detector = ContactDetector()
+    for number in range(FIRST - 5 + FIRST):
+        assert detector.background is None, number
+        if number == FIRST - 5:
+            detector.forget()
+        detector.update(grey())
+    assert detector.background is not None
+
+
 def test_black_frames_and_a_touch_that_moves_are_not_taken_as_untouched():
     detector = ContactDetector()
     for _ in range(20):

@@ -1,8 +1,10 @@
 """Brief touches where nothing should be: they may be none, and the object may have been moved."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from push_samples import frames, in_two_contacts
+from push_samples import frames, in_two_contacts, pushed
 from tracker_samples import nees, poses, settings, statuses, track
 
 from palpate.geometry import se2
@@ -34,6 +36,21 @@ def test_what_was_known_before_a_false_touch_goes_on_beside_it(false):
     # The next contact finds the object where it was.
     assert np.abs(poses(found)[-1] - expected[-1])[:2].max() < 2e-3
     assert len(tracker.smoothed()) == len(o)
+
+
+@pytest.mark.parametrize(
+    ("rate", "false", "is_brief"),
+    [(30.0, 15, True), (30.0, 16, False), (60.0, 24, True), (60.0, 33, False), (15.0, 7, True), (15.0, 14, False)],
+)
+def test_half_a_second_is_brief_at_any_rate(rate, false, is_brief):
+    o, e = pushed("rectangle", STEPS)
+    rest = 40
+    o, e = np.concatenate([o, np.tile(o[-1], (rest, 1))]), np.concatenate([e, np.tile([-0.4, 0.0, 0.0], (rest, 1))])
+    seen = frames(o, e, touched(np.arange(len(o)) <= STEPS, false))
+    seen = [replace(frame, time=k / rate) for k, frame in enumerate(seen)]
+    found = track("rectangle", seen, o[0], settings())[1]
+    off = [np.abs(answer.pose - found[STEPS + 1].pose).max() for answer in found[-1].answers]
+    assert (min(off) < 1e-4) == is_brief
 
 
 def test_a_brief_touch_of_an_object_that_was_moved_is_not_forgotten():

@@ -112,6 +112,15 @@ def test_an_own_residual_is_worth_as_much(contact, smoother):
         np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-14)
 
 
+def test_a_frame_may_bring_any_number_of_measurements():
+    (frame,) = frames(np.zeros((1, 3)), np.array([[-0.109, 0.0, 0.0]]))
+    alone, many = (track("disc", [], np.zeros(3), settings("none"))[0] for _ in range(2))
+    together = alone.update(frame, [ContactDirection(0.1, 1e-2)])
+    each = many.update(frame, [ContactDirection(0.1, 12.0)] * 1200)
+    np.testing.assert_allclose(each.pose, together.pose, atol=1e-6)
+    np.testing.assert_allclose(each.covariance, together.covariance, rtol=0.05)
+
+
 @pytest.mark.parametrize("own", [False, True])
 def test_a_slow_camera_tells_of_when_it_looked(own):
     # Ten frames late, an object that moves on at 1 mm a frame is 10 mm behind.
@@ -151,6 +160,37 @@ def test_an_object_that_was_moved_is_found_again():
     assert statuses(found) == ["resting"] * 10
     assert translation_errors(found[-1].pose[None], truth[None]).item() < 1e-3
     assert abs(rotation_errors(found[-1].pose[None], truth[None]).item()) < 5e-3
+
+
+class Firm(OwnMeasurement):
+    """The grip, which tells nothing of the pose."""
+
+    on = ("grip",)
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        return (values[0] - 0.5) / 0.01, np.array([[100.0]])
+
+
+class Failing(OwnPose):
+    """A pose by code that fails."""
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        raise RuntimeError("no camera")
+
+
+@pytest.mark.parametrize("said", [Firm(), Failing(np.zeros(3))])
+def test_what_tells_nothing_of_the_pose_finds_no_object_that_was_moved(said):
+    # The sensor has stood where the rectangle should be, and draws back.
+    where = np.array([[-0.098, 0.0, 0.0], *[[-0.3, 0.0, 0.0]] * 4])
+    seen = frames(np.zeros((5, 3)), where, contact=False)
+    told = [dataclasses.replace(frame, measurements=(said,)) for frame in seen[1:]]
+    found, expected = (track("rectangle", given, np.zeros(3), settings())[1] for given in ([seen[0], *told], seen))
+    assert statuses(found) == ["displaced"] * 5
+    assert [one.reason for one in found] == [one.reason for one in expected]
+    np.testing.assert_allclose(poses(found), poses(expected), atol=1e-12)
+    np.testing.assert_allclose(found[-1].covariance, expected[-1].covariance, rtol=1e-9, atol=1e-15)
+    # What was measured counts nevertheless.
+    assert (found[-1].friction[0] > 0.45) == isinstance(said, Firm)
 
 
 def test_a_measurement_that_cannot_be_of_an_object_at_rest_is_left_out(caplog):

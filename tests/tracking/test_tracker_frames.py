@@ -1,6 +1,7 @@
 """Frames that cannot be used: one kind of error, and estimates as if they had not come."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,10 +38,11 @@ class Late(Deep):
 
 BAD: dict[str, tuple[Any, str]] = {
     "no frame": ({"time": 1.0}, "found dict in place of a frame"),
-    "time of text": ({"time": "soon"}, "frame has time 'soon'; it must be a number"),
+    "time of text": ({"time": "soon"}, "frame has time 'soon'; it must be a finite number"),
     "time before": ({"time": 0.1}, "times must increase"),
-    "time that is nan": ({"time": np.nan}, "times must increase"),
-    "endless time": ({"time": np.inf}, "times must increase"),
+    "time that is nan": ({"time": np.nan}, r"^frame has time nan; it must be a finite number \[s\]$"),
+    "endless time": ({"time": np.inf}, "time inf; it must be a finite number"),
+    "time of more than floats hold": ({"time": 10**400}, "it must be a finite number"),
     "no pose": ({"sensor_pose": None}, "sensor pose None; it must be three finite numbers"),
     "pose of text": ({"sensor_pose": "here"}, "sensor pose here; it must be three"),
     "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),
@@ -92,23 +94,41 @@ def test_a_measurement_of_one_tip_for_a_sensor_with_two():
         tracker.update(small_frame(), [ContactDirection(0.0, 1e-4)])
 
 
-class FeelsOneTip:
-    """A touch of one's own that tells what is not of two tips."""
+class Tells:
+    """A touch of one's own that tells this."""
 
-    def measure(self, frame: Frame) -> list[Measurement]:
-        return [ContactDirection(0.0, 1e-4)]
+    def __init__(self, told: Any) -> None:
+        self._told = told
+
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
+        return self._told
 
     def end_contact(self) -> None:
         pass
 
 
-def test_touch_of_ones_own_that_tells_of_one_tip_with_two():
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (
+            [ContactDirection(0.0, 1e-4)],
+            "has a measurement ContactDirection, which is of one tip, and the sensor has 2",
+        ),
+        (None, "has measurements of type NoneType; they must be a list of measurements"),
+        *((BAD[name][0]["measurements"], BAD[name][1]) for name in BAD if "measurements" in BAD[name][0]),
+    ],
+)
+def test_touch_of_ones_own_is_checked_as_measurements_are(told, words):
     two = SensorProfile("fingers", 0.004, ((0.0, 0.02), (0.0, -0.02)))
-    tracker = Tracker(SHAPES["disc"], two, np.zeros(3), touch=FeelsOneTip())
-    said = "frame at 1.000 s has a measurement ContactDirection, which is of one tip, and the sensor has 2"
-    with pytest.raises(FrameError, match=f"^{said}$"):
+    tracker = Tracker(SHAPES["disc"], two, np.zeros(3), touch=Tells(told))
+    with pytest.raises(FrameError, match=f"^frame at 1.000 s.*{words}"):
         tracker.update(small_frame(contact=True))
     assert not tracker.update(small_frame(time=2.0)).contact
+
+
+def test_touch_of_ones_own_may_tell_one_measurement():
+    alone, listed = (Tracker(SHAPES["disc"], sensor(), np.zeros(3), touch=Tells(told)) for told in (SEEN, [SEEN]))
+    assert alone.update(small_frame(contact=True)) == listed.update(small_frame(contact=True))
 
 
 @pytest.mark.parametrize("smoother", ["fixed-lag", "isam2"])

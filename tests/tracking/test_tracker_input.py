@@ -13,6 +13,7 @@ from palpate.errors import EstimationError, SettingError, ShapeError
 from palpate.estimation.settings import PRESETS, NoiseSettings
 from palpate.geometry.shapes import Disc, Polygon, Rectangle
 from palpate.recording.frame import Frame
+from palpate.touch.relative import NoTouch
 from palpate.tracker import Tracker
 from palpate.tracker_settings import TrackerSettings
 
@@ -28,7 +29,7 @@ def test_a_sensor_pose_that_is_not_finite(bad):
         disc_tracker().update(small_frame(sensor_pose=np.array([0.0, bad, 0.0])))
 
 
-@pytest.mark.parametrize("next_time", [1.0, 0.5, np.nan])
+@pytest.mark.parametrize("next_time", [1.0, 0.5])
 def test_time_that_does_not_increase(next_time):
     tracker = disc_tracker()
     tracker.update(small_frame())
@@ -108,6 +109,8 @@ def test_an_outline_in_millimetres_is_asked_about(caplog):
         ({"settings": "learnt"}, "settings is 'learnt'; it must be palpate.TrackerSettings"),
         ({"model": "folder"}, "model is 'folder'; it must be a palpate.TouchModel"),
         ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),
+        ({"touch": "learnt"}, r"touch is 'learnt'; it must be an object with methods measure\(frame\) and end_contact"),
+        ({"touch": NoTouch}, "touch is <class '.*NoTouch'>; it must be an object"),
         ({"settings": TrackerSettings(pressure=40.0)}, "pressure is 40 m, and the object is 0.176 m wide"),
     ],
 )
@@ -196,8 +199,20 @@ def test_the_settings_that_ship():
 
 
 def test_a_first_time_that_is_not_finite():
-    with pytest.raises(EstimationError, match="time"):
+    with pytest.raises(EstimationError, match=r"^frame has time nan; it must be a finite number \[s\]$"):
         disc_tracker().update(small_frame(time=np.nan))
+
+
+def test_before_the_first_frame_there_is_none_to_tell_of():
+    tracker = disc_tracker()
+    for _ in range(2):
+        with pytest.raises(EstimationError, match="no frame has been taken so far"):
+            tracker.frame  # noqa: B018
+        with pytest.raises(EstimationError, match="no frame has been taken so far"):
+            tracker.smoothed()
+        tracker.update(small_frame())
+        assert tracker.frame.time == 1.0 and len(tracker.smoothed()) == 1
+        tracker.reset()
 
 
 def test_a_sensor_pose_of_two_numbers():
@@ -258,7 +273,13 @@ def test_a_tracker_that_is_reset_is_as_a_new_one(smoother):
         # The clock may begin anew, too.
         assert [used.update(frame) for frame in frames(o, e)] == [fresh.update(frame) for frame in frames(o, e)]
         assert len(used.smoothed()) == 21
-    used.reset()  # to the pose that was given last
+    used.reset(sigma=(1e-3, 1e-3, 1e-2))
+    used.reset()  # to the pose and sigma that were given last
+    surer = Tracker(SHAPES["rectangle"], sensor(), o[0], how, first_pose_sigma=(1e-3, 1e-3, 1e-2))
+    assert used.update(small_frame()) == surer.update(small_frame())
+    used.reset(o[0])  # as well known as settings say
+    assert used.update(small_frame()) == Tracker(SHAPES["rectangle"], sensor(), o[0], how).update(small_frame())
+    used.reset()
     assert used.update(small_frame()).pose.tolist() == o[0].tolist()
     with pytest.raises(SettingError, match="first pose is 'here'"):
         used.reset("here")

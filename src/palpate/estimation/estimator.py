@@ -101,6 +101,11 @@ class Estimator:
         angle = self._contact.pushing_angle() if isinstance(self._contact, FixedLag) else math.nan
         return touched(self._model, self._contact.belief(), angle)
 
+    @property
+    def touched_for(self) -> float:
+        """Time from the first frame of the current graph to the last one [s]; 0 between contacts."""
+        return self._online[-1][0] - self._online[0][0] if self._online else 0.0
+
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here (3,), and the standard deviation of that [m]."""
         return self._diagnosis.gap(self.known, sensor_pose)
@@ -282,11 +287,11 @@ class Estimator:
         self.known, self._untold_yaw = self._with_untold_yaw(self.known), 0.0
         prior = self.known.loosened(self._diagnosis.displacement_covariance())
         doubted = prior.loosened(self._diagnosis.contradiction_covariance())
-        known = measured_at_rest(doubted, measurements, self._factors, self._model, since, time)
+        known, tells_pose = measured_at_rest(self.known, doubted, measurements, self._factors, self._model, since, time)
         step = Step(prior.pose, None, measurements, [since, time], at_rest=True)
         self._diagnosis.see_object_poses(prior, measured_poses(step, [prior.pose] * 2), moved=0.0)
-        if known is not doubted:
-            self.known = known
+        self.known = known
+        if tells_pose:
             self._diagnosis.forget_displacement()
             self._touched = None  # it may have been found elsewhere
 

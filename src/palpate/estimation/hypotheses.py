@@ -52,7 +52,7 @@ from palpate.recording.measurements import Measurement
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
-_BRIEF = 15  # frames, half a second, up to which a touch where nothing should be may have been none
+_BRIEF = 0.48  # [s] up to which a touch may have been none: 15 frames at 30 Hz, however their stamps jitter
 
 
 class Hypotheses:
@@ -205,7 +205,7 @@ class Hypotheses:
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
-        may_be_none = self.is_displaced and self._steps <= _BRIEF
+        may_be_none = self.is_displaced and self._best.estimator.touched_for <= _BRIEF
         self._all = [one for one in self._all if not is_lost(one)] or self._all
         for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
             one.log_prior = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact

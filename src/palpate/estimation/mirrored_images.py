@@ -5,6 +5,7 @@ follows that is told all of it mirrored. Of the two, the wrong one is soon contr
 """
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from palpate.recording.measurements import ContactDirection, ContactPlace, Measu
 
 logger = logging.getLogger(__name__)
 
-_WAIT = 15  # frames, half a second, in which one must be contradicted and the other not
+_WAIT = 0.48  # [s] in which one must be contradicted and the other not: 15 frames at 30 Hz, as in `hypotheses`
 _REASON = (
     "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
     "it with palpate calibrate --presses, for the outline may be mirrored or the first pose wrong instead"
@@ -31,7 +32,7 @@ class MirroredImages:
         self._is_settled = not looks
         self._other: Hypotheses | None = None  # is told all of this contact mirrored
         self._contradicted = (False, False)  # in this contact: what is told as it is, and mirrored
-        self._since = 0  # frames since the first of both was
+        self._since = math.inf  # [s] since when one of both is
 
     @property
     def reason(self) -> str:
@@ -55,7 +56,7 @@ class MirroredImages:
         if other is None:
             return estimator
         if other.in_contact:
-            self._compare(estimator, other)
+            self._compare(estimator, other, frame.time)
         if self._is_settled or not _takes(other, frame, told):
             self._other = None
         if self.is_turned:
@@ -64,16 +65,17 @@ class MirroredImages:
 
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
-        self._other, self._contradicted, self._since = None, (False, False), 0
+        self._other, self._contradicted, self._since = None, (False, False), math.inf
 
-    def _compare(self, as_told: Hypotheses, other: Hypotheses) -> None:
+    def _compare(self, as_told: Hypotheses, other: Hypotheses, time: float) -> None:
         """Settle it where one was contradicted and the other is not for a while, or both were."""
         before = self._contradicted
         self._contradicted = before[0] or as_told.is_contradicted, before[1] or other.is_contradicted
-        self._since += any(self._contradicted)
+        if any(self._contradicted):
+            self._since = min(self._since, time)
         if all(self._contradicted):
             self._is_settled = True
-        elif self._since > _WAIT:
+        elif time - self._since > _WAIT:
             self._is_settled, self.is_turned = True, self._contradicted[0]
 
 

@@ -91,8 +91,8 @@ def misstated(recording: Recording, errors: SystematicErrors) -> Recording:
         frames=recording.frames
         | {
             "shape": f"stated {abs(errors.outline - 1.0):.1%} too {'large' if errors.outline > 1.0 else 'small'}",
-            "image": f"{errors.late} frames late",
-            "first_pose": "stated with an error that first_pose_sigma tells the size of",
+            "image": f"{errors.late} {'frame' if errors.late == 1 else 'frames'} late",
+            "first_pose": "stated with an error; first_pose_sigma is its standard deviation",
         },
     )
 

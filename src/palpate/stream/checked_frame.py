@@ -32,10 +32,11 @@ def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: floa
     """
     if not isinstance(frame, Frame):
         raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
-    if not isinstance(frame.time, Real) or isinstance(frame.time, bool):
-        raise FrameError(f"frame has time {frame.time!r}; it must be a number [s]")
+    is_number = isinstance(frame.time, Real) and not isinstance(frame.time, bool)
+    if not is_number or finite_numbers(frame.time, ()) is None:
+        raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
     when = f"frame at {frame.time:.3f} s"
-    if not after < frame.time < np.inf:
+    if frame.time <= after:
         raise FrameError(f"{when} follows one at {after:.3f} s; times must increase")
     if frame.contact is None and frame.image is None:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
@@ -54,17 +55,16 @@ def checked_frame(frame: Frame, measurements: Sequence[Measurement], after: floa
         truth = finite_numbers(frame.object_pose, (3,))
         if truth is None and not _is_unknown(frame.object_pose):
             raise FrameError(f"{when} has object pose {frame.object_pose}; it must be three finite numbers or NaN")
-    said = (*_several(when, frame.measurements), *_several(when, measurements))
-    for one in said:
-        check_kind(frame.time, one, tips)
-        _check_measurement(when, one)
     return replace(
         frame,
         time=float(frame.time),
         sensor_pose=pose,
         contact=None if frame.contact is None else bool(frame.contact),
         object_pose=truth,
-        measurements=said,
+        measurements=(
+            *checked_measurements(frame.time, frame.measurements, tips),
+            *checked_measurements(frame.time, measurements, tips),
+        ),
     )
 
 
@@ -85,26 +85,31 @@ def _is_unknown(pose: Any) -> bool:
         return False
 
 
-def _several(when: str, measurements: Any) -> tuple[Measurement, ...]:
+def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Measurement, ...]:
+    """Return what is measured at a time [s]: one measurement, or all of a list.
+
+    Raises FrameError where something is no measurement, is not what it should be, or is not of a sensor with so many
+    tips.
+    """
+    when = f"frame at {time:.3f} s"
     if isinstance(measurements, Measurement):
-        return (measurements,)
+        measurements = (measurements,)
     try:
-        return tuple(measurements)
+        several = tuple(measurements)
     except TypeError:
         found = type(measurements).__name__
         raise FrameError(f"{when} has measurements of type {found}; they must be a list of measurements") from None
+    for one in several:
+        _check_measurement(when, one, tips)
+    return several
 
 
-def check_kind(time: float, measurement: Measurement, tips: int) -> None:
-    """Raise FrameError where what is measured at a time [s] is none, or not of a sensor with so many tips."""
-    when, kind = f"frame at {time:.3f} s", type(measurement).__name__
+def _check_measurement(when: str, measurement: Any, tips: int) -> None:
+    kind = type(measurement).__name__
     if not isinstance(measurement, Measurement):
         raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's measurements, as ObjectPose")
     if tips > 1 and isinstance(measurement, ContactDirection | ContactPlace | Turn):
         raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
-
-
-def _check_measurement(when: str, measurement: Measurement) -> None:
     if isinstance(measurement, RelativePoses) and not (np.linalg.eigvalsh(measurement.covariance) > 0.0).all():
         raise FrameError(f"{when} has a measurement RelativePoses whose covariance is not positive definite")
     if isinstance(measurement, OwnMeasurement):

@@ -167,6 +167,7 @@ class ContactDetector:
     def forget(self) -> None:
         """Take the next images as untouched: what is thought to be a touch is a gel or a light that has changed."""
         self._background, self._touched, self._doubted = None, False, ""
+        self._first.forget()
 
     def _weigh_doubt(self) -> None:
         """Believe the untouched gel of a file where the last image looks like it; warn where none does for a while."""

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ BACK = np.arange(10, FARTHEST_BACK + 1)
 """How many frames ago the compared frames were, as in the published system."""
 
 
+@runtime_checkable
 class Touch(Protocol):
     """What reads the frames of a contact, one after the other."""
 

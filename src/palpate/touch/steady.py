@@ -29,13 +29,17 @@ class SteadyImages:
     def __init__(self, rate: float) -> None:
         """Take how many images come in a second [Hz]."""
         self._enough = first_frames(rate)
-        self._seen = UntouchedImages()
-        self._cells: Levels | None = None  # of the first
+        self.forget()
 
     @property
     def is_empty(self) -> bool:
         """Whether the next image is the first."""
         return not self._seen.count
+
+    def forget(self) -> None:
+        """Begin anew with the next image."""
+        self._seen = UntouchedImages()
+        self._cells: Levels | None = None  # of the first
 
     def add(self, image: Image) -> Background | None:
         """Take the next image (height, width, 3); return what they look like once there are enough, and begin anew."""
@@ -44,10 +48,11 @@ class SteadyImages:
         cells = cells_of(image)
         if self._cells is None or share_unlike(cells, self._cells, UNLIKE) > _MOVED:
             # Something moves, or the light is not yet what it will be.
-            self._seen, self._cells = UntouchedImages(), cells
+            self.forget()
+            self._cells = cells
         self._seen.add(image)
         if self._seen.count < self._enough:
             return None
         found = self._seen.background()
-        self._seen, self._cells = UntouchedImages(), None
+        self.forget()
         return found

@@ -87,11 +87,6 @@ class Step:
         return np.array(places, np.int64)[:, None]
 
 
-_MOST = 1000  # terms of a factor that arrive with one step
-NOW, NOW_AND_BEFORE = np.zeros((_MOST, 1), np.int64), np.tile(np.array([[-1, 0]]), (_MOST, 1))
-"""Places of terms on a step, and on the one before and it."""
-
-
 NOTHING = np.dtype([("nothing", np.int64)])
 """What terms hold that are compared with nothing that arrives."""
 
@@ -217,7 +212,7 @@ def _span(places: Sequence[slice]) -> tuple[int, int]:
 
 def term_now() -> Terms:
     """Return one term, tied to the step that arrives, which is compared with nothing."""
-    return Terms(NOW[:1], np.zeros(1, NOTHING))
+    return Terms(np.zeros((1, 1), np.int64), np.zeros(1, NOTHING))
 
 
 def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | None:
@@ -227,7 +222,7 @@ def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | Non
     data = np.empty(len(rows), kind)
     for index, row in enumerate(rows):
         data[index] = row
-    return Terms(NOW[: len(rows)], data)
+    return Terms(np.zeros((len(rows), 1), np.int64), data)
 
 
 def _nearest(times: Sequence[float], time: float) -> int:

@@ -7,7 +7,7 @@ seen from the object at step 1, where the centre was at `g1 e1^-1 e0 g0^-1 cente
 import numpy as np
 
 from palpate.compiled import Array, Complex, compiled
-from palpate.estimation.factors.factor import NOW_AND_BEFORE, Step, Terms
+from palpate.estimation.factors.factor import Step, Terms
 from palpate.estimation.planar import position, rotation
 
 DATA = np.dtype([("moved", np.float64)])
@@ -18,7 +18,7 @@ def pushing_terms(step: Step) -> Terms | None:
     """Return a term on a step and the one before; nothing at the first step of a contact."""
     if step.before is None:
         return None
-    return Terms(NOW_AND_BEFORE[:1], np.array([(step.moved,)], DATA))
+    return Terms(np.array([[-1, 0]], np.int64), np.array([(step.moved,)], DATA))
 
 
 @compiled
