@@ -110,8 +110,8 @@ class Tracker:
         and later estimates are the same to the last digit as if it had not come. One exception: if a pose is refused
         because it leaps in a contact, what that frame's image showed of the gel is kept.
 
-        Raises EstimationError, of which FrameError is a kind, where the estimate cannot be computed, not even begun anew
-        from the last pose: the contact is over, and the next frame begins another.
+        Raises EstimationError, of which FrameError is a kind, where no estimate can be computed, not even by beginning
+        anew from the last pose: the contact is over, and the next frame begins another.
         """
         frame = self._stream.checked(frame, measurements, self._check_readable, self._estimator.gap)
         if self._stream.last is None:
