@@ -31,6 +31,7 @@ def next_touch() -> Iterator[palpate.Frame]:
 
 
 # The first pose is known to 10 mm and 3 degrees; touch tells the rest.
+# The status is `ambiguous` at first: 10 mm leaves several places on the outline.
 sigma = [0.01, 0.01, np.radians(3.0)]
 tracker = palpate.Tracker(recording.shape, recording.sensor, recording.object_pose[0], first_pose_sigma=sigma)
 

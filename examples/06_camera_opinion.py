@@ -6,8 +6,7 @@ pushed tell the yaw together.
 
 import numpy as np
 
-from palpate import DIGIT, Frame, NoiseSettings, OwnMeasurement, Rectangle, Tracker, TrackerSettings
-from palpate.estimation.factors.first_pose import FirstPoseSettings
+from palpate import DIGIT, Frame, OwnMeasurement, Rectangle, Tracker
 from palpate.geometry import se2
 
 TAG = np.array([0.02, 0.05])  # [m], in the object frame
@@ -36,9 +35,8 @@ objects = se2.compose(start, pushed)
 behind = np.array([[-0.5 * LENGTH - (0.1 if k < 30 else 0.0), 0.0, 0.0] for k in range(71)])
 sensors = se2.compose(objects, behind)
 
-loose = NoiseSettings(first_pose=FirstPoseSettings(deviation=(0.02, 0.02, 0.1)))
 wrong = start + np.array([0.012, -0.016, np.radians(5.0)])
-tracker = Tracker(Rectangle(LENGTH, WIDTH), DIGIT, wrong, TrackerSettings(noise=loose))
+tracker = Tracker(Rectangle(LENGTH, WIDTH), DIGIT, wrong, first_pose_sigma=(0.02, 0.02, 0.1))
 random = np.random.default_rng(0)
 
 

@@ -3,6 +3,7 @@
 import re
 import runpy
 import sys
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -36,7 +37,8 @@ def test_examples_are_short_and_numbered():
 
 
 def test_track_a_recording(example, tmp_path):
-    write_recording(pushed(), tmp_path / "push.h5")
+    push = pushed()
+    write_recording(replace(push, first_pose=push.object_pose[0]), tmp_path / "push.h5")
     *said, pose, sigma, off = example("01_track_a_recording.py", tmp_path / "push.h5")
     assert [line.split()[:3] for line in said][:2] == [["0.00", "s:", "resting"], ["0.17", "s:", "tracking"]]
     assert len(numbers(pose)) == len(numbers(sigma)) == 3

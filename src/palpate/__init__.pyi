@@ -21,9 +21,13 @@ from .geometry.shapes import Polygon as Polygon
 from .geometry.shapes import Rectangle as Rectangle
 from .geometry.shapes import Shape as Shape
 from .recording.frame import Frame as Frame
+from .recording.measurements import ContactDirection as ContactDirection
+from .recording.measurements import ContactPlace as ContactPlace
 from .recording.measurements import Measurement as Measurement
 from .recording.measurements import ObjectPose as ObjectPose
 from .recording.measurements import OwnMeasurement as OwnMeasurement
+from .recording.measurements import RelativePoses as RelativePoses
+from .recording.measurements import Turn as Turn
 from .recording.recording import Recording as Recording
 from .recording.sensor import DIGIT as DIGIT
 from .recording.sensor import GELSIGHT_MINI as GELSIGHT_MINI

@@ -68,7 +68,7 @@ def is_cached() -> bool:
 
 
 def all_is_compiled() -> None:
-    """Keep in mind that all was compiled for this version; of some of it that says nothing."""
+    """Mark this version as compiled; call it only after everything was."""
     with suppress(OSError):  # a cache that is full, or someone else's
         _mark().touch()
 
@@ -87,7 +87,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _fingerprint() -> str:
-    """A name for the state of all sources: a function may be compiled into another one of another file."""
+    """Hash of all sources: a change in one file can change machine code compiled from another."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(source for room in _COMPILED for source in (Path(__file__).parent / room).rglob("*.py")):
         digest.update(source.read_bytes())

@@ -28,4 +28,8 @@ class EstimationError(PalpateError):
 
 
 class FrameError(EstimationError):
-    """A frame cannot be used, and is left out. Of one whose pose leaps, what its image shows of the gel is kept."""
+    """A frame cannot be used and is left out.
+
+    Later estimates are the same to the last digit as if it had not come. One exception: if a pose is refused because it
+    leaps in a contact, what that frame's image showed of the gel is kept.
+    """

@@ -46,7 +46,7 @@ def new_file(path: Path | str, overwrite: bool = False) -> Path:
     if not path.parent.is_dir():
         raise FileError(f"{path}: the folder {path.parent} does not exist")
     if path.exists() and not overwrite:
-        raise FileError(f"{path}: already exists, and overwriting it was not asked for")
+        raise FileError(f"{path}: already exists; overwrite=True replaces it")
     return path
 
 

@@ -107,10 +107,12 @@ class Tracker:
         your own. A frame with an image is in contact if the image says so, whatever its flag says.
 
         Raises FrameError where the frame cannot be used: a time not after the last frame's, a pose that is not finite,
-        neither image nor contact flag, an image of another size, a measurement of a wrong kind. The frame is left out
-        then, and all is as if it had not come; of a pose that leaps in a contact, what its image shows of the gel is
-        kept. Raises EstimationError, of which FrameError is a kind, where the graph cannot be solved even anew: the
-        contact is over, and the next frame begins another.
+        neither image nor contact flag, an image of another size, a measurement of a wrong kind. The frame is left out,
+        and later estimates are the same to the last digit as if it had not come. One exception: if a pose is refused
+        because it leaps in a contact, what that frame's image showed of the gel is kept.
+
+        Raises EstimationError, of which FrameError is a kind, where no estimate can be computed, not even by beginning
+        anew from the last pose: the contact is over, and the next frame begins another.
         """
         frame = self._stream.checked(frame, measurements, self._check_readable, self._estimator.gap)
         if self._stream.last is None:

@@ -52,7 +52,7 @@ def test_file_round_trip_without_optional_fields(tmp_path):
 def test_an_existing_file_is_kept_unless_asked(tmp_path):
     path = tmp_path / "a.h5"
     write_recording(tiny_recording(5), path)
-    with pytest.raises(FileError, match=r"a\.h5: already exists"):
+    with pytest.raises(FileError, match=r"a\.h5: already exists; overwrite=True replaces it"):
         write_recording(tiny_recording(3), path)
     assert len(read_recording(path)) == 5
     write_recording(tiny_recording(3), path, overwrite=True)

@@ -31,7 +31,7 @@ def demo(
     from palpate.recording.sensor import DIGIT
     from palpate.tracker_settings import TrackerSettings
     from palpate.tracking.run import track
-    from palpate.tracking.run_folder import new_run, write_files
+    from palpate.tracking.run_folder import RECORDING, new_run, write_files
 
     with new_run(out, force=True) as part:
         with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
@@ -40,8 +40,7 @@ def demo(
             run = track(recording, TrackerSettings(tactile=TACTILE), progress=progress)
         write_files(run, part)
     if not json:
-        print_line(f"A DIGIT pushes a {SHAPE}, simulated with seed {SEED}. The same as a file:")
-        print_line(f"    palpate simulate DIR --shape {SHAPE} --count 1 --seed {SEED}")
+        print_line(f"A DIGIT pushes a {SHAPE}, simulated with seed {SEED}. The recording: {out / RECORDING}")
     report_run(run.summary, out, json)
     return 0
 

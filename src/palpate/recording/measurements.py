@@ -24,7 +24,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class RelativePoses(Measurement):
-    """Sensor-in-object poses of the current frame as seen from P earlier frames of the same contact (paper Eq. 6).
+    """How the sensor has moved on the object since P earlier frames of the same contact (paper Eq. 6).
 
     Raises EstimationError on arrays that cannot be used.
     """
@@ -32,7 +32,7 @@ class RelativePoses(Measurement):
     back: NDArray[np.int_]
     """How many frames ago the earlier frame was, (P,) int, at least 1."""
     pose: NDArray[np.float64]
-    """`g_earlier^-1 g_now`, (P, 3) [m, m, rad]."""
+    """`g_earlier^-1 g_now`, (P, 3) [m, m, rad], where g is the sensor's pose in the object frame, `object_T_sensor`."""
     covariance: NDArray[np.float64]
     """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is told."""
 
@@ -53,10 +53,10 @@ class RelativePoses(Measurement):
 
 @dataclass(frozen=True)
 class ContactDirection(Measurement):
-    """Where on its round surface the tip is touched: along the outline's inward normal at the touched point.
+    """Direction in which a round tip is touched: that of the outline's inward normal at the touched point.
 
-    It is absolute, so it does not drift: yaw on a straight edge, the place along a round one. Raises EstimationError
-    on an angle or variance that cannot be used.
+    It is absolute, so it does not drift: it tells the yaw on a straight edge, and the place along a round one. Raises
+    EstimationError on an angle or variance that cannot be used.
     """
 
     angle: float
@@ -70,7 +70,7 @@ class ContactDirection(Measurement):
 
 @dataclass(frozen=True)
 class ContactPlace(Measurement):
-    """Where along y a flat pad is touched: in the middle of what bears the load.
+    """Place along y at which a flat pad is touched: the middle of the part that bears the load.
 
     Raises EstimationError on a place or variance that cannot be used.
     """
@@ -92,7 +92,7 @@ class Turn(Measurement):
     """
 
     angle: float
-    """The yaw of g less the offset [rad]."""
+    """That yaw less the offset [rad]."""
     variance: float
     """[rad^2]"""
 
