@@ -71,7 +71,7 @@ def test_what_is_felt_on_the_wrong_side_is_mirrored_and_what_was_believed_is_tak
 def test_half_a_second_is_waited_for_at_any_rate(rate):
     seen, angles = felt(6.0 * DEGREE, 60)
     seen = [replace(frame, time=k / rate) for k, frame in enumerate(seen)]
-    _, turned = followed(seen, -angles, HalfTurn(looks=True))
+    _, turned = followed(seen, -angles, MirroredImages(looks=True))
     assert turned.index(True) == pytest.approx(5.0 + 0.5 * rate, abs=1.0)
 
 

@@ -111,8 +111,10 @@ def test_what_is_off_in_a_unit_is_corrected_in_directions_and_turns():
         plain, pairs = touch(mode), make_touch(mode, DIGIT, SIGMAS, SIGMAS, model, lambda: BACKGROUND, unit)
         for k in (0, 5):
             told, corrected = plain.measure(frame(k)), pairs.measure(frame(k))
-        np.testing.assert_allclose(corrected[0].pose, told[0].pose / 0.8)
-        np.testing.assert_allclose(corrected[0].covariance[:, 2, 2], told[0].covariance[:, 2, 2] / 0.8**2)
+        (told,), (corrected,) = told, corrected
+        assert isinstance(told, RelativePoses) and isinstance(corrected, RelativePoses)
+        np.testing.assert_allclose(corrected.pose, told.pose / 0.8)
+        np.testing.assert_allclose(corrected.covariance[:, 2, 2], told.covariance[:, 2, 2] / 0.8**2)
 
 
 @pytest.mark.parametrize(("mode", "variance"), [("learnt-pairs", 0.03 * 30.0), ("learnt-linear", 0.01 * 5.0)])

@@ -229,7 +229,7 @@ def test_what_an_image_tells_is_believed_as_far_as_was_measured():
     assert turn.variance == pytest.approx(0.2 * 5.0 * 1.5)
     (only,) = ImageTouch(stand_in(), DifferenceInput(gel), turn=False).measure(frame(110))
     assert isinstance(only, ContactDirection)
-    (only,) = ImageTouch(stand_in(), DifferenceInput(gel), direction=None).measure(frame(110))
+    (only,) = ImageTouch(stand_in(), DifferenceInput(gel), direction=False).measure(frame(110))
     assert isinstance(only, Turn)
 
 

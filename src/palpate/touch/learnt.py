@@ -124,7 +124,10 @@ class DifferenceInput:
 
 
 def linear_touch(
-    model: TouchModel, network_input: DifferenceInput, correction: DirectionCorrection = AS_TOLD, deviation: float | None = None
+    model: TouchModel,
+    network_input: DifferenceInput,
+    correction: DirectionCorrection = AS_TOLD,
+    deviation: float | None = None,
 ) -> Touch:
     """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact.
 
