@@ -185,3 +185,38 @@ def test_a_unit_that_was_calibrated_with_presses_is_not_doubted():
     tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0], calibration=unit)
     for frame in recording:
         assert "half a turn" not in tracker.update(replace(frame, image=CameraView(2).of(upright(frame)))).reason
+
+
+class Scripted:
+    """Stands for an estimator of which it is written when it is contradicted and when it has one sure answer."""
+
+    in_contact = is_displaced = False
+    is_sure, is_contradicted = True, False
+
+    def __init__(self, other: "Scripted | None" = None) -> None:
+        self._other = other
+
+    def copied(self) -> "Scripted | None":
+        return self._other
+
+    def touch(self, *_: object) -> None:
+        self.in_contact = True
+
+
+def test_images_are_not_mirrored_while_what_is_mirrored_needs_several_answers():
+    told = [ContactDirection(0.1, SAID)]
+    other = Scripted()
+    as_told, images = Scripted(other), MirroredImages(looks=True)
+
+    def see(first: int, last: int) -> bool:
+        for k in range(first, last):
+            found = images.see(as_told, Frame(k / 30.0, np.zeros(3)), told)  # pyright: ignore[reportArgumentType]
+            assert (found is other) == images.is_turned
+            as_told.in_contact = True
+        return images.is_turned
+
+    assert not see(0, 5)
+    as_told.is_contradicted, other.is_sure = True, False
+    assert not see(5, 60)  # both are in doubt: something else is wrong
+    other.is_sure = True
+    assert see(60, 61)

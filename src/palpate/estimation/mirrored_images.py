@@ -68,14 +68,18 @@ class MirroredImages:
         self._other, self._contradicted, self._since = None, (False, False), math.inf
 
     def _compare(self, as_told: Hypotheses, other: Hypotheses, time: float) -> None:
-        """Settle it where one was contradicted and the other is not for a while, or both were."""
+        """Settle it where one was contradicted and the other is not for a while, or both were.
+
+        What is mirrored must leave nothing in doubt then: where several answers are needed there, too, it is something
+        else that is wrong.
+        """
         before = self._contradicted
         self._contradicted = before[0] or as_told.is_contradicted, before[1] or other.is_contradicted
         if any(self._contradicted):
             self._since = min(self._since, time)
         if all(self._contradicted):
             self._is_settled = True
-        elif time - self._since > _WAIT:
+        elif time - self._since > _WAIT and (other.is_sure or self._contradicted[1]):
             self._is_settled, self.is_turned = True, self._contradicted[0]
 
 
