@@ -4,7 +4,8 @@
 
 Each unit is pressed by a disc, an edge, an ellipse and a ball at directions spread over its pad. The line of what is
 told over what is true has an offset and a scale of its own for each unit and object; their spread is the prior of
-`direction_bias` and `direction_scale`. Two minutes on one core.
+`direction_bias` and `direction_scale`. `scale_over_ball` is an object's scale over that of a ball on the same unit, and
+its spread what a calibration on a ball leaves unknown of objects (`touch.presses`). Two minutes on one core.
 """
 
 import json
@@ -52,7 +53,8 @@ def main() -> None:
             true = np.array([angle for angle, _ in pressed])
             angle, variance = np.array(said).T
             told.setdefault(name, []).append(line(true, angle, variance * scale))
-    found = {name: spread_of(np.array(lines)) for name, lines in told.items()}
+    lines = {name: np.array(each) for name, each in told.items()}
+    found = {name: spread_of(each) | over_ball(each, lines["ball"]) for name, each in lines.items()}
     OUT.write_text(json.dumps({"units": UNITS, "angles": len(ANGLES), **found}, indent=2) + "\n", encoding="utf-8")
 
 
@@ -84,6 +86,12 @@ def line(true: Array, told: Array, variance: Array) -> tuple[float, float, float
     slope, offset = np.polyfit(true, told, 1)
     off = told - offset - slope * true
     return offset, slope, float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.median(variance)))
+
+
+def over_ball(lines: Array, ball: Array) -> dict[str, float]:
+    """Return mean and standard deviation over units (N, 4) of the scale over that of a ball."""
+    ratio = lines[:, 1] / ball[:, 1]
+    return {"scale_over_ball_mean": float(ratio.mean()), "scale_over_ball_deviation": float(ratio.std(ddof=1))}
 
 
 def spread_of(lines: Array) -> dict[str, float]:
