@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimation.answers import Answer
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
+from palpate.recording.answer import Answer
 from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import SensorProfile

@@ -2,27 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.by_value import ByValue
-from palpate.estimation.answers import Answer
 from palpate.estimation.diagnosis import Status
+from palpate.recording.answer import Answer
+from palpate.recording.ros_pose import RosPose, ros_pose
 
 Array = NDArray[np.float64]
-
-
-class RosPose(NamedTuple):
-    """A pose in space as ROS messages have it."""
-
-    position: Array
-    """x, y, z (3,) [m]."""
-    orientation: Array
-    """Quaternion x, y, z, w (4,)."""
-    covariance: Array
-    """(36,), row by row: about the axes of the header's frame, order x, y, z [m], turns about x, y, z [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +54,4 @@ class Estimate(ByValue):
 
         What leaves the plane, z and the turns about x and y, has variances of 0. ROS need not be installed.
         """
-        from palpate.recording.plane import flat, out_of_plane, spatial_covariance
-
-        plane, pose = flat(), self.pose[None]
-        (position,), (orientation,) = out_of_plane(plane, pose)
-        return RosPose(position, orientation, spatial_covariance(plane, pose, self.covariance[None]).reshape(36))
+        return ros_pose(self.pose, self.covariance)

@@ -16,16 +16,19 @@ from bag_samples import (
     write_bag,
 )
 from recording_samples import pushed, tiny_recording
+from rosbags.highlevel import AnyReader
 
 from palpate import formats
 from palpate.cli import main
 from palpate.cli.bag_options import BAG_DEFAULTS
 from palpate.cli.options import ShapeUnit
+from palpate.formats import estimates_csv
 from palpate.formats.bags.choices import BagChoices
 from palpate.formats.outlines.load import Unit
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
+from palpate.tracking import details
 from palpate.tracking import time_offset as offsets
 from palpate.tracking.run_folder import FILES
 from palpate.tracking.time_offset import TimeOffset
@@ -175,6 +178,25 @@ def test_convert_names_what_would_be_lost(capsys):
     assert palpate("convert", "push.bag", "bag.h5", "--shape", "disc", "--lossy") == 0
     found: Any = formats.read("bag.h5")
     assert se2.between(found.sensor_pose, true_pose(image_times())) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_messages_of_a_run_hold_its_answers():
+    """Where the first pose is known roughly, a contact begins with several."""
+    roughly = ("--first-pose-sigma", "0.02", "0.02", "0.3")
+    assert palpate("track", "push.h5", *roughly, "--tactile", "none", "--mcap") == 0
+    online = estimates_csv.read(Path("runs/push/estimates.csv"))
+    answers = details.read_answers(Path("runs/push/answers.csv"), online.time)
+    with AnyReader([Path("runs/push/estimates.mcap")]) as bag:  # none of our code
+        arrays: list[Any] = [
+            bag.deserialize(data, connection.msgtype)
+            for connection, _, data in bag.messages()
+            if connection.topic == "/palpate/object_pose_answers"
+        ]
+    found = [[(one.position.x, one.position.y) for one in array.poses] for array in arrays]
+    assert len(found) == len(online)
+    for places, several, pose in zip(found, answers, online.pose, strict=True):
+        assert np.allclose(places, [one.pose[:2] for one in several] or [pose[:2]], atol=1e-12)
+    assert {len(places) > 1 for places in found} == {True, False}
 
 
 def test_convert_to_mcap_and_back_is_the_same_file(capsys):

@@ -12,7 +12,7 @@ from typing import Any
 
 import rclpy  # pyright: ignore[reportMissingImports]
 from diagnostic_msgs.msg import DiagnosticArray  # pyright: ignore[reportMissingImports]
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped  # pyright: ignore[reportMissingImports]
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped  # pyright: ignore[reportMissingImports]
 from rclpy.executors import SingleThreadedExecutor  # pyright: ignore[reportMissingImports]
 from sensor_msgs.msg import Image  # pyright: ignore[reportMissingImports]
 from std_msgs.msg import Bool  # pyright: ignore[reportMissingImports]
@@ -39,9 +39,11 @@ class Robot:
         self._images = self._node.create_publisher(Image, "/digit/image_raw", DEPTH)
         self._poses = self._node.create_publisher(PoseStamped, "/robot/sensor_pose", DEPTH)
         self._begin = time.time()
-        self.heard: dict[str, list[Any]] = {"poses": [], "diagnoses": [], "contacts": [], "published": []}
+        names = ("poses", "answers", "diagnoses", "contacts", "published")
+        self.heard: dict[str, list[Any]] = {name: [] for name in names}
         for topic, type_, hear in (
             ("object_pose_with_covariance", PoseWithCovarianceStamped, self._hear_pose),
+            ("object_pose_answers", PoseArray, self._hear_answers),
             ("diagnostics", DiagnosticArray, self._hear_diagnosis),
             ("contact", Bool, lambda message: self.heard["contacts"].append(message.data)),
         ):
@@ -88,10 +90,13 @@ class Robot:
             self._executor.spin_once(timeout_sec=left)
 
     def _hear_pose(self, message: Any) -> None:
-        position, turn = message.pose.pose.position, message.pose.pose.orientation
-        numbers = [position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w]
         covariance = message.pose.covariance.tolist()
+        numbers = numbers_of(message.pose.pose)
         self.heard["poses"].append([stamp_of(message), message.header.frame_id, numbers, covariance])
+
+    def _hear_answers(self, message: Any) -> None:
+        poses = [numbers_of(each) for each in message.poses]
+        self.heard["answers"].append([stamp_of(message), message.header.frame_id, poses])
 
     def _hear_diagnosis(self, message: Any) -> None:
         status = message.status[0]
@@ -102,6 +107,11 @@ class Robot:
 def set_header(message: Any, stamp: int, frame: str) -> None:
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
     message.header.frame_id = frame
+
+
+def numbers_of(pose: Any) -> list[float]:
+    position, turn = pose.position, pose.orientation
+    return [position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w]
 
 
 def stamp_of(message: Any) -> int:

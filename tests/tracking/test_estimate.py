@@ -10,10 +10,10 @@ from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sens
 from tracker_samples import settings, track
 
 from palpate.estimate import Estimate
-from palpate.estimation.answers import Answer
 from palpate.estimation.belief import Belief
 from palpate.estimation.touched import touched
 from palpate.estimation.unknowns import GRIP, IN_OBJECT, OBJECT_SIZE
+from palpate.recording.answer import Answer
 from palpate.recording.frame import Frame
 from palpate.tracker import Tracker
 
@@ -38,6 +38,12 @@ def test_ros_has_the_covariance_about_the_axes_of_the_header():
     wanted = [[4.0, -0.5, -0.3], [-0.5, 1.0, 0.2], [-0.3, 0.2, 9.0]]
     np.testing.assert_allclose(six[np.ix_([0, 1, 5], [0, 1, 5])], wanted, atol=1e-12)
     assert np.count_nonzero(np.abs(six) > 1e-12) == 9
+
+
+def test_each_answer_goes_to_ros_like_the_estimate():
+    one = estimate()
+    for ours, wanted in zip(one.answers[0].to_ros(), one.to_ros(), strict=True):
+        assert np.array_equal(ours, wanted)
 
 
 def test_ros_needs_no_ros(monkeypatch):

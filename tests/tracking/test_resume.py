@@ -10,10 +10,10 @@ from recording_samples import pushed
 
 from palpate.cli.main import main
 from palpate.errors import EstimationError, FileError
-from palpate.estimation.answers import Answer
 from palpate.estimation.hypotheses import Hypotheses
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
+from palpate.recording.answer import Answer
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.touch.model import SHIPPED

@@ -1,32 +1,19 @@
 """What several hypotheses say together: all poses that may be the object's, how far these are apart, and how likely."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.by_value import ByValue
 from palpate.estimation.weighing import POOR, Hypothesis
 from palpate.geometry import se2
+from palpate.recording.answer import Answer
 
 Array = NDArray[np.float64]
 
 LIKELY_WEIGHT = 0.1
 """Weight from which a hypothesis counts: is watched, or makes an estimate ambiguous."""
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad]
-
-
-@dataclass(frozen=True, eq=False)
-class Answer(ByValue):
-    """One pose that may be the object's."""
-
-    pose: Array
-    """world_T_object, (3,) [m, m, rad]."""
-    covariance: Array
-    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
-    weight: float
-    """How likely it is among all answers, from 0 to 1."""
 
 
 def answers_of(hypotheses: Sequence[Hypothesis]) -> tuple[Answer, ...]:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from palpate.errors import EstimationError
 from palpate.estimation.answers import (
     LIKELY_WEIGHT,
-    Answer,
     ambiguity_in_words,
     answers_of,
     is_ambiguous,
@@ -47,6 +46,7 @@ from palpate.estimation.smoother import IN_A_WINDOW, BeginContact, SmootherName
 from palpate.estimation.starts import is_rough, outline_places
 from palpate.estimation.touched import Touched
 from palpate.estimation.weighing import Hypothesis, Weighing, is_lost, shared_out
+from palpate.recording.answer import Answer
 from palpate.recording.measurements import Measurement
 
 logger = logging.getLogger(__name__)

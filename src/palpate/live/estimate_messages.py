@@ -23,7 +23,8 @@ def add_estimate(
 ) -> None:
     """Add the messages of an estimate in a plane with its stamp [ns].
 
-    Its diagnosis tells how the sensor's pose was known, how long the estimate took [s], and `more`.
+    All its answers are among them. Its diagnosis tells how the sensor's pose was known, how long the estimate took [s],
+    and `more`.
     """
     one = Trajectory(
         np.array([estimate.time]),
@@ -38,4 +39,5 @@ def add_estimate(
         "sensor pose age [ms]": f"{1e3 * place.age:.1f}",
         "latency [ms]": f"{1e3 * latency:.1f}",
     }
-    add_estimates(sink, one, [stamp], plane, {**said, **more})
+    several = estimate.answers if len(estimate.answers) > 1 else ()
+    add_estimates(sink, one, [stamp], plane, (several,), {**said, **more})

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from typing import Any
 
 from palpate.estimate import Estimate
-from palpate.formats.bags.estimates_mcap import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
+from palpate.formats.bags.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.formats.bags.message_sink import MessageSink
-from palpate.formats.bags.messages import POSE, POSE_WITH_COVARIANCE
+from palpate.formats.bags.messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE
 from palpate.live.estimate_messages import add_estimate
 from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
@@ -18,6 +18,7 @@ CONTACT = "/palpate/contact"
 TOPICS = {
     POSES: POSE,
     POSES_WITH_COVARIANCE: POSE_WITH_COVARIANCE,
+    ANSWERS: POSE_ARRAY,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     CONTACT: "std_msgs/msg/Bool",
 }

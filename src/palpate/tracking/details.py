@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.estimation.answers import Answer
 from palpate.files import read_csv, whole_file
 from palpate.formats.estimates_csv import COVARIANCE, UPPER
 from palpate.printable import one_line
+from palpate.recording.answer import Answer, Answers
 
 Array = NDArray[np.float64]
-Answers = tuple[tuple[Answer, ...], ...]
 
 _ANSWERS = ("time", "weight", "x", "y", "theta", *COVARIANCE)
 _FRICTION = ("time", "friction", "deviation")

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import FrameError
 from palpate.estimate import Estimate
 from palpate.geometry.shapes import Disc
+from palpate.recording.answer import Answers
 from palpate.recording.frame import Frame
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
@@ -19,7 +20,6 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.details import Answers
 from palpate.tracking.failed_step import write_failed_step
 from palpate.tracking.knocks import knocked_frames
 from palpate.tracking.metrics import summarise

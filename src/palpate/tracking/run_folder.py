@@ -82,7 +82,7 @@ def write_files(
     details.write_answers(run.online.time, run.answers, folder / "answers.csv")
     details.write_friction(run.online.time, run.friction, folder / "friction.csv")
     if mcap is not None:
-        write_estimates_mcap(run.online, folder / MCAP, plane=mcap)
+        write_estimates_mcap(run.online, folder / MCAP, plane=mcap, answers=run.answers)
     _write_json(folder / "summary.json", run.summary)
     run_figure(run).savefig(folder / "figure.png", dpi=150)
     if run.recording.file is None:

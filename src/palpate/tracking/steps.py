@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from palpate.by_value import same
 from palpate.errors import FileError, FrameError, SettingError
 from palpate.estimate import Estimate
-from palpate.estimation.answers import Answer
+from palpate.recording.answer import Answer
 from palpate.recording.frame import Frame
 from palpate.tracker import Tracker
 from palpate.tracker_state import load_tracker_and, save_tracker

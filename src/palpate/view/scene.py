@@ -12,12 +12,12 @@ from palpate import formats
 from palpate.errors import FileError
 from palpate.files import read_json
 from palpate.formats import estimates_csv
+from palpate.recording.answer import Answers
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.touch.calibration import Calibration, load_calibration
 from palpate.touch.lift import lift_of
 from palpate.tracking import details
-from palpate.tracking.details import Answers
 from palpate.tracking.truth import known_truth
 
 Array = NDArray[np.float64]

@@ -20,6 +20,7 @@ from palpate.formats.bags.estimates_mcap import write_estimates_mcap
 from palpate.formats.bags.mcap_writer import new_mcap
 from palpate.formats.palpate_h5 import recording_to_bytes, write_recording
 from palpate.geometry import se2
+from palpate.recording.answer import Answer
 from palpate.recording.images import encode_image
 from palpate.recording.plane import flat, out_of_plane, plane_across, spatial_covariance
 from palpate.recording.sensor import DIGIT
@@ -185,6 +186,48 @@ def test_others_read_our_estimates(tmp_path):
         values = {value.key: value.value for value in diagnostics[0][1].status[0].values}
         assert values["contact"] == str(bool(made.contact[0])).lower()
         assert values["sigma yaw [deg]"] == f"{np.degrees(np.sqrt(made.covariance[0, 2, 2])):.2f}"
+
+
+def test_others_read_all_answers(tmp_path):
+    """In a slanting plane: three at the second time; at the others the estimate is the only one."""
+    made = trajectory(3, status=("tracking", "ambiguous", "resting"))
+    rng = np.random.default_rng(2)
+    poses, roots = rng.normal(size=(2, 3)), rng.normal(size=(2, 3, 3)) / 100.0
+    others = [Answer(pose, root @ root.T, weight) for pose, root, weight in zip(poses, roots, (0.3, 0.1), strict=True)]
+    several = (Answer(made.pose[1], made.covariance[1], 0.6), *others)
+    plane = plane_across("table", np.array([0.1, -0.2, 1.0]), np.array([[0.0, 0.0, 0.3]]))
+    write_estimates_mcap(made, tmp_path / "a.mcap", plane=plane, answers=((), several, ()))
+    wanted = [made.pose[:1], np.array([one.pose for one in several]), made.pose[2:]]
+    for found in decoded_by_others(tmp_path / "a.mcap"):
+        for index, ((_, array), (_, diagnosis)) in enumerate(
+            zip(found["/palpate/object_pose_answers"], found["/palpate/diagnostics"], strict=True)
+        ):
+            assert stamp(array) == stamp(diagnosis) == pytest.approx(made.time[index], abs=1e-9)
+            assert array.header.frame_id == "table"
+            position, rotation = out_of_plane(plane, wanted[index])
+            for n, pose in enumerate(array.poses):
+                point, turn = pose.position, pose.orientation
+                assert [point.x, point.y, point.z] == pytest.approx(position[n].tolist())
+                assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[n])) == pytest.approx(1.0)
+            values = {value.key: value.value for value in diagnosis.status[0].values}
+            weights = [float(word) for word in values["answer weights"].split()]
+            assert weights == ([0.6, 0.3, 0.1] if index == 1 else [1.0])
+            assert len(array.poses) == len(weights)
+            sigmas = [float(word) for word in values["answer sigmas x [mm]"].split()]
+            stated = [one.covariance for one in several] if index == 1 else made.covariance[index : index + 1]
+            assert sigmas == pytest.approx([1e3 * np.sqrt(one[0, 0]) for one in stated], abs=5e-3)
+    back: Any = formats.read(tmp_path / "a.mcap")
+    assert back.pose.tobytes() == made.pose.tobytes() and back.status == made.status
+
+
+def test_where_answers_are_not_known_none_are_told(tmp_path):
+    """So are files of versions before."""
+    formats.write(trajectory(2), tmp_path / "a.mcap")
+    found, _ = decoded_by_others(tmp_path / "a.mcap")
+    assert "/palpate/object_pose_answers" not in found
+    values = [value.key for value in found["/palpate/diagnostics"][0][1].status[0].values]
+    assert values == ["contact", "sigma x [mm]", "sigma y [mm]", "sigma yaw [deg]"]
+    formats.read(tmp_path / "a.mcap")
 
 
 def test_covariance_is_turned_to_the_axes_of_the_header():

@@ -1,0 +1,62 @@
+"""What the node publishes of an estimate, with a stand-in for rclpy: `rosbags` has the same types of messages."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.estimate import Estimate
+from palpate.formats.bags.messages import ros_types
+from palpate.live.poses import SensorPlace
+from palpate.live.state import LiveState
+from palpate.recording.answer import Answer
+from palpate.recording.plane import plane_across
+from palpate.ros2 import publisher
+
+COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])
+POSES = np.array([[0.1, 0.2, 0.0], [0.1, 0.24, np.pi / 2]])
+
+
+class Node:
+    """Keeps what it publishes, by the names of topics."""
+
+    def __init__(self) -> None:
+        self.told: dict[str, list[Any]] = {}
+
+    def create_publisher(self, type_: type, topic: str, _: int) -> Any:
+        messages = self.told.setdefault(topic, [])
+
+        def publish(message: Any) -> None:
+            assert type(message) is type_
+            messages.append(message)
+
+        return SimpleNamespace(publish=publish)
+
+
+@pytest.fixture
+def node(monkeypatch):
+    monkeypatch.setattr(publisher, "message_type", lambda name: ros_types("cdr").types[name])
+    return Node()
+
+
+def test_all_answers_are_published(node):
+    ros: Any = SimpleNamespace(node=node, lost=0)
+    plane = plane_across("base", np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 0.25]]))
+    publishing = publisher.Publisher(ros, lambda: plane, 10**9, LiveState(print))
+    several = tuple(Answer(pose, COVARIANCE, weight) for pose, weight in zip(POSES, (0.7, 0.3), strict=True))
+    ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
+    sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
+    for estimate in (ambiguous, sure):
+        publishing.estimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004)
+    arrays, diagnoses = node.told["~/object_pose_answers"], node.told["~/diagnostics"]
+    for index, poses in enumerate((POSES, POSES[1:])):
+        array, diagnosis, best = arrays[index], diagnoses[index], node.told["~/object_pose"][index]
+        assert array.header == diagnosis.header == best.header and array.header.frame_id == "base"
+        found = [[one.position.x, one.position.y, one.position.z, one.orientation.z] for one in array.poses]
+        assert np.allclose(found, [[x, y, 0.25, np.sin(yaw / 2)] for x, y, yaw in poses])
+        assert array.poses[0] == best.pose
+    assert [one.status[0].message for one in diagnoses] == ["ambiguous", "tracking"]
+    words = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
+    assert [one["answer weights"] for one in words] == ["0.7000 0.3000", "1.0000"]
+    assert [one["answer sigmas y [mm]"] for one in words] == ["3.00 3.00", "3.00"]
