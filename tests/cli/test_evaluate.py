@@ -174,6 +174,17 @@ def test_options_reach_the_tracker():
     assert not found["recordings"]["blind-1.h5"]["truth"]
 
 
+def test_studies_with_one_answer_are_compared_with_those_with_several(capsys):
+    assert palpate("recordings", "--out", "nine", "--tactile", "none") == 0
+    one = ("recordings", "--out", "one", "--tactile", "none", "--hypotheses", "1")
+    assert palpate(*one, "--against", "nine") == 0
+    assert (results("nine")["settings"]["hypotheses"], results("one")["settings"]["hypotheses"]) == (9, 1)
+    assert results("one")["command"] == f"palpate evaluate {' '.join(one)} --against nine"
+    assert results("one")["against"]["methods"]["none"]["sequences"] == 2
+    capsys.readouterr()
+    assert "hypotheses was 1, is 9" in failure(capsys, *one[:-2], "--resume")
+
+
 def test_broken_and_failed_ones_are_named_and_counted(capsys, monkeypatch, reports):
     def stumble(recording: Any, settings: Any, *args: Any, **options: Any) -> Any:
         if len(recording) == 40 and settings.tactile != "none":
@@ -219,6 +230,7 @@ def test_nothing_that_can_be_tracked(capsys):
         (("recordings", "--model", "m", "--tactile", "none"), "--model m is of no use with --tactile none"),
         (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
         (("recordings", "--first-pose", "nan", "0", "0"), "first pose is (nan, 0.0, 0.0)"),
+        (("recordings", "--hypotheses", "0"), "hypotheses is 0; allowed is a whole number from 1 on"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
     ],
 )

@@ -258,6 +258,14 @@ def test_a_study_goes_on_with_the_same_settings_and_files_only():
         study(dataclasses.replace(SETTINGS, noise=noise), resume=True)
     with pytest.raises(SettingError, match=r"pressure was 'uniform', is 0.03"):
         study(dataclasses.replace(SETTINGS, pressure=0.03), resume=True)
+    with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
+        study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
+    index = json.loads(Path("out/study.json").read_text())
+    del index["made_with"]["hypotheses"]  # as earlier versions, which knew no other number
+    Path("out/study.json").write_text(json.dumps(index))
+    with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
+        study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
+    assert study(resume=True).kept == 8
     write_recording(pushed(40), "recordings/disc-1.h5", overwrite=True)
     with pytest.raises(SettingError, match=r"disc-1.h5: has changed since it was tracked for out"):
         study(resume=True)
@@ -280,6 +288,8 @@ def test_settings_that_cannot_be():
         study(workers=0)
     with pytest.raises(SettingError, match=r"first pose is .*nan"):
         study(dataclasses.replace(SETTINGS, first_pose=(0.0, float("nan"), 0.0)))
+    with pytest.raises(SettingError, match="hypotheses is 0; allowed is a whole number from 1 on"):
+        study(dataclasses.replace(SETTINGS, hypotheses=0))
     assert not Path("out").exists()
 
 
@@ -289,6 +299,10 @@ def test_settings_reach_the_tracker():
     alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, pressure=0.03))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
     assert Path("out/trials/constant+isam2/disc-1.h5.npz").exists()
+    found = study(StudySettings((NONE,), hypotheses=1), out="one")
+    alone: Any = track(pushed(20), TrackerSettings("none", hypotheses=1))
+    assert np.array_equal(found.trials[0].pose, alone.online.pose)
+    assert np.array_equal(found.trials[0].covariance, alone.online.covariance)
     write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.h5")
     found = study(StudySettings((NONE,), pressure="corner"), out="corner")
     assert "pressure of a disc is 'corner'" in found.skipped["round-1.h5", NONE]

@@ -11,6 +11,7 @@ import tyro
 from palpate.cli.evaluate_faults import evaluate_faults
 from palpate.cli.options import (
     DaskOption,
+    HypothesesOption,
     JsonOption,
     ModelOption,
     NoiseOption,
@@ -75,6 +76,7 @@ def evaluate(
             help_behavior_hint="(default: these are skipped)",
         ),
     ] = None,
+    hypotheses: HypothesesOption = None,
     workers: WorkersOption = 1,
     dask: DaskOption = None,
     shard: ShardOption = None,
@@ -101,6 +103,7 @@ def evaluate(
             "--noise": noise != "palpate",
             "--pressure": pressure != "uniform",
             "--first-pose": first_pose,
+            "--hypotheses": hypotheses is not None,
             "--dask": dask,
             "--shard": shard,
             "--resume": resume,
@@ -126,7 +129,13 @@ def evaluate(
     check_model(model, tactiles)
     if shard is not None and against is not None:
         raise SettingError("--shard: a part of a study is compared with nothing; say --against when it is whole")
-    settings = StudySettings(methods, noise_of(noise), pressure_of(pressure), first_pose)
+    settings = StudySettings(
+        methods,
+        noise_of(noise),
+        pressure_of(pressure),
+        first_pose,
+        **({} if hypotheses is None else {"hypotheses": hypotheses}),
+    )
     learnt = TouchModel(model) if model else None
     files = find_recordings(folder, leave_out=out)
     before = None if against is None else read_scores(against)
@@ -148,6 +157,7 @@ def evaluate(
         "--pressure": [pressure] if pressure != "uniform" else (),
         "--model": [model] if model else (),
         "--first-pose": first_pose or (),
+        "--hypotheses": () if hypotheses is None else [hypotheses],
         "--against": [against] if against else (),
     }
     results = results_of(study, settings, learnt, folder, workers, _command(folder, out, options))

@@ -22,6 +22,8 @@ from palpate.study.trial import Method, Trial, read_trial, write_trial
 from palpate.touch.model import TouchModel
 
 FORMAT, VERSION = "palpate-study", 1
+_EARLIER = {"hypotheses": 9}
+"""What studies were made with that do not say so."""
 
 
 class StudyFolder:
@@ -46,6 +48,7 @@ class StudyFolder:
             "palpate": palpate.__version__,
             "noise": asdict(settings.noise),
             "pressure": settings.pressure,
+            "hypotheses": settings.hypotheses,
             "first_pose": settings.first_pose,
             "model": None if model is None else model.hash,
         }
@@ -93,7 +96,7 @@ class StudyFolder:
             raise FileError(f"{self.path}: is not empty; --resume goes on with a study, --out names another folder")
         earlier = read_study(self.path)
         for index in earlier.values():
-            if different := next(_differences(index["made_with"], self._made_with), None):
+            if different := next(_differences(_EARLIER | index["made_with"], self._made_with), None):
                 raise SettingError(f"{self.path}: was made with other settings ({different}); take another folder")
             self._recordings |= index["recordings"]
         if self._shard is not None:  # the rest is that of others, who may be alive

@@ -37,6 +37,18 @@ class StudySettings:
     """How the objects press on the table, or c [m]."""
     first_pose: tuple[float, float, float] | None = None
     """world_T_object [m, m, rad] at the start of recordings without ground truth; None leaves them out."""
+    hypotheses: int = TrackerSettings.hypotheses
+    """How many answers are kept at most."""
+
+    def tracker(self, method: Method) -> TrackerSettings:
+        """Return how to track in one of the ways; SettingError where that cannot be."""
+        return TrackerSettings(
+            tactile=cast(Tactile, method.tactile),
+            smoother=cast(SmootherName, method.smoother),
+            noise=self.noise,
+            pressure=self.pressure,
+            hypotheses=self.hypotheses,
+        )
 
 
 @dataclass(frozen=True)
@@ -80,11 +92,10 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel | None) -> Outco
     skipped: dict[Method, str] = {}
     failed: dict[Method, str] = {}
     for method in job.methods:
-        tactile, smoother = cast(Tactile, method.tactile), cast(SmootherName, method.smoother)
-        how = TrackerSettings(tactile, smoother, settings.noise, pressure=settings.pressure)
+        first_pose = None if known else settings.first_pose
         try:
             with quiet():
-                run = track(recording, how, None if known else settings.first_pose, model=model)
+                run = track(recording, settings.tracker(method), first_pose, model=model)
         except FileError as error:  # an image in the middle of it
             return Outcome(job, broken=_said(error, job))
         except (SettingError, ShapeError) as error:

@@ -3,7 +3,7 @@
 `results.json` holds
 
     command     the command line
-    settings    methods, noise, pressure, model, first_pose
+    settings    methods, noise, pressure, hypotheses, model, first_pose
     study       palpate, folder, recordings, trials, kept, skipped, failed, broken, wall_s, workers, cores, lost_above
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
@@ -60,6 +60,7 @@ def results_of(
             "noise_preset": next((name for name, preset in PRESETS.items() if preset == settings.noise), None),
             "noise": asdict(settings.noise),
             "pressure": settings.pressure,
+            "hypotheses": settings.hypotheses,
             "model": None if model is None else {"folder": str(model.folder), "hash": model.hash},
             "first_pose": settings.first_pose,
         },

@@ -68,6 +68,8 @@ def run_study(
     begin = time.perf_counter()
     if settings.first_pose is not None and not all(map(math.isfinite, settings.first_pose)):
         raise SettingError(f"first pose is {settings.first_pose}; it must be three finite numbers [m, m, rad]")
+    for method in settings.methods:
+        settings.tracker(method)
     files = dict(part_of_work(tuple(files.items()), shard))
     with held_folder(out, "the folder of a study", shard):
         folder = StudyFolder(out, settings, model, resume, shard)
