@@ -22,6 +22,7 @@ from palpate.errors import EstimationError
 from palpate.formats.palpate_h5 import write_recording
 from palpate.study import job as study_job
 from palpate.study.results import ALL
+from palpate.study.trial import read_trial
 from palpate.touch.modes import Tactile
 from palpate.tracking.run import track
 
@@ -174,6 +175,27 @@ def test_options_reach_the_tracker():
     assert not found["recordings"]["blind-1.h5"]["truth"]
 
 
+def test_a_first_pose_that_is_known_roughly_or_not_at_all(capsys):
+    rough = ("recordings", "--out", "rough", "--tactile", "none", "--first-pose-sigma", "0.02", "0.03", "0.2")
+    assert palpate(*rough) == 0
+    assert results("rough")["settings"]["first_pose_sigma"] == [0.02, 0.03, 0.2]
+    assert results("rough")["command"] == f"palpate evaluate {' '.join(rough)}"
+    trial = read_trial(Path("rough/trials/none/disc-1.h5.npz"))
+    assert np.array_equal(trial.pose[0], trial.truth[0])
+    capsys.readouterr()
+    unknown = ("recordings", "--out", "unknown", "--tactile", "none", "--first-pose-unknown")
+    assert palpate(*unknown) == 0
+    assert results("unknown")["command"] == f"palpate evaluate {' '.join(unknown)}"
+    for name in ("disc-1", "edges-1"):  # though their ground truth is known
+        trial = read_trial(Path(f"unknown/trials/none/{name}.h5.npz"))
+        assert trial.pose[0].tolist() == [0.0, 0.0, 0.0] and trial.summary["scored_frames"]
+    capsys.readouterr()
+    assert "first_pose was [0.0, 0.0, 0.0], is None" in failure(capsys, *unknown[:-1], "--resume")
+    for option in ("--first-pose", "--first-pose-sigma"):
+        said = failure(capsys, *unknown, "--resume", option, "1", "1", "1")
+        assert f"--first-pose-unknown says that nothing is known of the first pose, and {option} is given" in said
+
+
 def test_studies_with_one_answer_are_compared_with_those_with_several(capsys):
     assert palpate("recordings", "--out", "nine", "--tactile", "none") == 0
     one = ("recordings", "--out", "one", "--tactile", "none", "--hypotheses", "1")
@@ -230,6 +252,7 @@ def test_nothing_that_can_be_tracked(capsys):
         (("recordings", "--model", "m", "--tactile", "none"), "--model m is of no use with --tactile none"),
         (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
         (("recordings", "--first-pose", "nan", "0", "0"), "first pose is (nan, 0.0, 0.0)"),
+        (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma is [0.0, 1.0, 1.0]"),
         (("recordings", "--hypotheses", "0"), "hypotheses is 0; allowed is a whole number from 1 on"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
     ],

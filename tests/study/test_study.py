@@ -260,8 +260,13 @@ def test_a_study_goes_on_with_the_same_settings_and_files_only():
         study(dataclasses.replace(SETTINGS, pressure=0.03), resume=True)
     with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
         study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
+    with pytest.raises(SettingError, match=r"first_pose_sigma was None, is \[1.0, 1.0, 2.0\]"):
+        study(dataclasses.replace(SETTINGS, first_pose_sigma=(1.0, 1.0, 2.0)), resume=True)
+    with pytest.raises(SettingError, match=r"first_pose_of_all was False, is True"):
+        study(dataclasses.replace(SETTINGS, first_pose_of_all=True), resume=True)
     index = json.loads(Path("out/study.json").read_text())
-    del index["made_with"]["hypotheses"]  # as earlier versions, which knew no other number
+    for option in ("hypotheses", "first_pose_sigma", "first_pose_of_all"):
+        del index["made_with"][option]  # as of earlier versions, which had none of them
     Path("out/study.json").write_text(json.dumps(index))
     with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
         study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
@@ -288,6 +293,8 @@ def test_settings_that_cannot_be():
         study(workers=0)
     with pytest.raises(SettingError, match=r"first pose is .*nan"):
         study(dataclasses.replace(SETTINGS, first_pose=(0.0, float("nan"), 0.0)))
+    with pytest.raises(SettingError, match=r"first pose sigma is \[0.0, 1.0, 1.0\]; it must be three numbers above 0"):
+        study(dataclasses.replace(SETTINGS, first_pose_sigma=(0.0, 1.0, 1.0)))
     with pytest.raises(SettingError, match="hypotheses is 0; allowed is a whole number from 1 on"):
         study(dataclasses.replace(SETTINGS, hypotheses=0))
     assert not Path("out").exists()
@@ -299,8 +306,14 @@ def test_settings_reach_the_tracker():
     alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, pressure=0.03))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
     assert Path("out/trials/constant+isam2/disc-1.h5.npz").exists()
+    found = study(StudySettings((NONE,), first_pose_sigma=(0.01, 0.02, 0.1)), out="rough")
+    alone: Any = track(pushed(20), TrackerSettings("none"), first_pose_sigma=(0.01, 0.02, 0.1))
+    assert np.array_equal(found.trials[0].covariance, alone.online.covariance)  # from its ground truth
+    assert np.array_equal(found.trials[0].pose[0], pushed(20).object_pose[0])
+    found = study(StudySettings((NONE,), first_pose=(0.0, 0.0, 3.0), first_pose_of_all=True), out="posed")
+    assert {tuple(trial.pose[0]) for trial in found.trials} == {(0.0, 0.0, 3.0)}
     found = study(StudySettings((NONE,), hypotheses=1), out="one")
-    alone: Any = track(pushed(20), TrackerSettings("none", hypotheses=1))
+    alone = track(pushed(20), TrackerSettings("none", hypotheses=1))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
     assert np.array_equal(found.trials[0].covariance, alone.online.covariance)
     write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.h5")

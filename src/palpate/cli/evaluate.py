@@ -2,7 +2,7 @@
 
 import shlex
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +11,8 @@ import tyro
 from palpate.cli.evaluate_faults import evaluate_faults
 from palpate.cli.options import (
     DaskOption,
+    FirstPoseSigmaOption,
+    FirstPoseUnknownOption,
     HypothesesOption,
     JsonOption,
     ModelOption,
@@ -23,6 +25,7 @@ from palpate.cli.options import (
     WorkersOption,
     check_model,
     pressure_of,
+    stated_first_pose,
 )
 
 if TYPE_CHECKING:
@@ -76,6 +79,8 @@ def evaluate(
             help_behavior_hint="(default: these are skipped)",
         ),
     ] = None,
+    first_pose_sigma: FirstPoseSigmaOption = None,
+    first_pose_unknown: FirstPoseUnknownOption = False,
     hypotheses: HypothesesOption = None,
     workers: WorkersOption = 1,
     dask: DaskOption = None,
@@ -103,6 +108,8 @@ def evaluate(
             "--noise": noise != "palpate",
             "--pressure": pressure != "uniform",
             "--first-pose": first_pose,
+            "--first-pose-sigma": first_pose_sigma,
+            "--first-pose-unknown": first_pose_unknown,
             "--hypotheses": hypotheses is not None,
             "--dask": dask,
             "--shard": shard,
@@ -133,7 +140,8 @@ def evaluate(
         methods,
         noise_of(noise),
         pressure_of(pressure),
-        first_pose,
+        *stated_first_pose(first_pose, first_pose_sigma, first_pose_unknown),
+        first_pose_of_all=first_pose_unknown,
         **({} if hypotheses is None else {"hypotheses": hypotheses}),
     )
     learnt = TouchModel(model) if model else None
@@ -157,6 +165,8 @@ def evaluate(
         "--pressure": [pressure] if pressure != "uniform" else (),
         "--model": [model] if model else (),
         "--first-pose": first_pose or (),
+        "--first-pose-sigma": first_pose_sigma or (),
+        "--first-pose-unknown": first_pose_unknown,
         "--hypotheses": () if hypotheses is None else [hypotheses],
         "--against": [against] if against else (),
     }
@@ -188,9 +198,9 @@ def _show_shard(out: Path, study: "Study", json: bool) -> int:
     return 3 if study.failed or study.broken else 0
 
 
-def _command(folder: Path, out: Path, options: Mapping[str, Iterable[object]]) -> str:
+def _command(folder: Path, out: Path, options: Mapping[str, Collection[object] | bool]) -> str:
     """The command line that makes the same report, without what only changes how long it takes."""
-    told = [(option, *values) for option, given in options.items() if (values := list(given))]
+    told = [(option, *(() if given is True else given)) for option, given in options.items() if given]
     return shlex.join(
         map(str, ("palpate", "evaluate", folder, "--out", out, *(word for words in told for word in words)))
     )

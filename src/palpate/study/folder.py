@@ -22,7 +22,7 @@ from palpate.study.trial import Method, Trial, read_trial, write_trial
 from palpate.touch.model import TouchModel
 
 FORMAT, VERSION = "palpate-study", 1
-_EARLIER = {"hypotheses": 9}
+_EARLIER = {"hypotheses": 9, "first_pose_of_all": False}
 """What studies were made with that do not say so."""
 
 
@@ -50,6 +50,8 @@ class StudyFolder:
             "pressure": settings.pressure,
             "hypotheses": settings.hypotheses,
             "first_pose": settings.first_pose,
+            "first_pose_sigma": settings.first_pose_sigma,
+            "first_pose_of_all": settings.first_pose_of_all,
             "model": None if model is None else model.hash,
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file

@@ -37,6 +37,11 @@ class StudySettings:
     """How the objects press on the table, or c [m]."""
     first_pose: tuple[float, float, float] | None = None
     """world_T_object [m, m, rad] at the start of recordings without ground truth; None leaves them out."""
+    first_pose_sigma: tuple[float, float, float] | None = None
+    """How well the pose at the start of all recordings is known, standard deviations [m, m, rad]; by default as they or
+    the noise settings say."""
+    first_pose_of_all: bool = False
+    """Whether `first_pose` is also where recordings with ground truth begin, as where nothing is known of it."""
     hypotheses: int = TrackerSettings.hypotheses
     """How many answers are kept at most."""
 
@@ -92,10 +97,15 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel | None) -> Outco
     skipped: dict[Method, str] = {}
     failed: dict[Method, str] = {}
     for method in job.methods:
-        first_pose = None if known else settings.first_pose
         try:
             with quiet():
-                run = track(recording, settings.tracker(method), first_pose, model=model)
+                run = track(
+                    recording,
+                    settings.tracker(method),
+                    settings.first_pose if settings.first_pose_of_all or not known else None,
+                    model=model,
+                    first_pose_sigma=settings.first_pose_sigma,
+                )
         except FileError as error:  # an image in the middle of it
             return Outcome(job, broken=_said(error, job))
         except (SettingError, ShapeError) as error:

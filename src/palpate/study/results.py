@@ -3,7 +3,7 @@
 `results.json` holds
 
     command     the command line
-    settings    methods, noise, pressure, hypotheses, model, first_pose
+    settings    methods, noise, pressure, hypotheses, model, first_pose, first_pose_sigma, first_pose_of_all
     study       palpate, folder, recordings, trials, kept, skipped, failed, broken, wall_s, workers, cores, lost_above
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
@@ -63,6 +63,8 @@ def results_of(
             "hypotheses": settings.hypotheses,
             "model": None if model is None else {"folder": str(model.folder), "hash": model.hash},
             "first_pose": settings.first_pose,
+            "first_pose_sigma": settings.first_pose_sigma,
+            "first_pose_of_all": settings.first_pose_of_all,
         },
         "study": {
             "palpate": palpate.__version__,
