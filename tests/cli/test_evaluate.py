@@ -14,7 +14,7 @@ from typing import Any, get_args
 import h5py
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import pushed, seen, unit_seen
 
 from palpate.cli import evaluate as evaluate_command
 from palpate.cli import main
@@ -23,6 +23,7 @@ from palpate.formats.palpate_h5 import write_recording
 from palpate.study import job as study_job
 from palpate.study.results import ALL
 from palpate.study.trial import read_trial
+from palpate.touch.calibration import write_calibration
 from palpate.touch.modes import Tactile
 from palpate.tracking.run import track
 
@@ -196,6 +197,26 @@ def test_a_first_pose_that_is_known_roughly_or_not_at_all(capsys):
         assert f"--first-pose-unknown says that nothing is known of the first pose, and {option} is given" in said
 
 
+def test_what_is_known_of_the_sensor_unit_reaches_the_tracker_and_the_report(capsys):
+    Path("images").mkdir()
+    write_recording(seen(pushed(40)), "images/edges-1.h5")
+    for name, level in (("unit", 100.0), ("same", 100.0), ("other", 101.0)):
+        write_calibration(unit_seen(level), f"{name}.npz")
+    words = ("images", "--tactile", "none", "--out")
+    assert palpate(*words, "without") == palpate(*words, "with", "--calibration", "unit.npz") == 0
+    contacts = [read_trial(Path(out, "trials/none/edges-1.h5.npz")).contact for out in ("without", "with")]
+    # Without it the first half second, in which there is a touch, counts as untouched.
+    assert [contact[:15].any() for contact in contacts] == [False, True]
+    assert results("without")["settings"]["calibration"] is None
+    assert results("with")["settings"]["calibration"]["file"] == "unit.npz"
+    assert results("with")["command"] == "palpate evaluate images --out with --tactile none --calibration unit.npz"
+    capsys.readouterr()
+    for unit in ((), ("--calibration", "other.npz")):
+        assert "was made with other settings (calibration was" in failure(capsys, *words, "with", "--resume", *unit)
+    assert palpate(*words, "with", "--resume", "--calibration", "same.npz") == 0
+    assert results("with")["study"]["kept"] == 1
+
+
 def test_studies_with_one_answer_are_compared_with_those_with_several(capsys):
     assert palpate("recordings", "--out", "nine", "--tactile", "none") == 0
     one = ("recordings", "--out", "one", "--tactile", "none", "--hypotheses", "1")
@@ -253,6 +274,7 @@ def test_nothing_that_can_be_tracked(capsys):
         (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
         (("recordings", "--first-pose", "nan", "0", "0"), "first pose is (nan, 0.0, 0.0)"),
         (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma is [0.0, 1.0, 1.0]"),
+        (("recordings", "--calibration", "nowhere.npz"), "nowhere.npz: no such file"),
         (("recordings", "--hypotheses", "0"), "hypotheses is 0; allowed is a whole number from 1 on"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
     ],

@@ -22,6 +22,7 @@ from palpate.cli.options import (
     ShardOption,
     SmootherName,
     Tactile,
+    UnitOption,
     WorkersOption,
     check_model,
     pressure_of,
@@ -71,6 +72,7 @@ def evaluate(
     noise: NoiseOption = "palpate",
     pressure: PressureOption = "uniform",
     model: ModelOption = None,
+    calibration: UnitOption = None,
     first_pose: Annotated[
         tuple[float, float, float] | None,
         tyro.conf.arg(
@@ -107,6 +109,7 @@ def evaluate(
             "--smoother": smoother,
             "--noise": noise != "palpate",
             "--pressure": pressure != "uniform",
+            "--calibration": calibration,
             "--first-pose": first_pose,
             "--first-pose-sigma": first_pose_sigma,
             "--first-pose-unknown": first_pose_unknown,
@@ -128,6 +131,7 @@ def evaluate(
     from palpate.study.results import results_of, write_results
     from palpate.study.study import run_study
     from palpate.study.trial import Method
+    from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
 
     tactiles = dict.fromkeys(mode for given in tactile for mode in given) or dict.fromkeys(TACTILES)
@@ -142,6 +146,7 @@ def evaluate(
         pressure_of(pressure),
         *stated_first_pose(first_pose, first_pose_sigma, first_pose_unknown),
         first_pose_of_all=first_pose_unknown,
+        calibration=None if calibration is None else load_calibration(calibration),
         **({} if hypotheses is None else {"hypotheses": hypotheses}),
     )
     learnt = TouchModel(model) if model else None
@@ -164,6 +169,7 @@ def evaluate(
         "--noise": [noise] if noise != "palpate" else (),
         "--pressure": [pressure] if pressure != "uniform" else (),
         "--model": [model] if model else (),
+        "--calibration": [calibration] if calibration else (),
         "--first-pose": first_pose or (),
         "--first-pose-sigma": first_pose_sigma or (),
         "--first-pose-unknown": first_pose_unknown,

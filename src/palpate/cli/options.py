@@ -49,6 +49,14 @@ CalibrationOption = Annotated[
         help_behavior_hint="(default: as in the first half second)",
     ),
 ]
+UnitOption = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="UNIT.npz",
+        help="How the one sensor unit that all recordings are of looks untouched, from palpate calibrate.",
+        help_behavior_hint="(default: as in the first half second of each)",
+    ),
+]
 
 
 Numbers = tuple[float, float, float]

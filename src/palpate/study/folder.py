@@ -53,6 +53,7 @@ class StudyFolder:
             "first_pose_sigma": settings.first_pose_sigma,
             "first_pose_of_all": settings.first_pose_of_all,
             "model": None if model is None else model.hash,
+            "calibration": None if settings.calibration is None else settings.calibration.hash,
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
         self._recordings: dict[str, dict[str, Any]] = {}

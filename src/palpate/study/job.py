@@ -15,6 +15,7 @@ from palpate.geometry.shapes import shape_to_dict
 from palpate.recording.recording import Recording
 from palpate.study.files import group_of
 from palpate.study.trial import Method, Trial
+from palpate.touch.calibration import Calibration
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile
 from palpate.tracker_settings import TrackerSettings
@@ -44,6 +45,8 @@ class StudySettings:
     """Whether `first_pose` is also where recordings with ground truth begin, as where nothing is known of it."""
     hypotheses: int = TrackerSettings.hypotheses
     """How many answers are kept at most."""
+    calibration: Calibration | None = None
+    """What is known of the one sensor unit that all recordings are of."""
 
     def tracker(self, method: Method) -> TrackerSettings:
         """Return how to track in one of the ways; SettingError where that cannot be."""
@@ -104,6 +107,7 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel | None) -> Outco
                     settings.tracker(method),
                     settings.first_pose if settings.first_pose_of_all or not known else None,
                     model=model,
+                    calibration=settings.calibration,
                     first_pose_sigma=settings.first_pose_sigma,
                 )
         except FileError as error:  # an image in the middle of it

@@ -3,7 +3,8 @@
 `results.json` holds
 
     command     the command line
-    settings    methods, noise, pressure, hypotheses, model, first_pose, first_pose_sigma, first_pose_of_all
+    settings    methods, noise, pressure, hypotheses, model, calibration, first_pose, first_pose_sigma,
+                first_pose_of_all
     study       palpate, folder, recordings, trials, kept, skipped, failed, broken, wall_s, workers, cores, lost_above
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
@@ -53,6 +54,7 @@ def results_of(
     study: Study, settings: StudySettings, model: TouchModel | None, folder: Path, workers: int, command: str
 ) -> dict[str, Any]:
     """Return the content of `results.json`, but `against`."""
+    unit = settings.calibration
     return {
         "command": command,
         "settings": {
@@ -62,6 +64,7 @@ def results_of(
             "pressure": settings.pressure,
             "hypotheses": settings.hypotheses,
             "model": None if model is None else {"folder": str(model.folder), "hash": model.hash},
+            "calibration": None if unit is None else {"file": str(unit.file or ""), "hash": unit.hash},
             "first_pose": settings.first_pose,
             "first_pose_sigma": settings.first_pose_sigma,
             "first_pose_of_all": settings.first_pose_of_all,
