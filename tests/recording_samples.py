@@ -42,9 +42,9 @@ def seen(recording: Any) -> Any:
     return replace(recording, sensor=replace(POINT, image_height=48, image_width=32), image=coded, codec="png")
 
 
-def unit_seen(level: float = 100.0) -> Calibration:
+def unit_seen(level: float = 100.0, height: int = 48, width: int = 32) -> Calibration:
     """Return what is known of the sensor unit of `seen`: its untouched gel, of this level."""
-    return Calibration(Background(*(np.full((48, 32, 3), each, np.float32) for each in (level, 2.0))))
+    return Calibration(Background(*(np.full((height, width, 3), each, np.float32) for each in (level, 2.0))))
 
 
 def trajectory(n: int = 50, **changes: Any) -> Any:

@@ -85,6 +85,11 @@ def view_of(calibration: Calibration | None) -> CameraView:
     return calibration.view if calibration else AS_IT_IS
 
 
+def correction_of(calibration: Calibration | None) -> DirectionCorrection:
+    """Return what a calibration corrects of the directions that touch tells; nothing without one."""
+    return calibration.direction if calibration else AS_TOLD
+
+
 def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
     """Return the sensor with images as they lie once they were turned as the calibration says."""
     if view_of(calibration).quarter_turns % 2 == 0:
