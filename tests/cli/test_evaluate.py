@@ -85,8 +85,10 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     found = results()
     row = found["table"][ALL]["oracle"]
     shares = [f"{100 * row[f'{kind}inside_95']:.0f}" for kind in ("", "contact_", "rest_", "final_")]
-    (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
-    assert " ".join(shown.split()).split(") ")[-1].startswith(" ".join(shares))
+    shown, steps = [line.split() for line in out.splitlines() if line.strip().startswith("oracle")]
+    assert " ".join(shown).split(") ")[-1].startswith(" ".join(shares))
+    assert list(row["step_ms"]) == ["p50", "p95", "p99"] and row["ambiguous"] > 0.0
+    assert steps[1:] == [f"{100 * row['ambiguous']:.0f}", *(f"{ms:.1f}" for ms in row["step_ms"].values())]
     assert "after knocks" not in out
     assert found["settings"]["methods"] == ["none", "constant", "oracle"]
     assert found["command"] == "palpate evaluate recordings --out out --tactile none constant oracle"
@@ -94,6 +96,10 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     ((folder, given, trials),) = reports
     assert (folder, len(trials)) == (Path("out"), 6)
     assert json.loads(json.dumps(given)) == found
+    with Path("out/sequences.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["tactile"] == "oracle"]
+    shares, frames = ([float(each[key]) for each in rows] for key in ("ambiguous_share", "contact_frames"))
+    assert row["ambiguous"] == pytest.approx(np.average(shares, weights=frames))
     assert len(Path("out/sequences.csv").read_text().splitlines()) == 7
 
 

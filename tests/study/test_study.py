@@ -84,7 +84,7 @@ def trial(final_mm: float, method: Method = NONE, group: str = "disc", name: str
         "final_rotation_error_deg": 1.0,
         "translation_rmse_mm": 0.5 * final_mm,
         "rotation_rmse_deg": 0.5,
-        "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm},
+        "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm, "p99": 3.0 * final_mm},
     }
     return Trial(
         recording=name or f"{group}-{final_mm:g}.h5",
@@ -402,6 +402,18 @@ def test_recovery_and_silence_in_the_table_by_hand():
     assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
 
 
+def test_ambiguous_frames_are_a_share_of_all_frames_in_contact():
+    told = [
+        trial(1.0, ambiguous_share=0.5, contact_frames=10),
+        trial(2.0, ambiguous_share=0.0, contact_frames=30, scored_frames=0),  # it takes no truth to tell
+        trial(3.0, ambiguous_share=None, contact_frames=0),
+        trial(4.0, contact_frames=50),  # of an earlier version, which did not tell
+    ]
+    assert table(told, (NONE,))["disc"]["none"]["ambiguous"] == pytest.approx(5 / 40)
+    assert table(told[2:], (NONE,))["disc"]["none"]["ambiguous"] is None
+    assert flat(told[0])["ambiguous_share"] == 0.5
+
+
 def test_recovery_by_hand_where_a_knock_is_not_followed_to_the_end():
     assert recovered([knocks((0.5, 3.0), (1.5, 3.0))]) == {"recovery_contact_s": 0.5, "recovered_in_2s": 1.0}
     assert recovered([knocks((1.0, 3.0), (None, 3.0))]) == {"recovery_contact_s": 1.0, "recovered_in_2s": 0.5}
@@ -455,7 +467,7 @@ def test_table_by_hand():
     # NEES of 1, 4, 9 and 3600, three frames each; the first two are inside.
     assert row["nees"] == pytest.approx({"median": 6.5, "mean": 903.5})
     assert (row["inside_95"], row["final_inside_95"]) == (0.5, 0.5)
-    assert row["step_ms"] == pytest.approx({"p50": 2.5, "p95": 5.0})
+    assert row["step_ms"] == pytest.approx({"p50": 2.5, "p95": 5.0, "p99": 7.5})
     assert rows[ALL]["none"]["sequences"] == 5 and rows[ALL]["none"]["final_mm"]["median"] == pytest.approx(3.0)
     assert list(rows["edges"]) == ["none"]
     assert table([], (NONE,)) == {}

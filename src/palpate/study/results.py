@@ -108,7 +108,9 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
     silently_wrong, silently_wrong_unfelt: means over sequences of such shares; see `metrics.summarise`;
     knocks: how many, and what `recovered` tells of them;
     error_after_knock_mm: see `errors_after_knock`;
-    lost: how many; and, of all sequences, step_ms: {p50, p95}, medians over sequences.
+    lost: how many;
+    and, of all sequences, ambiguous: share of the frames in contact that have that status, and step_ms: {p50, p95,
+    p99}, medians over sequences.
     What cannot be told is None.
     """
     scored = [(trial, _nees_by_kind(trial)) for trial in trials]
@@ -179,7 +181,7 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
 def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[str, Any]:
     """The row of trials, from `_nees_by_kind` of each."""
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
-    steps = {share: [trial.summary["step_ms"][share] for trial in trials] for share in ("p50", "p95")}
+    steps = {share: [trial.summary["step_ms"][share] for trial in trials] for share in ("p50", "p95", "p99")}
     pooled = {kind: np.concatenate([each[kind] for each in kinds]) for kind in kinds[0]}
     nees = pooled["all"]
     silent, unfelt = (
@@ -203,8 +205,15 @@ def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[
         **recovered([trial.summary for trial in scored]),
         "error_after_knock_mm": errors_after_knock([trial.summary for trial in scored]),
         "lost": sum(is_lost(trial) for trial in scored),
+        "ambiguous": _ambiguous([trial.summary for trial in trials]),
         "step_ms": {share: float(np.median(values)) for share, values in steps.items()},
     }
+
+
+def _ambiguous(summaries: Sequence[Mapping[str, Any]]) -> float | None:
+    """The share of all frames in contact that are ambiguous, of the summaries that tell it."""
+    told = [(share, each["contact_frames"]) for each in summaries if (share := each.get("ambiguous_share")) is not None]
+    return sum(share * frames for share, frames in told) / sum(frames for _, frames in told) if told else None
 
 
 def _nees_by_kind(trial: Trial) -> dict[str, Array]:
