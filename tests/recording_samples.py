@@ -1,5 +1,6 @@
 """Recordings and trajectories that several tests use."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from palpate.recording.images import encode_image
 from palpate.recording.recording import Recording
 from palpate.recording.sensor import POINT, SensorProfile
 from palpate.recording.trajectory import Trajectory
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration
 
 TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 
@@ -29,6 +32,19 @@ def pushed(n: int = 40, shape: Shape | None = None) -> Any:
     pose: Any = np.column_stack([moved, 0.5 * moved, 3.0 + moved])
     sensor = se2.compose(pose, np.array([[-0.1, 0.0, 0.2]]))
     return Recording(np.arange(n) / 30, sensor, shape or Rectangle(0.2, 0.1), POINT, pose.astype(np.float64), contact)
+
+
+def seen(recording: Any) -> Any:
+    """Return the recording with images of 48 x 32 px: grey, with noise, and brighter in a corner where it touches."""
+    images = 100.0 + np.random.default_rng(0).normal(0.0, 2.0, (len(recording), 48, 32, 3))
+    images[recording.contact, :20, :20] += 60.0
+    coded = tuple(encode_image(np.rint(image).astype(np.uint8), "png") for image in images)
+    return replace(recording, sensor=replace(POINT, image_height=48, image_width=32), image=coded, codec="png")
+
+
+def unit_seen(level: float = 100.0, height: int = 48, width: int = 32) -> Calibration:
+    """Return what is known of the sensor unit of `seen`: its untouched gel, of this level."""
+    return Calibration(Background(*(np.full((height, width, 3), each, np.float32) for each in (level, 2.0))))
 
 
 def trajectory(n: int = 50, **changes: Any) -> Any:

@@ -96,6 +96,7 @@ def with_summary(trial: Trial) -> Trial:
         nees_mean=float(np.mean(trial.nees)) if scored else None,
         **coverage(trial.contact, trial.nees),
         silently_wrong_share=0.01 if scored else None,
+        ambiguous_share=0.2,
         knock_recovery_contact_s=[],
         slid_mm=slid if np.isfinite(slid) else None,
         scored_frames=len(translation) if scored else 0,

@@ -24,7 +24,7 @@ from palpate.recording.trajectory import Trajectory
 from palpate.stream.checked_frame import checked_measurements
 from palpate.stream.stream import Stream
 from palpate.touch.background import Background
-from palpate.touch.calibration import AS_TOLD, Calibration
+from palpate.touch.calibration import Calibration, correction_of
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
 from palpate.touch.relative import Touch
@@ -66,7 +66,7 @@ class Tracker:
         warm_up(settings.smoother)
         self._shape, self._sensor, self._settings, self._model = shape, sensor, settings, model
         self._stream = Stream(sensor, calibration, settings.noise.sensor_pose.deviation)
-        self._correction = calibration.direction if calibration else AS_TOLD
+        self._correction = correction_of(calibration)
         self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._tactile: TactileChoice = settings.tactile
         self._tactile_reason = ""

@@ -14,7 +14,7 @@ from typing import Any, get_args
 import h5py
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import pushed, seen, unit_seen
 
 from palpate.cli import evaluate as evaluate_command
 from palpate.cli import main
@@ -22,6 +22,8 @@ from palpate.errors import EstimationError
 from palpate.formats.palpate_h5 import write_recording
 from palpate.study import job as study_job
 from palpate.study.results import ALL
+from palpate.study.trial import read_trial
+from palpate.touch.calibration import write_calibration
 from palpate.touch.modes import Tactile
 from palpate.tracking.run import track
 
@@ -83,8 +85,10 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     found = results()
     row = found["table"][ALL]["oracle"]
     shares = [f"{100 * row[f'{kind}inside_95']:.0f}" for kind in ("", "contact_", "rest_", "final_")]
-    (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
-    assert " ".join(shown.split()).split(") ")[-1].startswith(" ".join(shares))
+    shown, steps = [line.split() for line in out.splitlines() if line.strip().startswith("oracle")]
+    assert " ".join(shown).split(") ")[-1].startswith(" ".join(shares))
+    assert list(row["step_ms"]) == ["p50", "p95", "p99"] and row["ambiguous"] > 0.0
+    assert steps[1:] == [f"{100 * row['ambiguous']:.0f}", *(f"{ms:.1f}" for ms in row["step_ms"].values())]
     assert "after knocks" not in out
     assert found["settings"]["methods"] == ["none", "constant", "oracle"]
     assert found["command"] == "palpate evaluate recordings --out out --tactile none constant oracle"
@@ -92,6 +96,10 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
     ((folder, given, trials),) = reports
     assert (folder, len(trials)) == (Path("out"), 6)
     assert json.loads(json.dumps(given)) == found
+    with Path("out/sequences.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["tactile"] == "oracle"]
+    shares, frames = ([float(each[key]) for each in rows] for key in ("ambiguous_share", "contact_frames"))
+    assert row["ambiguous"] == pytest.approx(np.average(shares, weights=frames))
     assert len(Path("out/sequences.csv").read_text().splitlines()) == 7
 
 
@@ -174,6 +182,58 @@ def test_options_reach_the_tracker():
     assert not found["recordings"]["blind-1.h5"]["truth"]
 
 
+def test_a_first_pose_that_is_known_roughly_or_not_at_all(capsys):
+    rough = ("recordings", "--out", "rough", "--tactile", "none", "--first-pose-sigma", "0.02", "0.03", "0.2")
+    assert palpate(*rough) == 0
+    assert results("rough")["settings"]["first_pose_sigma"] == [0.02, 0.03, 0.2]
+    assert results("rough")["command"] == f"palpate evaluate {' '.join(rough)}"
+    trial = read_trial(Path("rough/trials/none/disc-1.h5.npz"))
+    assert np.array_equal(trial.pose[0], trial.truth[0])
+    capsys.readouterr()
+    unknown = ("recordings", "--out", "unknown", "--tactile", "none", "--first-pose-unknown")
+    assert palpate(*unknown) == 0
+    assert results("unknown")["command"] == f"palpate evaluate {' '.join(unknown)}"
+    for name in ("disc-1", "edges-1"):  # though their ground truth is known
+        trial = read_trial(Path(f"unknown/trials/none/{name}.h5.npz"))
+        assert trial.pose[0].tolist() == [0.0, 0.0, 0.0] and trial.summary["scored_frames"]
+    capsys.readouterr()
+    assert "first_pose was [0.0, 0.0, 0.0], is None" in failure(capsys, *unknown[:-1], "--resume")
+    for option in ("--first-pose", "--first-pose-sigma"):
+        said = failure(capsys, *unknown, "--resume", option, "1", "1", "1")
+        assert f"--first-pose-unknown says that nothing is known of the first pose, and {option} is given" in said
+
+
+def test_what_is_known_of_the_sensor_unit_reaches_the_tracker_and_the_report(capsys):
+    Path("images").mkdir()
+    write_recording(seen(pushed(40)), "images/edges-1.h5")
+    for name, level in (("unit", 100.0), ("same", 100.0), ("other", 101.0)):
+        write_calibration(unit_seen(level), f"{name}.npz")
+    words = ("images", "--tactile", "none", "--out")
+    assert palpate(*words, "without") == palpate(*words, "with", "--calibration", "unit.npz") == 0
+    contacts = [read_trial(Path(out, "trials/none/edges-1.h5.npz")).contact for out in ("without", "with")]
+    # Without it the first half second, in which there is a touch, counts as untouched.
+    assert [contact[:15].any() for contact in contacts] == [False, True]
+    assert results("without")["settings"]["calibration"] is None
+    assert results("with")["settings"]["calibration"]["file"] == "unit.npz"
+    assert results("with")["command"] == "palpate evaluate images --out with --tactile none --calibration unit.npz"
+    capsys.readouterr()
+    for unit in ((), ("--calibration", "other.npz")):
+        assert "was made with other settings (calibration was" in failure(capsys, *words, "with", "--resume", *unit)
+    assert palpate(*words, "with", "--resume", "--calibration", "same.npz") == 0
+    assert results("with")["study"]["kept"] == 1
+
+
+def test_studies_with_one_answer_are_compared_with_those_with_several(capsys):
+    assert palpate("recordings", "--out", "nine", "--tactile", "none") == 0
+    one = ("recordings", "--out", "one", "--tactile", "none", "--hypotheses", "1")
+    assert palpate(*one, "--against", "nine") == 0
+    assert (results("nine")["settings"]["hypotheses"], results("one")["settings"]["hypotheses"]) == (9, 1)
+    assert results("one")["command"] == f"palpate evaluate {' '.join(one)} --against nine"
+    assert results("one")["against"]["methods"]["none"]["sequences"] == 2
+    capsys.readouterr()
+    assert "hypotheses was 1, is 9" in failure(capsys, *one[:-2], "--resume")
+
+
 def test_broken_and_failed_ones_are_named_and_counted(capsys, monkeypatch, reports):
     def stumble(recording: Any, settings: Any, *args: Any, **options: Any) -> Any:
         if len(recording) == 40 and settings.tactile != "none":
@@ -219,6 +279,9 @@ def test_nothing_that_can_be_tracked(capsys):
         (("recordings", "--model", "m", "--tactile", "none"), "--model m is of no use with --tactile none"),
         (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
         (("recordings", "--first-pose", "nan", "0", "0"), "first pose is (nan, 0.0, 0.0)"),
+        (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma is [0.0, 1.0, 1.0]"),
+        (("recordings", "--calibration", "nowhere.npz"), "nowhere.npz: no such file"),
+        (("recordings", "--hypotheses", "0"), "hypotheses is 0; allowed is a whole number from 1 on"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
     ],
 )

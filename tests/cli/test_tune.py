@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import pushed, seen, unit_seen
 
 from palpate.cli import main
 from palpate.estimation.factors.contact import ContactSettings
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.settings_file import read_noise, write_noise
 from palpate.formats.palpate_h5 import write_recording
+from palpate.touch.calibration import load_calibration, write_calibration
 from palpate.tuning import tuning
 
 TUNED = ("contact.deviation", "relative_pose.oracle")
@@ -59,7 +60,7 @@ def test_tune_leaves_a_file_that_track_takes(capsys):
     assert tuned["recordings"] == ["push-0.h5", "push-1.h5", "push-2.h5", "push-4.h5"]
     assert tuned["held_out"] == ["push-3.h5"]
     assert (tuned["evaluations"], tuned["tactile"], tuned["smoother"]) == (8, "oracle", "fixed-lag")
-    assert (tuned["start"], tuned["model"]) == ("palpate", None)
+    assert (tuned["start"], tuned["model"], tuned["calibration"]) == ("palpate", None, None)
     assert tuned["after"]["score"] < tuned["before"]["score"]
     assert set(tuned["held_out_after"]) == set(tuned["held_out_before"]) == set(tuned["before"])
     noise = read_noise("noise.json")
@@ -87,6 +88,26 @@ def test_tune_shows_what_it_found(capsys):
     assert (
         float(command.split()[-1]) == json.loads(Path("c.json").read_text())["tuned"]["parameters"]["pressure"]["after"]
     )
+
+
+def test_a_tuning_knows_the_unit_that_all_recordings_are_of(capsys):
+    Path("images").mkdir()
+    touched = seen(replace(pushed(40), contact=np.ones(40, np.bool_)))  # taken for untouched without the unit
+    for index in range(5):
+        write_recording(touched, f"images/push-{index}.h5")
+    for name, unit in (("unit", unit_seen()), ("small", unit_seen(height=8, width=8))):
+        write_calibration(unit, f"{name}.npz")
+    words = ("tune", "images", "--out", "noise.json", "--tactile", "none", "--evaluations", "1", "--json")
+    for calibration, said in (
+        ((), "push-0.h5: is never in contact where ground truth is known"),
+        (("--calibration", "small.npz"), "small.npz: is of images of 8 x 8 px"),
+        (("--calibration", "nowhere.npz"), "nowhere.npz: no such file"),
+    ):
+        assert said in failure(capsys, *words, *calibration)
+    assert palpate(*words, "--calibration", "unit.npz") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["left_out"] == [] and found["calibration"] == load_calibration("unit.npz").hash
+    assert json.loads(Path("noise.json").read_text())["tuned"]["calibration"] == found["calibration"]
 
 
 def test_tuning_goes_on_from_its_file(capsys):

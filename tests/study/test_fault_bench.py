@@ -160,6 +160,20 @@ def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
     words = ["evaluate", str(tmp_path / "recordings"), "--faults", "--out", str(tmp_path / "out")]
     assert main.main([*words, "--tactile", "none"]) == 2
     assert "--tactile cannot go with it" in capsys.readouterr().err
+    others = (
+        "--calibration",
+        "unit.npz",
+        "--first-pose-sigma",
+        "1",
+        "1",
+        "2",
+        "--first-pose-unknown",
+        "--hypotheses",
+        "1",
+    )
+    assert main.main([*words, *others]) == 2
+    said = "--calibration, --first-pose-sigma, --first-pose-unknown, --hypotheses cannot go with it"
+    assert said in capsys.readouterr().err
     assert main.main([*words, "--json"]) == 0
     assert asked[0]["model"] is None  # that of each recording's sensor
     said = json.loads(capsys.readouterr().out)

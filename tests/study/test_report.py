@@ -104,7 +104,7 @@ def test_coverage_of_contact_rests_and_final_poses_stands_beside_errors(page):
     _, results = study()
     row = results["table"]["disc"]["learnt"]
     shares = [f"{100 * row[f'{kind}_inside_95']:.0f} %" for kind in ("contact", "rest", "final")]
-    assert f"{', '.join(shares)} ({row['nees']['mean']:.1f}) silently wrong 1 %" in page.words
+    assert f"{', '.join(shares)} ({row['nees']['mean']:.1f}) silently wrong 1 % ambiguous 20 %" in page.words
     finals = f"({row['final_mm']['worst']:.0f}, {row['final_deg']['worst']:.0f}) in: {shares[2]}"
     assert finals in page.words
     assert "After knocks" not in page.words
@@ -229,6 +229,20 @@ def test_the_page_of_a_reported_study_is_made_from_its_table(tmp_path):
     assert names == ["final-translation", "final-rotation", "slid", "against-translation", "against-rotation"]
     write_report(tmp_path, read, rows)
     assert "Final errors" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_reported_study_that_does_not_tell_what_is_ambiguous_is_read(tmp_path, words_only):
+    trials, results = study(1)
+    for trial in trials:
+        del trial.summary["ambiguous_share"]
+    for row in (row for rows in results["table"].values() for row in rows.values()):
+        del row["ambiguous"], row["step_ms"]["p99"]
+    write_results(tmp_path, results, trials)
+    read, rows = read_reported(tmp_path)
+    write_report(tmp_path, read, rows)
+    words = Page((tmp_path / "report.html").read_text(encoding="utf-8")).words
+    step_ms = read["table"]["all groups"]["none"]["step_ms"]
+    assert f"{step_ms['p50']:.1f}, {step_ms['p95']:.1f} " in words and "ambiguous 20 %" not in words
 
 
 def test_names_of_a_reported_study_are_as_they_were(tmp_path):

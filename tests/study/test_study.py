@@ -84,7 +84,7 @@ def trial(final_mm: float, method: Method = NONE, group: str = "disc", name: str
         "final_rotation_error_deg": 1.0,
         "translation_rmse_mm": 0.5 * final_mm,
         "rotation_rmse_deg": 0.5,
-        "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm},
+        "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm, "p99": 3.0 * final_mm},
     }
     return Trial(
         recording=name or f"{group}-{final_mm:g}.h5",
@@ -258,6 +258,19 @@ def test_a_study_goes_on_with_the_same_settings_and_files_only():
         study(dataclasses.replace(SETTINGS, noise=noise), resume=True)
     with pytest.raises(SettingError, match=r"pressure was 'uniform', is 0.03"):
         study(dataclasses.replace(SETTINGS, pressure=0.03), resume=True)
+    with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
+        study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
+    with pytest.raises(SettingError, match=r"first_pose_sigma was None, is \[1.0, 1.0, 2.0\]"):
+        study(dataclasses.replace(SETTINGS, first_pose_sigma=(1.0, 1.0, 2.0)), resume=True)
+    with pytest.raises(SettingError, match=r"first_pose_of_all was False, is True"):
+        study(dataclasses.replace(SETTINGS, first_pose_of_all=True), resume=True)
+    index = json.loads(Path("out/study.json").read_text())
+    for option in ("hypotheses", "first_pose_sigma", "first_pose_of_all"):
+        del index["made_with"][option]  # as of earlier versions, which had none of them
+    Path("out/study.json").write_text(json.dumps(index))
+    with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
+        study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
+    assert study(resume=True).kept == 8
     write_recording(pushed(40), "recordings/disc-1.h5", overwrite=True)
     with pytest.raises(SettingError, match=r"disc-1.h5: has changed since it was tracked for out"):
         study(resume=True)
@@ -280,6 +293,10 @@ def test_settings_that_cannot_be():
         study(workers=0)
     with pytest.raises(SettingError, match=r"first pose is .*nan"):
         study(dataclasses.replace(SETTINGS, first_pose=(0.0, float("nan"), 0.0)))
+    with pytest.raises(SettingError, match=r"first pose sigma is \[0.0, 1.0, 1.0\]; it must be three numbers above 0"):
+        study(dataclasses.replace(SETTINGS, first_pose_sigma=(0.0, 1.0, 1.0)))
+    with pytest.raises(SettingError, match="hypotheses is 0; allowed is a whole number from 1 on"):
+        study(dataclasses.replace(SETTINGS, hypotheses=0))
     assert not Path("out").exists()
 
 
@@ -289,6 +306,16 @@ def test_settings_reach_the_tracker():
     alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, pressure=0.03))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
     assert Path("out/trials/constant+isam2/disc-1.h5.npz").exists()
+    found = study(StudySettings((NONE,), first_pose_sigma=(0.01, 0.02, 0.1)), out="rough")
+    alone: Any = track(pushed(20), TrackerSettings("none"), first_pose_sigma=(0.01, 0.02, 0.1))
+    assert np.array_equal(found.trials[0].covariance, alone.online.covariance)  # from its ground truth
+    assert np.array_equal(found.trials[0].pose[0], pushed(20).object_pose[0])
+    found = study(StudySettings((NONE,), first_pose=(0.0, 0.0, 3.0), first_pose_of_all=True), out="posed")
+    assert {tuple(trial.pose[0]) for trial in found.trials} == {(0.0, 0.0, 3.0)}
+    found = study(StudySettings((NONE,), hypotheses=1), out="one")
+    alone = track(pushed(20), TrackerSettings("none", hypotheses=1))
+    assert np.array_equal(found.trials[0].pose, alone.online.pose)
+    assert np.array_equal(found.trials[0].covariance, alone.online.covariance)
     write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.h5")
     found = study(StudySettings((NONE,), pressure="corner"), out="corner")
     assert "pressure of a disc is 'corner'" in found.skipped["round-1.h5", NONE]
@@ -375,6 +402,18 @@ def test_recovery_and_silence_in_the_table_by_hand():
     assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
 
 
+def test_ambiguous_frames_are_a_share_of_all_frames_in_contact():
+    told = [
+        trial(1.0, ambiguous_share=0.5, contact_frames=10),
+        trial(2.0, ambiguous_share=0.0, contact_frames=30, scored_frames=0),  # it takes no truth to tell
+        trial(3.0, ambiguous_share=None, contact_frames=0),
+        trial(4.0, contact_frames=50),  # of an earlier version, which did not tell
+    ]
+    assert table(told, (NONE,))["disc"]["none"]["ambiguous"] == pytest.approx(5 / 40)
+    assert table(told[2:], (NONE,))["disc"]["none"]["ambiguous"] is None
+    assert flat(told[0])["ambiguous_share"] == 0.5
+
+
 def test_recovery_by_hand_where_a_knock_is_not_followed_to_the_end():
     assert recovered([knocks((0.5, 3.0), (1.5, 3.0))]) == {"recovery_contact_s": 0.5, "recovered_in_2s": 1.0}
     assert recovered([knocks((1.0, 3.0), (None, 3.0))]) == {"recovery_contact_s": 1.0, "recovered_in_2s": 0.5}
@@ -428,7 +467,7 @@ def test_table_by_hand():
     # NEES of 1, 4, 9 and 3600, three frames each; the first two are inside.
     assert row["nees"] == pytest.approx({"median": 6.5, "mean": 903.5})
     assert (row["inside_95"], row["final_inside_95"]) == (0.5, 0.5)
-    assert row["step_ms"] == pytest.approx({"p50": 2.5, "p95": 5.0})
+    assert row["step_ms"] == pytest.approx({"p50": 2.5, "p95": 5.0, "p99": 7.5})
     assert rows[ALL]["none"]["sequences"] == 5 and rows[ALL]["none"]["final_mm"]["median"] == pytest.approx(3.0)
     assert list(rows["edges"]) == ["none"]
     assert table([], (NONE,)) == {}

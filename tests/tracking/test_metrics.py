@@ -119,6 +119,16 @@ def test_silently_wrong_is_far_off_and_outside_and_content():
     assert unsure["silently_wrong_share"] is unsure["in_95_share"] is unsure["in_95_final"] is None
 
 
+def test_ambiguous_is_a_share_of_the_frames_in_contact():
+    contact = np.array([True, True, True, True, False])
+    status = ("ambiguous", "tracking", "ambiguous", "ambiguous", "ambiguous")
+    trajectory = Trajectory(np.arange(5.0), np.zeros((5, 3)), contact=contact, status=status)
+    how = {"tactile": "none", "smoother": "isam2", "wall_s": 1.0, "episodes": 1}
+    assert metrics.summarise(trajectory, None, np.ones(5), **how)["ambiguous_share"] == 0.75
+    for lacking in ({"status": None}, {"contact": None}, {"contact": np.zeros(5, np.bool_)}):
+        assert metrics.summarise(replace(trajectory, **lacking), None, np.ones(5), **how)["ambiguous_share"] is None
+
+
 def summary(truth):
     trajectory = Trajectory(
         time=np.array([0.0, 0.1, 0.2, 0.3]),
@@ -136,7 +146,7 @@ KEYS = [
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
     *("nees_mean", "statuses", "yaw_shows", "scored_frames", "final_scored_time_s"),
     *("in_95_share", "in_95_contact_share", "in_95_rest_share", "in_95_final"),
-    *("silently_wrong_share", "silently_wrong_unfelt_share"),
+    *("silently_wrong_share", "silently_wrong_unfelt_share", "ambiguous_share"),
     *("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "knock_error_mm"),
 ]
 
@@ -170,7 +180,9 @@ def test_summary_without_truth_has_no_scores():
     assert found["final_pose"] == [9.0, 9.0, 1.0]
     assert found["scored_frames"] == 0
     assert all(
-        found[key] is None for key in KEYS if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))
+        found[key] is None
+        for key in KEYS
+        if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final")) and key != "ambiguous_share"
     )
 
 

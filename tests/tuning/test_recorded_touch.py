@@ -11,10 +11,14 @@ from recording_samples import pushed
 from palpate.errors import FileError
 from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.objects import SHAPES
+from palpate.recording.images import encode_image
 from palpate.recording.measurements import Measurement, RelativePoses
 from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.simulation.recordings import simulate_recording
+from palpate.touch.background import background_of
+from palpate.touch.calibration import Calibration, DirectionCorrection
+from palpate.touch.view import CameraView
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.run import Run, track
 from palpate.tuning.recorded_touch import (
@@ -68,16 +72,29 @@ def test_a_recording_that_begins_in_contact_is_felt_with_the_gel_after_it(seen):
     assert "untouched_from_s" in run.summary
 
 
+def test_what_is_known_of_the_unit_is_known_again(seen):
+    images = [np.asarray(frame.image)[::-1, ::-1] for frame in seen]
+    told = DirectionCorrection(0.05, 0.9, 0.01, 0.02)
+    unit = Calibration(background_of(image[::-1, ::-1] for image in images[:15]), CameraView(2), told)
+    turned = replace(
+        seen, image=tuple(encode_image(np.ascontiguousarray(image), "png") for image in images), codec="png"
+    )
+    recorded, run = both_ways(turned, "learnt", unit)
+    assert recorded.correction == told and run.calibration is unit
+
+
 def begun_at(recording: Recording) -> int:
     """The first frame of which images show a contact."""
     return int(np.argmax(np.asarray(track(recording).online.contact)))
 
 
-def both_ways(recording: Recording, tactile: Tactile) -> tuple[RecordedTouch, Run]:
+def both_ways(
+    recording: Recording, tactile: Tactile, calibration: Calibration | None = None
+) -> tuple[RecordedTouch, Run]:
     """Record touch and track by it, and track as `palpate track` does: the same comes of both."""
     settings = TrackerSettings(tactile=tactile)
-    recorded, run = record_touch(recording, tactile), track(recording, settings)
-    online = track_recorded(recorded, settings)
+    recorded = record_touch(recording, tactile, calibration=calibration)
+    run, online = track(recording, settings, calibration=calibration), track_recorded(recorded, settings)
     assert online.contact is not None and online.contact.any()
     assert np.array_equal(online.contact, run.online.contact)  # pyright: ignore[reportArgumentType]
     assert np.array_equal(online.pose, run.online.pose)

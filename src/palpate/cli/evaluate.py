@@ -2,15 +2,19 @@
 
 import shlex
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from palpate.cli.evaluate_faults import evaluate_faults
+from palpate.cli.evaluate_report import report_shard, report_study
 from palpate.cli.options import (
     DaskOption,
+    FirstPoseSigmaOption,
+    FirstPoseUnknownOption,
+    HypothesesOption,
     JsonOption,
     ModelOption,
     NoiseOption,
@@ -19,9 +23,11 @@ from palpate.cli.options import (
     ShardOption,
     SmootherName,
     Tactile,
+    UnitOption,
     WorkersOption,
     check_model,
     pressure_of,
+    stated_first_pose,
 )
 
 if TYPE_CHECKING:
@@ -38,8 +44,6 @@ TACTILES: tuple[Tactile, ...] = (
     "oracle",
 )
 """What is compared unless told otherwise, in the order of tables."""
-COUNTS = ("trials", "kept", "skipped", "failed", "broken")
-"""What is said of a study at its end."""
 
 
 def evaluate(
@@ -67,6 +71,7 @@ def evaluate(
     noise: NoiseOption = "palpate",
     pressure: PressureOption = "uniform",
     model: ModelOption = None,
+    calibration: UnitOption = None,
     first_pose: Annotated[
         tuple[float, float, float] | None,
         tyro.conf.arg(
@@ -75,6 +80,9 @@ def evaluate(
             help_behavior_hint="(default: these are skipped)",
         ),
     ] = None,
+    first_pose_sigma: FirstPoseSigmaOption = None,
+    first_pose_unknown: FirstPoseUnknownOption = False,
+    hypotheses: HypothesesOption = None,
     workers: WorkersOption = 1,
     dask: DaskOption = None,
     shard: ShardOption = None,
@@ -100,7 +108,11 @@ def evaluate(
             "--smoother": smoother,
             "--noise": noise != "palpate",
             "--pressure": pressure != "uniform",
+            "--calibration": calibration,
             "--first-pose": first_pose,
+            "--first-pose-sigma": first_pose_sigma,
+            "--first-pose-unknown": first_pose_unknown,
+            "--hypotheses": hypotheses is not None,
             "--dask": dask,
             "--shard": shard,
             "--resume": resume,
@@ -118,6 +130,7 @@ def evaluate(
     from palpate.study.results import results_of, write_results
     from palpate.study.study import run_study
     from palpate.study.trial import Method
+    from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
 
     tactiles = dict.fromkeys(mode for given in tactile for mode in given) or dict.fromkeys(TACTILES)
@@ -126,7 +139,15 @@ def evaluate(
     check_model(model, tactiles)
     if shard is not None and against is not None:
         raise SettingError("--shard: a part of a study is compared with nothing; say --against when it is whole")
-    settings = StudySettings(methods, noise_of(noise), pressure_of(pressure), first_pose)
+    settings = StudySettings(
+        methods,
+        noise_of(noise),
+        pressure_of(pressure),
+        *stated_first_pose(first_pose, first_pose_sigma, first_pose_unknown),
+        first_pose_of_all=first_pose_unknown,
+        calibration=None if calibration is None else load_calibration(calibration),
+        **({} if hypotheses is None else {"hypotheses": hypotheses}),
+    )
     learnt = TouchModel(model) if model else None
     files = find_recordings(folder, leave_out=out)
     before = None if against is None else read_scores(against)
@@ -137,7 +158,7 @@ def evaluate(
     for why in _complaints(study):
         complain(f"{folder}/{why}")
     if shard is not None:
-        return _show_shard(out, study, json)
+        return report_shard(out, study, json)
     if study.skipped and not (study.trials or study.broken or study.failed):
         (name, _), why = next(iter(study.skipped.items()))
         raise SettingError(f"{folder}: nothing in it can be tracked in these ways; the first reason: {name} {why}")
@@ -147,7 +168,11 @@ def evaluate(
         "--noise": [noise] if noise != "palpate" else (),
         "--pressure": [pressure] if pressure != "uniform" else (),
         "--model": [model] if model else (),
+        "--calibration": [calibration] if calibration else (),
         "--first-pose": first_pose or (),
+        "--first-pose-sigma": first_pose_sigma or (),
+        "--first-pose-unknown": first_pose_unknown,
+        "--hypotheses": () if hypotheses is None else [hypotheses],
         "--against": [against] if against else (),
     }
     results = results_of(study, settings, learnt, folder, workers, _command(folder, out, options))
@@ -160,27 +185,13 @@ def evaluate(
     if json:
         print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed", "broken")}})
     else:
-        _show(out, results)
+        report_study(out, results)
     return 3 if study.failed or study.broken else 0
 
 
-def _show_shard(out: Path, study: "Study", json: bool) -> int:
-    """Tell how many trials there are of a shard, and return the exit code; tables and figures are drawn of them all."""
-    from palpate.cli.console import print_json, print_line
-    from palpate.study.results import counted
-
-    counts = counted(study)
-    if json:
-        print_json({"report": str(out), "study": counts})
-    else:
-        said = ", ".join(f"{counts[what]} {what}" for what in COUNTS)
-        print_line(f"{said}, {study.wall_s:.0f} s   once all are done, --resume without --shard reports")
-    return 3 if study.failed or study.broken else 0
-
-
-def _command(folder: Path, out: Path, options: Mapping[str, Iterable[object]]) -> str:
+def _command(folder: Path, out: Path, options: Mapping[str, Collection[object] | bool]) -> str:
     """The command line that makes the same report, without what only changes how long it takes."""
-    told = [(option, *values) for option, given in options.items() if (values := list(given))]
+    told = [(option, *(() if given is True else given)) for option, given in options.items() if given]
     return shlex.join(
         map(str, ("palpate", "evaluate", folder, "--out", out, *(word for words in told for word in words)))
     )
@@ -195,69 +206,3 @@ def _complaints(study: "Study") -> Iterator[str]:
         methods[name, why].append(str(method))
     for (name, why), failed in methods.items():
         yield f"{name} by {', '.join(failed)}: {why}"
-
-
-def _show(out: Path, results: Mapping[str, Any]) -> None:
-    from palpate.cli.console import number, percent, print_line, print_table
-    from palpate.study.comparison import COVERAGE
-    from palpate.study.results import ALL
-
-    finals = ("final_mm", "final_deg")
-    shares = ("inside_95", "contact_inside_95", "rest_inside_95", "final_inside_95", "silently_wrong")
-    methods = results["table"].get(ALL, {})
-    rows = [
-        [
-            method,
-            *(f"{number(row[of]['median'], 2)} ({number(row[of]['worst'])})" for of in finals),
-            *(percent(row[name]) for name in shares),
-            f"{row['lost']} of {row['sequences']}",
-            number(row["step_ms"]["p50"]),
-        ]
-        for method, row in methods.items()
-    ]
-    if rows:
-        columns = ("touch", "mm (worst)", "deg (worst)", "% in 95 %", "contact", "rests", "finals", "silently wrong")
-        columns = (*columns, "lost", "ms")
-        title = f"{ALL}: final error in the median, frames in the 95 % region, and time of a step"
-        print_table(title, columns, rows, numbers=range(1, len(columns)))
-    if any(row["knocks"] for row in methods.values()):
-        _show_knocks(methods)
-    if against := results.get("against"):
-        rows = [
-            [
-                method,
-                *(str(change[what]) for what in ("better", "worse", "same")),
-                *(" -> ".join(number(change[of][when], 2) for when in ("before", "after")) for of in finals),
-                *(" -> ".join(percent(change[of][when]) for when in ("before", "after")) for of in COVERAGE[:3]),
-            ]
-            for method, change in against["methods"].items()
-        ]
-        columns = ("touch", "better", "worse", "same", "mm", "deg", "% in 95 %: contact", "rests", "finals")
-        title = f"against {against['folder']}: final error in the median"
-        print_table(title, columns, rows, numbers=range(1, len(columns)))
-    counts = ", ".join(f"{results['study'][what]} {what}" for what in COUNTS)
-    wrote = out / ("report.html" if results["table"] else "results.json")
-    print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {wrote}")
-
-
-def _show_knocks(methods: Mapping[str, Mapping[str, Any]]) -> None:
-    """Tell what becomes of the estimate after knocks, by each method."""
-    from palpate.cli.console import number, percent, print_table
-    from palpate.tracking.recovery import AFTER, FAR_DEG, FAR_MM
-
-    rows = [
-        [
-            method,
-            str(row["knocks"]),
-            *(number(error) for error in row["error_after_knock_mm"].values()),
-            number(row["recovery_contact_s"], 2),
-            percent(row["recovered_in_2s"]),
-            percent(row["silently_wrong_unfelt"]),
-        ]
-        for method, row in methods.items()
-    ]
-    columns = ("touch", "knocks", *(f"mm at {after:g} s" for after in AFTER), "recovered s", "% in 2 s")
-    columns = (*columns, "silently wrong before a touch")
-    near = f"within {FAR_MM:g} mm and {FAR_DEG:g} deg"
-    title = f"after knocks: error in the median, and time in contact until it is {near} to stay"
-    print_table(title, columns, rows, numbers=range(1, len(columns)))

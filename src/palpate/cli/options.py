@@ -49,6 +49,14 @@ CalibrationOption = Annotated[
         help_behavior_hint="(default: as in the first half second)",
     ),
 ]
+UnitOption = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="UNIT.npz",
+        help="How the one sensor unit that all recordings are of looks untouched, from palpate calibrate.",
+        help_behavior_hint="(default: as in the first half second of each)",
+    ),
+]
 
 
 Numbers = tuple[float, float, float]
@@ -90,15 +98,24 @@ FirstPoseSigmaOption = Annotated[
     _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
     tyro.conf.arg(
         metavar="SX SY STHETA",
-        help="Standard deviations of that pose [m, m, rad]; touch finds an object that is known roughly.",
+        help="Standard deviations of the pose at the start [m, m, rad]; touch finds an object that is known roughly.",
         help_behavior_hint="(default: that of the noise settings)",
     ),
 ]
 FirstPoseUnknownOption = Annotated[
     bool,
     tyro.conf.arg(
-        help="Nothing is known of that pose: the object is within a metre of the world's origin, at any yaw, and touch "
-        "finds it."
+        help="Nothing is known of the pose at the start: the object is within a metre of the world's origin, at any "
+        "yaw, and touch finds it."
+    ),
+]
+HypothesesOption = Annotated[
+    int | None,
+    tyro.conf.arg(
+        metavar="N",
+        help="How many answers are kept at most while touch cannot tell; a contact may begin with more for its first "
+        "frames. 1 keeps one whatever happens.",
+        help_behavior_hint="(default: that of the tracker)",
     ),
 ]
 SmootherOption = Annotated[

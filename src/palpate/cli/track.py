@@ -14,6 +14,7 @@ from palpate.cli.options import (
     FirstPoseSigmaOption,
     FirstPoseUnknownOption,
     ForceOption,
+    HypothesesOption,
     JsonOption,
     ModelOption,
     NoiseOption,
@@ -51,15 +52,7 @@ def track(
     first_pose: FirstPoseOption = None,
     first_pose_sigma: FirstPoseSigmaOption = None,
     first_pose_unknown: FirstPoseUnknownOption = False,
-    hypotheses: Annotated[
-        int | None,
-        tyro.conf.arg(
-            metavar="N",
-            help="How many answers are kept at most while touch cannot tell; a contact may begin with more for its "
-            "first frames. 1 keeps one whatever happens.",
-            help_behavior_hint="(default: that of the tracker)",
-        ),
-    ] = None,
+    hypotheses: HypothesesOption = None,
     bag: Bag = BAG_DEFAULTS,
     mcap: Annotated[bool, tyro.conf.arg(help="Write the estimates as ROS 2 messages too, estimates.mcap.")] = False,
     out: Annotated[

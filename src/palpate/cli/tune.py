@@ -14,6 +14,7 @@ from palpate.cli.options import (
     RecordingsFolder,
     SmootherOption,
     TactileChoice,
+    UnitOption,
     WorkersOption,
     check_model,
 )
@@ -35,6 +36,7 @@ def tune(
         ),
     ] = "learnt",
     model: ModelOption = None,
+    calibration: UnitOption = None,
     smoother: SmootherOption = "fixed-lag",
     parameters: Annotated[
         tuple[str, ...],
@@ -66,6 +68,7 @@ def tune(
     from palpate.estimation.settings_file import noise_of, write_noise
     from palpate.locks import only_writer
     from palpate.study.files import find_recordings
+    from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker_settings import TrackerSettings
     from palpate.tuning.parameters import check_parameters
@@ -81,14 +84,16 @@ def tune(
     with only_writer(out):
         files = find_recordings(folder)
         touch_model = TouchModel(model) if model else None
+        unit = load_calibration(calibration) if calibration else None
         with progress_bar("reading touch", len(files)) as progress:
-            recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress)
+            recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress, unit)
         for why in left_out.values():
             complain(f"left out: {why}")
         is_out = dict(zip(recorded, held_out([one.kind for one in recorded.values()]), strict=True))
         about = {
             "tactile": tactile,
             "model": None if touch_model is None else touch_model.hash,
+            "calibration": None if unit is None else unit.hash,
             "smoother": smoother,
             "start": start,
             "recordings": [name for name in recorded if not is_out[name]],

@@ -22,6 +22,8 @@ from palpate.study.trial import Method, Trial, read_trial, write_trial
 from palpate.touch.model import TouchModel
 
 FORMAT, VERSION = "palpate-study", 1
+_EARLIER = {"hypotheses": 9, "first_pose_of_all": False}
+"""What studies were made with that do not say so."""
 
 
 class StudyFolder:
@@ -46,8 +48,12 @@ class StudyFolder:
             "palpate": palpate.__version__,
             "noise": asdict(settings.noise),
             "pressure": settings.pressure,
+            "hypotheses": settings.hypotheses,
             "first_pose": settings.first_pose,
+            "first_pose_sigma": settings.first_pose_sigma,
+            "first_pose_of_all": settings.first_pose_of_all,
             "model": None if model is None else model.hash,
+            "calibration": None if settings.calibration is None else settings.calibration.hash,
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
         self._recordings: dict[str, dict[str, Any]] = {}
@@ -93,7 +99,7 @@ class StudyFolder:
             raise FileError(f"{self.path}: is not empty; --resume goes on with a study, --out names another folder")
         earlier = read_study(self.path)
         for index in earlier.values():
-            if different := next(_differences(index["made_with"], self._made_with), None):
+            if different := next(_differences(_EARLIER | index["made_with"], self._made_with), None):
                 raise SettingError(f"{self.path}: was made with other settings ({different}); take another folder")
             self._recordings |= index["recordings"]
         if self._shard is not None:  # the rest is that of others, who may be alive

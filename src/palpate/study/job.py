@@ -15,6 +15,7 @@ from palpate.geometry.shapes import shape_to_dict
 from palpate.recording.recording import Recording
 from palpate.study.files import group_of
 from palpate.study.trial import Method, Trial
+from palpate.touch.calibration import Calibration
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile
 from palpate.tracker_settings import TrackerSettings
@@ -37,6 +38,25 @@ class StudySettings:
     """How the objects press on the table, or c [m]."""
     first_pose: tuple[float, float, float] | None = None
     """world_T_object [m, m, rad] at the start of recordings without ground truth; None leaves them out."""
+    first_pose_sigma: tuple[float, float, float] | None = None
+    """How well the pose at the start of all recordings is known, standard deviations [m, m, rad]; by default as they or
+    the noise settings say."""
+    first_pose_of_all: bool = False
+    """Whether `first_pose` is also where recordings with ground truth begin, as where nothing is known of it."""
+    hypotheses: int = TrackerSettings.hypotheses
+    """How many answers are kept at most."""
+    calibration: Calibration | None = None
+    """What is known of the one sensor unit that all recordings are of."""
+
+    def tracker(self, method: Method) -> TrackerSettings:
+        """Return how to track in one of the ways; SettingError where that cannot be."""
+        return TrackerSettings(
+            tactile=cast(Tactile, method.tactile),
+            smoother=cast(SmootherName, method.smoother),
+            noise=self.noise,
+            pressure=self.pressure,
+            hypotheses=self.hypotheses,
+        )
 
 
 @dataclass(frozen=True)
@@ -80,11 +100,16 @@ def do_job(job: Job, settings: StudySettings, model: TouchModel | None) -> Outco
     skipped: dict[Method, str] = {}
     failed: dict[Method, str] = {}
     for method in job.methods:
-        tactile, smoother = cast(Tactile, method.tactile), cast(SmootherName, method.smoother)
-        how = TrackerSettings(tactile, smoother, settings.noise, pressure=settings.pressure)
         try:
             with quiet():
-                run = track(recording, how, None if known else settings.first_pose, model=model)
+                run = track(
+                    recording,
+                    settings.tracker(method),
+                    settings.first_pose if settings.first_pose_of_all or not known else None,
+                    model=model,
+                    calibration=settings.calibration,
+                    first_pose_sigma=settings.first_pose_sigma,
+                )
         except FileError as error:  # an image in the middle of it
             return Outcome(job, broken=_said(error, job))
         except (SettingError, ShapeError) as error:

@@ -3,7 +3,8 @@
 `results.json` holds
 
     command     the command line
-    settings    methods, noise, pressure, model, first_pose
+    settings    methods, noise, pressure, hypotheses, model, calibration, first_pose, first_pose_sigma,
+                first_pose_of_all
     study       palpate, folder, recordings, trials, kept, skipped, failed, broken, wall_s, workers, cores, lost_above
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
@@ -53,6 +54,7 @@ def results_of(
     study: Study, settings: StudySettings, model: TouchModel | None, folder: Path, workers: int, command: str
 ) -> dict[str, Any]:
     """Return the content of `results.json`, but `against`."""
+    unit = settings.calibration
     return {
         "command": command,
         "settings": {
@@ -60,8 +62,12 @@ def results_of(
             "noise_preset": next((name for name, preset in PRESETS.items() if preset == settings.noise), None),
             "noise": asdict(settings.noise),
             "pressure": settings.pressure,
+            "hypotheses": settings.hypotheses,
             "model": None if model is None else {"folder": str(model.folder), "hash": model.hash},
+            "calibration": None if unit is None else {"file": str(unit.file or ""), "hash": unit.hash},
             "first_pose": settings.first_pose,
+            "first_pose_sigma": settings.first_pose_sigma,
+            "first_pose_of_all": settings.first_pose_of_all,
         },
         "study": {
             "palpate": palpate.__version__,
@@ -102,7 +108,9 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
     silently_wrong, silently_wrong_unfelt: means over sequences of such shares; see `metrics.summarise`;
     knocks: how many, and what `recovered` tells of them;
     error_after_knock_mm: see `errors_after_knock`;
-    lost: how many; and, of all sequences, step_ms: {p50, p95}, medians over sequences.
+    lost: how many;
+    and, of all sequences, ambiguous: share of the frames in contact that have that status, and step_ms: {p50, p95,
+    p99}, medians over sequences.
     What cannot be told is None.
     """
     scored = [(trial, _nees_by_kind(trial)) for trial in trials]
@@ -173,7 +181,7 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
 def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[str, Any]:
     """The row of trials, from `_nees_by_kind` of each."""
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
-    steps = {share: [trial.summary["step_ms"][share] for trial in trials] for share in ("p50", "p95")}
+    steps = {share: [trial.summary["step_ms"][share] for trial in trials] for share in ("p50", "p95", "p99")}
     pooled = {kind: np.concatenate([each[kind] for each in kinds]) for kind in kinds[0]}
     nees = pooled["all"]
     silent, unfelt = (
@@ -197,8 +205,15 @@ def _row(trials: Sequence[Trial], kinds: Sequence[Mapping[str, Array]]) -> dict[
         **recovered([trial.summary for trial in scored]),
         "error_after_knock_mm": errors_after_knock([trial.summary for trial in scored]),
         "lost": sum(is_lost(trial) for trial in scored),
+        "ambiguous": _ambiguous([trial.summary for trial in trials]),
         "step_ms": {share: float(np.median(values)) for share, values in steps.items()},
     }
+
+
+def _ambiguous(summaries: Sequence[Mapping[str, Any]]) -> float | None:
+    """The share of all frames in contact that are ambiguous, of the summaries that tell it."""
+    told = [(share, each["contact_frames"]) for each in summaries if (share := each.get("ambiguous_share")) is not None]
+    return sum(share * frames for share, frames in told) / sum(frames for _, frames in told) if told else None
 
 
 def _nees_by_kind(trial: Trial) -> dict[str, Array]:

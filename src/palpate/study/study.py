@@ -1,7 +1,6 @@
 """A study: every recording of a folder, tracked in every way, on several cores, and resumable."""
 
 import logging
-import math
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -12,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from palpate.errors import SettingError
 from palpate.locks import held_folder
 from palpate.parallel import spread
 from palpate.shards import Shard, part_of_work
@@ -20,6 +18,7 @@ from palpate.study.folder import StudyFolder
 from palpate.study.job import Job, Outcome, StudySettings, do_job
 from palpate.study.trial import Method, Trial
 from palpate.touch.model import TouchModel
+from palpate.tracker_arguments import first_pose_of
 
 logger = logging.getLogger(__name__)
 DIED = "the process that tracked it died, which a lack of memory may explain"
@@ -66,8 +65,8 @@ def run_study(
     made with others, FileError where the folder cannot be written.
     """
     begin = time.perf_counter()
-    if settings.first_pose is not None and not all(map(math.isfinite, settings.first_pose)):
-        raise SettingError(f"first pose is {settings.first_pose}; it must be three finite numbers [m, m, rad]")
+    for method in settings.methods:
+        first_pose_of(settings.first_pose, settings.first_pose_sigma, settings.tracker(method))
     files = dict(part_of_work(tuple(files.items()), shard))
     with held_folder(out, "the folder of a study", shard):
         folder = StudyFolder(out, settings, model, resume, shard)

@@ -1,5 +1,6 @@
 """What is known of one sensor unit, and its file (`.npz`), which `palpate calibrate` writes."""
 
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -69,10 +70,24 @@ class Calibration:
     file: Path | None = None
     """What it was read from, if from a file."""
 
+    @property
+    def hash(self) -> str:
+        """What tells it from others, wherever its file is."""
+        gel = self.background
+        digest = hashlib.sha256(repr((gel.mean.shape, self.view, self.direction)).encode())
+        for levels in (gel.mean, gel.deviation, gel.noise):
+            digest.update(levels.tobytes())
+        return digest.hexdigest()
+
 
 def view_of(calibration: Calibration | None) -> CameraView:
     """Return what a calibration does to a camera's images; nothing without one."""
     return calibration.view if calibration else AS_IT_IS
+
+
+def correction_of(calibration: Calibration | None) -> DirectionCorrection:
+    """Return what a calibration corrects of the directions that touch tells; nothing without one."""
+    return calibration.direction if calibration else AS_TOLD
 
 
 def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:

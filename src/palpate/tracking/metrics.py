@@ -91,6 +91,7 @@ def summarise(
     `silently_wrong_share` is of the frames since the first contact, as they are: those that `is_far` and that are
     outside the 95 % region while their status is one of CONTENT. `silently_wrong_unfelt_share` is the part of it that
     nothing could tell: the object was knocked and has not been touched since. It is None without knocks.
+    `ambiguous_share` is of the frames in contact: those with that status.
     """
     if truth is None:
         truth = np.full((len(trajectory), 3), np.nan)
@@ -104,8 +105,9 @@ def summarise(
     consistency = _known(squared)
     contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
     wrong = is_far(translation, rotation) & ~inside_95(squared)
-    silent = silent_unfelt = None
+    silent = silent_unfelt = ambiguous = None
     if trajectory.status is not None:
+        ambiguous = _share((np.asarray(trajectory.status) == "ambiguous")[contact])
         is_silent, since = wrong & np.isin(trajectory.status, CONTENT), since_contact(contact, squared)
         silent = _share(is_silent[since])
         if knocked is not None:
@@ -132,6 +134,7 @@ def summarise(
         **coverage(contact, squared),
         "silently_wrong_share": silent,
         "silently_wrong_unfelt_share": silent_unfelt,
+        "ambiguous_share": ambiguous,
         **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
 

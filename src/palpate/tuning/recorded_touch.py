@@ -21,11 +21,12 @@ from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.study.files import group_of
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
+from palpate.touch.calibration import AS_TOLD, Calibration, DirectionCorrection, correction_of, turned_as, view_of
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, TactileChoice, make_touch
 from palpate.tracker import Tracker
+from palpate.tracker_arguments import with_correction
 from palpate.tracker_settings import TrackerSettings
 from palpate.tracking.prepared import first_pose_of, lift_of_beginning
 from palpate.tracking.run import gathered
@@ -51,14 +52,22 @@ class RecordedTouch:
     """What touch says of it; None is what the settings say that it is tracked with."""
     kind: str = ""
     """Which kind of recording it is, all of which count the same in tuning."""
+    correction: DirectionCorrection = AS_TOLD
+    """What was corrected of the directions that touch tells."""
 
 
-def record_touch(recording: Recording, tactile: TactileChoice, model: TouchModel | None = None) -> RecordedTouch:
+def record_touch(
+    recording: Recording,
+    tactile: TactileChoice,
+    model: TouchModel | None = None,
+    calibration: Calibration | None = None,
+) -> RecordedTouch:
     """Record what all frames say, by default with the model of its sensor.
 
-    With `auto` that is learnt where there are images, and else the oracle's. Raises SettingError where ground truth, or
-    what tells contact or the mode needs, is missing, or where nothing is touched while truth is known; EstimationError
-    and FileError on images that cannot be used.
+    `calibration` is what is known of its unit, as the Tracker takes it. `auto` is learnt where there are
+    images, and else the oracle's. Raises SettingError where ground truth, or what tells contact or the mode needs, is
+    missing, or where nothing is touched while truth is known; EstimationError and FileError on images that cannot be
+    used.
     """
     name = recording.file or "the recording"
     known = trusted_truth(recording)
@@ -74,14 +83,15 @@ def record_touch(recording: Recording, tactile: TactileChoice, model: TouchModel
     contact, measurements = recording.contact, None
     if recording.image is not None:
         felt_by = (model or shipped_model(recording.sensor.name)) if learnt else None
-        frames = list(_frame_by_frame(recording, tactile, felt_by))
+        frames = list(_frame_by_frame(recording, tactile, felt_by, calibration))
         contact = np.array([touched for touched, _ in frames])
         measurements = tuple(said for _, said in frames) if learnt else None
     assert contact is not None
     if not (contact & known).any():
         raise SettingError(f"{name}: is never in contact where ground truth is known, so there is nothing to score")
     truth = np.where(known[:, None], recording.object_pose, np.nan)
-    return RecordedTouch(replace(recording, image=None, contact=contact), truth, measurements, tactile)
+    blind = replace(recording, image=None, contact=contact)
+    return RecordedTouch(blind, truth, measurements, tactile, correction=correction_of(calibration))
 
 
 def record_touch_of_files(
@@ -90,15 +100,16 @@ def record_touch_of_files(
     model: TouchModel | None = None,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
+    calibration: Calibration | None = None,
 ) -> tuple[dict[str, RecordedTouch], dict[str, str]]:
     """Record the touch of recordings by their names, and say of those that cannot be used why, both in the order given.
 
     Their kinds are those of `study.files.group_of`: the folders that they lie in. `progress` is called with the number
-    done. Raises FileError where none can be used.
+    done; `calibration` is of the unit that they are all of. Raises FileError where none can be used.
     """
     found: dict[str, RecordedTouch] = {}
     left_out: dict[str, str] = {}
-    work = partial(_record_touch_of_file, tactile=tactile, model=model)
+    work = partial(_record_touch_of_file, tactile=tactile, model=model, calibration=calibration)
     for done, (name, result) in enumerate(spread(work, list(files.items()), workers), 1):
         if isinstance(result, str):
             left_out[name] = result
@@ -113,11 +124,12 @@ def record_touch_of_files(
 
 
 def _record_touch_of_file(
-    item: tuple[str, Path], tactile: TactileChoice, model: TouchModel | None
+    item: tuple[str, Path], tactile: TactileChoice, model: TouchModel | None, calibration: Calibration | None
 ) -> tuple[str, RecordedTouch | str]:
     name, path = item
     try:
-        return name, replace(record_touch(load_recording(path), tactile, model), kind=group_of(name))
+        recorded = record_touch(load_recording(path), tactile, model, calibration)
+        return name, replace(recorded, kind=group_of(name))
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
 
@@ -132,7 +144,8 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     recording = recorded.recording
     first, sigma = first_pose_of(recording, settings.noise)
     touch = None if recorded.measurements is None else _Remembered(recording.time, recorded.measurements)
-    settings = settings if recorded.tactile is None else replace(settings, tactile=recorded.tactile)
+    tactile, noise = recorded.tactile or settings.tactile, with_correction(settings.noise, recorded.correction)
+    settings = replace(settings, tactile=tactile, noise=noise)
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
     steps = Steps(tracker)
     for frame in recording:
@@ -168,21 +181,25 @@ class _Remembered:
         return RelativePoses(back, said.pose[kept], said.covariance[kept])
 
 
-def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | None) -> Iterator[tuple[bool, Said]]:
+def _frame_by_frame(
+    recording: Recording, tactile: Tactile, model: TouchModel | None, calibration: Calibration | None
+) -> Iterator[tuple[bool, Said]]:
     """Whether each frame is in contact, and what it says if the mode reads images."""
-    first, sigma = first_pose_of(recording, NoiseSettings())
-    lift = lift_of_beginning(recording, first, sigma, tactile)
-    detector = detector_for(recording.sensor, lift and Calibration(lift.background))
+    if calibration is None:
+        lift = lift_of_beginning(recording, *first_pose_of(recording, NoiseSettings()), tactile)
+        calibration = lift and Calibration(lift.background)
+    sensor, view = turned_as(recording.sensor, calibration), view_of(calibration)
+    detector = detector_for(sensor, calibration)
 
     def background() -> Background:
         assert detector.background is not None  # known before any contact is
         return detector.background
 
-    touch = make_touch(tactile, recording.sensor, _ANY, _ANY, model, background)
+    touch = make_touch(tactile, sensor, _ANY, _ANY, model, background, correction_of(calibration))
     touching = False
     for frame in recording:
         assert frame.image is not None
-        image = detector.read(frame.image)
+        image = detector.read(view.of(frame.image))
         frame = replace(frame, image=image)
         was, touching = touching, detector.update(image)
         if was and not touching:
