@@ -316,14 +316,3 @@ def test_images_must_not_change_their_size():
     detector.update(grey())
     with pytest.raises(SettingError, match=r"found uint8 \(62, 60, 3\); expected uint8 \(60, 60, 3\)"):
         detector.update(grey(size=(62, 60)))
-
-
-def test_swapped_channels_are_told_from_a_background(units):
-    rng = np.random.default_rng(3)
-    for unit in units:
-        background = background_of(touch_image(unit, None, rng=rng) for _ in range(FIRST))
-        image = touch_image(unit, ball_overlap(unit, 0.004, (0.0, 0.0), 1e-3), rng=rng)
-        assert ContactDetector(background).update(image)
-        with pytest.raises(SettingError, match="found BGR, expected RGB"):
-            ContactDetector(background).update(image[..., ::-1])
-    assert not ContactDetector(still()).update(grey())  # grey is the same both ways

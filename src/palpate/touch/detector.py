@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
-from palpate.touch.background import SPARSE, Background, Image, check_channels, check_image, is_flat
+from palpate.touch.background import SPARSE, Background, Image, check_colours, check_image, is_flat
 from palpate.touch.calibration import Calibration, misfit
+from palpate.touch.fitting_view import check_view
 from palpate.touch.left_behind import LeftBehind
 from palpate.touch.light import Levels, Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
@@ -122,24 +123,24 @@ class ContactDetector:
         """Return whether the gel is touched in this image (height, width, 3) RGB, as `read` gives it.
 
         Raises SettingError on an image of another size or type than the background's or the first one, where the
-        first one has red and blue swapped against a given background, or is grey and that is not, on one that shows no
-        touch and no untouched gel either (black, noise, turned, another light), and where the camera stands still. It
-        changes nothing then.
+        first one is turned, mirrored or of exchanged channels against a given background, or is grey and that is not,
+        on one that shows no touch and no untouched gel either (black, noise, turned, another light), and where the
+        camera stands still. It changes nothing then.
         """
         background = self._background
         if background is None:
             self._gather(image)
             return False
         check_image(image, *background.mean.shape[:2])
-        if not self._checked:
-            check_channels(image, background)
-            self._checked = True
         cells = cells_of(image)
+        if not self._checked:
+            self._check_view(image, cells, background)
+            self._checked = True
         light = light_of(cells, self._cells)
         is_blind = is_flat(image) and not is_flat(background.mean)
         share = 1.0 if is_blind else self._significant(image, cells, light, background)
         if share > (_OTHER_UNIT if self._doubted else _OTHER):
-            check_channels(image, background)
+            self._check_view(image, cells, background)
             known = "what was seen in the first half second or is in the calibration: is"
             if self._doubted:
                 known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
@@ -177,6 +178,11 @@ class ContactDetector:
             self._doubted_for += 1
             if self._doubted_for == self._patience:
                 logger.warning("%s", self.doubt)
+
+    def _check_view(self, image: Image, cells: Levels, background: Background) -> None:
+        """SettingError where an image is grey and the untouched gel is not, or lies otherwise than that."""
+        check_colours(image, background)
+        check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
 
     def _check_alive(self, image: Image) -> None:
         """SettingError where a camera with noise gives the same image again and again."""
