@@ -32,7 +32,7 @@ END = 0.005
 _SIGNIFICANT = 4.0  # standard deviations, as in the paper
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
 _OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.55 at most
-_OTHER_UNIT = 0.6  # the same until the gel of a file was seen: nearly all other units are farther off
+_OTHER_UNIT = 0.6  # the same until the gel of a calibration was seen: nearly all other units are farther off
 _THIN = 0.5  # share of that which is left without thin lines where a scratch is seen and no touch
 _SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
@@ -48,8 +48,8 @@ class ContactDetector:
     cell. While nothing touches, the background follows what is seen; during a touch it stays as it is.
 
     Without a background, the images of the first half second are taken as untouched and their statistics are used, as
-    long as they are alike and not black; until then the answer is False. One that is read from a file is doubted until
-    an image looks like it: it may be of another unit, or of a touched gel.
+    long as they are alike and not black; until then the answer is False. One of a calibration is doubted until an image
+    looks like it: it may be of another unit, or of a touched gel.
     """
 
     def __init__(
@@ -57,11 +57,12 @@ class ContactDetector:
         background: Background | None = None,
         size: tuple[int, int] | None = None,
         rate: float = 30.0,
-        file: str = "",
+        doubted: str = "",
     ) -> None:
         """Take the untouched gel, rows and columns of the sensor's images, and how many come in a second [Hz].
 
-        Without a size, the first image's is taken. `file` is where the untouched gel was read from.
+        Without a size, the first image's is taken. `doubted` names what the untouched gel is known from, if it is to be
+        doubted.
         """
         # Compiled or loaded now, not at a robot's first image.
         area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
@@ -71,7 +72,7 @@ class ContactDetector:
         self._left_behind = LeftBehind(rate)
         self._image_size = size
         self._background = background
-        self._doubted = file
+        self._doubted = doubted
         self._doubted_for, self._patience = 0, first_frames(rate)  # images
         self._checked = False
         self._touched = False
@@ -103,7 +104,7 @@ class ContactDetector:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the untouched gel of a file, in words; nothing once an image looked like it."""
+        """What speaks against the untouched gel of a calibration, in words; nothing once an image looked like it."""
         if not self._doubted:
             return ""
         return (
@@ -171,7 +172,7 @@ class ContactDetector:
         self._first.forget()
 
     def _weigh_doubt(self) -> None:
-        """Believe the untouched gel of a file where the last image looks like it; warn where none does for a while."""
+        """Believe a calibration whose untouched gel the last image looks like; warn where none does for a while."""
         if not self._touched:
             self._doubted = ""
         if self._doubted:
@@ -231,7 +232,8 @@ def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) 
         return ContactDetector(None, size, sensor.rate)
     if wrong := misfit(calibration, sensor):
         raise SettingError(wrong)
-    return ContactDetector(calibration.background, size, sensor.rate, str(calibration.file or ""))
+    doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
+    return ContactDetector(calibration.background, size, sensor.rate, doubted)
 
 
 def _followed(background: Background, image: Image, part: float) -> Background:

@@ -21,7 +21,6 @@ from palpate.recording.recording import Recording
 from palpate.recording.trajectory import Trajectory
 from palpate.study.files import group_of
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
 from palpate.touch.detector import detector_for
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, TactileChoice, make_touch
@@ -172,7 +171,7 @@ def _frame_by_frame(recording: Recording, tactile: Tactile, model: TouchModel | 
     """Whether each frame is in contact, and what it says if the mode reads images."""
     first, sigma = first_pose_of(recording, NoiseSettings())
     lift = lift_of_beginning(recording, first, sigma, tactile)
-    detector = detector_for(recording.sensor, lift and Calibration(lift.background))
+    detector = detector_for(recording.sensor, lift and lift.calibration)
 
     def background() -> Background:
         assert detector.background is not None  # known before any contact is
