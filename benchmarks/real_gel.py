@@ -11,7 +11,12 @@ are given to `palpate calibrate`, and the others are judged in the view and with
 the line. `pairs_rms_deg` is of the change of angle between any two images; with `constant_pairs_rms_deg` it would be
 told that nothing changes. `in_68_share` and `in_95_share` are the shares of told angles whose errors, as they are, lie
 within what the model states for them; what it states, in the median, is `stated_deg`. A unit's offset is no error of an
-image: `in_68_share_after_offset` and the one of 95 are without it.
+image: `in_68_share_after_offset` and the one of 95 are without it, and `pairs_in_68_share` and the one of 95 are of the
+changes between any two images.
+
+A side that rolls over the gel moves its imprint as these presses do, and turns the sensor by as much as the angle
+changes, the other way. `turns_rms_deg` is of such turns between any two images, by what the model tells of each image;
+`network_pairs_rms_deg` by its network of pairs. Models that were learnt from presses tell neither.
 """
 
 import argparse
@@ -27,7 +32,7 @@ from palpate.recording.sensor import DIGIT
 from palpate.touch.background import Image, background_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
-from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.model import SHIPPED, Look, TouchModel
 from palpate.touch.press_files import read_image
 from palpate.touch.presses import Presses, learn_from_presses
 from palpate.training.scores import coverage
@@ -74,12 +79,15 @@ def main() -> None:
 def judged(model: TouchModel, calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
     """Return the numbers of the module's docstring for images with true angles (N,) [rad]."""
     mean, view = reduced(calibration.background.mean), calibration.view
-    told, variance = np.array([model.look(difference(view.of(image), mean)).direction for image in images]).T
+    looks = [model.look(difference(view.of(image), mean)) for image in images]
+    told, variance = np.array([look.direction for look in looks]).T
     told = np.array([calibration.direction.true(angle) for angle in told])
     variance = variance * model.settings.spread["direction"].scale
     error = told - true
     slope, offset = np.polyfit(true, told, 1)
     within, without = coverage(error, variance), coverage(error - error.mean(), variance)
+    first, second = pairs(len(true))
+    of_pairs = coverage(changes(error), variance[first] + variance[second])
     return {
         "n": len(images),
         "correlation": float(np.corrcoef(true, told)[0, 1]),
@@ -93,14 +101,34 @@ def judged(model: TouchModel, calibration: Calibration, images: list[Image], tru
         "in_95_share": within[0.95],
         "in_68_share_after_offset": without[0.68],
         "in_95_share_after_offset": without[0.95],
+        "pairs_in_68_share": of_pairs[0.68],
+        "pairs_in_95_share": of_pairs[0.95],
         "stated_deg": float(np.degrees(np.median(np.sqrt(variance)))),
+        **(turns(model, calibration, looks, true) if "turn" in model.settings.spread else {}),
+    }
+
+
+def turns(model: TouchModel, calibration: Calibration, looks: list[Look], true: Array) -> dict[str, float]:
+    """Return the numbers of turns between any two looks at presses with true angles (N,) [rad]."""
+    told, seen = (np.array([getattr(look, name) for look in looks]) for name in ("turn", "descriptor"))
+    first, second = pairs(len(true))
+    by_image = calibration.direction.turn(changes(told[:, 0]))
+    by_pair = calibration.direction.turn(model.compare(seen[first], seen[second])[0])
+    return {
+        "turns_rms_deg": degrees_rms(by_image + changes(true)),
+        "network_pairs_rms_deg": degrees_rms(by_pair + changes(true)),
     }
 
 
 def changes(values: Array) -> Array:
     """Return the differences of any two of values (N,)."""
-    first, second = np.triu_indices(len(values), 1)
+    first, second = pairs(len(values))
     return values[second] - values[first]
+
+
+def pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of the first and the second of any two of so many."""
+    return np.triu_indices(count, 1)
 
 
 def degrees_rms(values: Array) -> float:

@@ -207,7 +207,8 @@ class Tracker:
         estimator, stream, touched = self._estimator, self._stream, self._estimator.touched
         if touched:
             self._touched_at = time
-        reasons = stream.doubt, estimator.reason, stream.weakness, self._mirrored_images.reason, stream.too_often
+        weaknesses = stream.weakness, self._mirrored_images.reason, self._unread, stream.too_often
+        reasons = stream.doubt, estimator.reason, *weaknesses
         status, reason = stream.alarm or (estimator.status, next(filter(None, reasons), ""))
         return Estimate(
             time=time,
@@ -228,6 +229,14 @@ class Tracker:
         """Forget what touch told in a contact that is over."""
         self._touch.end_contact()
         self._mirrored_images.end_contact()
+
+    @property
+    def _unread(self) -> str:
+        """Why touch says nothing of the images of a contact, where nobody asked for that; nothing where all is well."""
+        is_seen = self._estimator.in_contact and self.frame.image is not None
+        if self._tactile != "none" or not self._tactile_reason or not is_seen:
+            return ""
+        return f"touch says nothing, by the first frame: {self._tactile_reason}"
 
     @property
     def _feels(self) -> bool:

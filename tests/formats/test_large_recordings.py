@@ -66,6 +66,13 @@ def test_images_are_read_when_they_are_asked_for(
         found.image[COUNT]
 
 
+def test_a_frame_is_found_by_an_integer_of_any_kind(tmp_path: Path):
+    formats.write(large(), tmp_path / "large.h5")
+    found: Any = formats.load_recording(tmp_path / "large.h5")
+    for index in (np.int64(3), np.uint8(3), np.int32(3 - COUNT)):
+        assert np.array_equal(found[index].image, found[3].image) and found.image[index] == found.image[3]
+
+
 def test_an_image_that_is_damaged_is_named(tmp_path: Path):
     path = tmp_path / "damaged.h5"
     formats.write(large(), path)

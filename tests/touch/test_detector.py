@@ -1,8 +1,7 @@
-"""Contact from images: simulated touches, shares made by hand, drifting light and real sensors."""
+"""Contact from images: simulated touches, shares made by hand, and drifting light."""
 
 import time
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -317,62 +316,3 @@ def test_images_must_not_change_their_size():
     detector.update(grey())
     with pytest.raises(SettingError, match=r"found uint8 \(62, 60, 3\); expected uint8 \(60, 60, 3\)"):
         detector.update(grey(size=(62, 60)))
-
-
-def test_swapped_channels_are_told_from_a_background(units):
-    rng = np.random.default_rng(3)
-    for unit in units:
-        background = background_of(touch_image(unit, None, rng=rng) for _ in range(FIRST))
-        image = touch_image(unit, ball_overlap(unit, 0.004, (0.0, 0.0), 1e-3), rng=rng)
-        assert ContactDetector(background).update(image)
-        with pytest.raises(SettingError, match="found BGR, expected RGB"):
-            ContactDetector(background).update(image[..., ::-1])
-    assert not ContactDetector(still()).update(grey())  # grey is the same both ways
-
-
-def read(file: Path) -> np.ndarray:
-    import cv2
-
-    return np.ascontiguousarray(np.asarray(cv2.imread(str(file)), np.uint8)[..., ::-1])
-
-
-def test_real_untouched_gels_give_no_alarm(shared_data):
-    """Each real image with camera noise, JPEG at two qualities, flicker, and light that drifts, sideways by 10 %."""
-    import cv2
-
-    files = sorted((shared_data / "digit_backgrounds").glob("*.jpg"))
-    assert len(files) == 17
-    rng = np.random.default_rng(4)
-    noise = rng.normal(size=4 * 320 * 240 * 3).astype(np.float32)
-    frames = 80
-    for number, file in enumerate(files):
-        gel = read(file).astype(np.float32)
-        levels, quality = (1.0, 2.0, 3.0)[number % 3], (95, 80)[number % 2]
-        side = np.linspace(-0.1, 0.1, 240)[:, None] * rng.choice([-1.0, 1.0], 3)
-        drift = 0.05 * rng.choice([-1.0, 1.0], 3)
-        detector = ContactDetector()
-        for part in np.linspace(0.0, 0.5, frames):  # the first half of 160 frames
-            light = (1.0 + part * (drift + side) + rng.normal(0.0, 0.003)).astype(np.float32)
-            start = int(rng.integers(3 * gel.size))
-            image = np.clip(np.rint(gel * light + levels * noise[start : start + gel.size].reshape(gel.shape)), 0, 255)
-            done, data = cv2.imencode(".jpg", image.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])
-            assert done
-            assert not detector.update(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)), file.name
-
-
-def test_every_real_press_on_a_marked_gel_is_felt(shared_data):
-    folder = shared_data / "gelslim_presses"
-    untouched = read(folder / "no_contact.jpg")
-    presses = sorted(folder.glob("press_*.jpg"))
-    assert len(presses) == 12
-    rng = np.random.default_rng(5)
-
-    def noisy(image: np.ndarray) -> np.ndarray:
-        return np.clip(np.rint(image + rng.normal(0.0, 2.0, image.shape)), 0, 255).astype(np.uint8)
-
-    detector = ContactDetector()
-    for _ in range(FIRST):
-        detector.update(noisy(untouched))
-    for press in presses:
-        assert not detector.update(noisy(untouched))
-        assert detector.update(noisy(read(press))), press.name

@@ -1,6 +1,7 @@
 """Calibrations that are of another unit, of a touched gel, or of images of another size."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,20 @@ def test_nearly_all_other_real_units_are_refused_and_the_rest_doubted(shared_dat
     assert len(files) == 17 and refused > 0.95 and doubted == 1.0
 
 
+def test_a_calibration_that_was_never_a_file_is_doubted_likewise(units, caplog):
+    rng = np.random.default_rng(5)
+    own, still = replace(known(units[0], rng), file=None), seen(units[0], 0.0, rng)
+    with pytest.raises(SettingError, match=r"expected is that of the calibration: was that another unit or a touched"):
+        detector_for(DIGIT, own).update(seen(units[1], 0.0, rng))
+    detector, sure = detector_for(DIGIT, own), detector_for(DIGIT, replace(own, is_sure=True))
+    with caplog.at_level(logging.WARNING):
+        assert all(each.update(seen(units[0], 1e-3, rng)) for _ in range(20) for each in (detector, sure))
+    assert [record.message for record in caplog.records] == [detector.doubt]
+    assert detector.doubt.startswith("no image so far looks like the untouched gel of the calibration: unless")
+    assert sure.doubt == ""  # of the same recording
+    assert not detector.update(still) and detector.doubt == ""
+
+
 def test_a_right_calibration_is_doubted_only_until_the_gel_is_seen_untouched(units):
     rng = np.random.default_rng(1)
     for unit in units:
@@ -91,7 +106,7 @@ def marked(share: float) -> np.ndarray:
 
 def test_what_a_touch_may_make_is_less_until_the_gel_of_a_file_was_seen():
     still = Background(marked(0.0).astype(np.float32), np.zeros((60, 60, 3), np.float32))
-    from_file, from_here = ContactDetector(still, file="unit.npz"), ContactDetector(still)
+    from_file, from_here = ContactDetector(still, doubted="unit.npz"), ContactDetector(still)
     assert from_here.update(marked(0.7)) and from_here.doubt == ""
     with pytest.raises(SettingError, match="unlike the untouched gel"):
         from_file.update(marked(0.7))

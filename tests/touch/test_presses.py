@@ -254,7 +254,7 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
         (("--presses", tmp_path / "presses.csv", *still), "row 1: angle_deg is 'left'"),
         (("--presses", tmp_path / "no.csv", *still), "no such file"),
         (("--presses", tmp_path / "grey.png", *still), "grey.png"),
-        (still, "name a recording, or --presses"),
+        (("--presses", tmp_path / "presses.csv", *still[2:]), "name a recording or --untouched images, one of the two"),
         (("--out", tmp_path / "unit.npz"), "name a recording"),
         ((tmp_path / "rest.h5", *still[2:], "--model", tmp_path / "gone"), "--model reads presses"),
         (("--presses", "a.csv", *still[:2], "--out", tmp_path / "a.png", "--force"), "is where the figure of presses"),

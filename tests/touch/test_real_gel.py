@@ -21,3 +21,7 @@ def test_real_presses_are_read_as_reported(shared_data, monkeypatch):
     assert found["n"] == reported[row]["n"]
     for name, margin in WITHIN.items():
         assert found[name] == pytest.approx(reported[row][name], abs=margin), name
+    # A side that rolls would move the imprint as the presses do; one that tells none is off by all of them.
+    assert found["turns_rms_deg"] < 0.25 * found["constant_pairs_rms_deg"]
+    assert found["network_pairs_rms_deg"] < 0.4 * found["constant_pairs_rms_deg"]
+    assert found["pairs_in_68_share"] > 0.4 and found["pairs_in_95_share"] > 0.85

@@ -51,7 +51,7 @@ def test_exchanged_channels_are_named_at_every_frame_against_a_calibration():
     images = np.array([gel(rng) for _ in range(30)], np.float32)
     detector = ContactDetector(Background(images.mean(axis=0), images.std(axis=0)))
     for _ in range(40):
-        with pytest.raises(SettingError, match="found BGR, expected RGB"):
+        with pytest.raises(SettingError, match="lies otherwise than the untouched gel: it fits channels BGR"):
             detector.update(np.ascontiguousarray(gel(rng)[..., ::-1]))
 
 

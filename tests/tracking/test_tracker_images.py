@@ -219,6 +219,22 @@ def test_why_touch_is_not_learnt(recording):
         Tracker(recording.shape, two._sensor, np.zeros(3), TrackerSettings("learnt"))
 
 
+def test_the_reason_tells_in_contact_that_grey_images_are_not_read(recording):
+    unread = "touch says nothing, by the first frame: images are grey, and the touch model reads colours"
+    told = {}
+    for tactile in ("auto", "none"):
+        tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0], TrackerSettings(tactile))
+        told[tactile] = []
+        for index in range(int(np.argmax(recording.contact)) + 15):
+            frame = recording[index]
+            grey = np.repeat(frame.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+            estimate = tracker.update(dataclasses.replace(frame, image=grey))
+            told[tactile].append((estimate.contact, estimate.reason))
+    assert any(contact for contact, _ in told["auto"])
+    assert all((reason == unread) == contact for contact, reason in told["auto"])
+    assert all(reason != unread for _, reason in told["none"])  # as it was asked for
+
+
 def test_what_learnt_touch_needs(recording):
     with pytest.raises(SettingError, match="has no images, which tactile learnt needs"):
         track(dataclasses.replace(recording, image=None), TrackerSettings(tactile="learnt"))

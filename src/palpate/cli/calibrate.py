@@ -1,11 +1,15 @@
 """`palpate calibrate`: how a sensor unit looks while nothing touches it, and how its images lie."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from palpate.cli.options import ForceOption, JsonOption, ModelOption, check_new
+
+if TYPE_CHECKING:
+    from palpate.recording.recording import Recording
+    from palpate.recording.sensor import SensorProfile
 
 
 def calibrate(
@@ -35,18 +39,26 @@ def calibrate(
         tuple[Path, ...],
         tyro.conf.arg(
             metavar="IMAGE",
-            help="With presses: images of the untouched gel in place of FILE. A recording of presses needs neither.",
+            help="Images of the untouched gel in place of FILE. A recording of presses needs neither.",
             help_behavior_hint="",
         ),
     ] = (),
+    sensor: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="NAME",
+            help="The sensor of images in files: digit or gelsight-mini.",
+            help_behavior_hint="(default: the recording's, else digit)",
+        ),
+    ] = None,
     model: ModelOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> int:
     """Learn a sensor unit: its untouched images, and from presses how its images are read and directions are off.
 
-    The untouched images are a recording's frames without contact: its contact flags say which these are; where it has
-    none, they are all, and nothing may touch.
+    The untouched images are files, or a recording's frames without contact: its contact flags say which these are;
+    where it has none, they are all. Nothing may touch in them.
     """
     from palpate.cli.calibration_info import noise_of, noise_words
     from palpate.cli.console import print_json, print_line
@@ -55,19 +67,20 @@ def calibrate(
 
     if file is None and not untouched and presses is not None and presses.suffix.lower() != ".csv":
         file = presses  # between presses it shows the untouched gel
-    if (file is None) == (not untouched) or (untouched and presses is None):
-        raise SettingError("calibrate: name a recording, or --presses and either a recording or --untouched images")
+    if (file is None) == (not untouched):
+        raise SettingError("calibrate: name a recording or --untouched images, one of the two, also beside --presses")
     if model is not None and presses is None:
         raise SettingError("calibrate: --model reads presses, and without --presses there are none")
     picture = out.with_suffix(".png")
     if presses is not None and picture == out:
         raise SettingError(f"--out {out}: is where the figure of presses goes; name a file that ends in .npz")
     check_new(out, force)
-    if presses is None:
-        assert file is not None
-        calibration, numbers, said = _rested(file)
+    if presses is not None:
+        calibration, numbers, said = _pressed(presses, file, untouched, sensor, model, picture, force)
+    elif file is not None:
+        calibration, numbers, said = _rested(file, sensor)
     else:
-        calibration, numbers, said = _pressed(presses, file, untouched, model, picture, force)
+        calibration, numbers, said = _seen(untouched, sensor)
     write_calibration(calibration, out, overwrite=force)
     height, width = calibration.background.mean.shape[:2]
     noise = noise_of(calibration)
@@ -79,7 +92,7 @@ def calibrate(
     return 0
 
 
-def _rested(file: Path) -> tuple[Any, dict[str, Any], str]:
+def _rested(file: Path, sensor: str | None) -> tuple[Any, dict[str, Any], str]:
     """Return the calibration, its numbers and words, of a recording's frames without contact."""
     from palpate import formats
     from palpate.cli.console import progress_bar
@@ -87,13 +100,60 @@ def _rested(file: Path) -> tuple[Any, dict[str, Any], str]:
     from palpate.touch.untouched import calibrate, untouched_frames
 
     recording = formats.load_recording(file)
+    _sensor_of({file: recording}, sensor)
     with progress_bar(f"calibrating on {file.name}", len(untouched_frames(recording))) as progress:
         background, frames = calibrate(recording, progress)
     return Calibration(background), {"frames": frames}, f"from {frames} frames without contact"
 
 
+def _seen(untouched: tuple[Path, ...], sensor: str | None) -> tuple[Any, dict[str, Any], str]:
+    """Return the calibration, its numbers and words, of images of the untouched gel."""
+    from palpate.errors import FileError
+    from palpate.recording.sensor import known_sensor
+    from palpate.touch.calibration import Calibration, misfit
+    from palpate.touch.press_files import read_image
+    from palpate.touch.untouched import background_of_stills
+
+    still = [read_image(each, grey=True) for each in untouched]
+    (height, width), first = still[0].shape[:2], untouched[0]
+    for each, image in zip(untouched, still, strict=True):
+        if image.shape[:2] != (height, width):
+            found = f"{image.shape[0]} x {image.shape[1]} px"
+            raise FileError(f"{each}: is an image of {found}, and {first} of {height} x {width}")
+    calibration = Calibration(background_of_stills(still), file=first)
+    if sensor is not None and (wrong := misfit(calibration, known_sensor(sensor))):
+        raise FileError(wrong)
+    return calibration, {"images": len(still)}, f"from {len(still)} image{'s' * (len(still) > 1)}"
+
+
+def _sensor_of(recordings: "dict[Path, Recording]", named: str | None) -> "SensorProfile":
+    """Return the sensor of recordings or, where there are none, the named one, by default a DIGIT.
+
+    Raises SettingError where two of them are not the same.
+    """
+    from palpate.errors import SettingError
+    from palpate.recording.sensor import DIGIT, known_sensor
+
+    sensors = {str(path): recording.sensor for path, recording in recordings.items()}
+    if named is not None:
+        sensors[f"--sensor {named}"] = known_sensor(named)
+    if not sensors:
+        return DIGIT
+    (path, first), *others = sensors.items()
+    for other, sensor in others:
+        if sensor.name != first.name:
+            raise SettingError(f"{path}: is of sensor {first.name!r}, and {other} is {sensor.name!r}")
+    return first
+
+
 def _pressed(
-    presses: Path, file: Path | None, untouched: tuple[Path, ...], model: Path | None, picture: Path, force: bool
+    presses: Path,
+    file: Path | None,
+    untouched: tuple[Path, ...],
+    named: str | None,
+    model: Path | None,
+    picture: Path,
+    force: bool,
 ) -> tuple[Any, dict[str, Any], str]:
     """Return the calibration, its numbers and words, of presses, and draw what they tell."""
     import math
@@ -101,7 +161,6 @@ def _pressed(
     from palpate import formats
     from palpate.errors import FileError
     from palpate.files import in_file, whole_file
-    from palpate.recording.sensor import DIGIT
     from palpate.touch.background import is_grey
     from palpate.touch.model import TouchModel, shipped_model
     from palpate.touch.modes import GREY
@@ -112,15 +171,16 @@ def _pressed(
     from palpate.training.presses_of import presses_of
 
     check_new(picture, force)
-    recording = None if file is None else formats.load_recording(file)
+    is_table = presses.suffix.lower() == ".csv"
+    paths = (file, None if is_table else presses)
+    recordings = {path: formats.load_recording(path) for path in paths if path is not None}
+    sensor = _sensor_of(recordings, named)
     may_be_grey = model is not None  # one of the user's own
-    if recording is None:
+    if file is None:
         still = [read_image(each, may_be_grey) for each in untouched]
     else:
-        still = list(untouched_images(recording))
-    sensor = DIGIT if recording is None else recording.sensor
-    is_table = presses.suffix.lower() == ".csv"
-    given = read_presses(presses, may_be_grey) if is_table else presses_of(formats.load_recording(presses))
+        still = list(untouched_images(recordings[file]))
+    given = read_presses(presses, may_be_grey) if is_table else presses_of(recordings[presses])
     for each, images in ((file, still), (presses, given.images)):
         if not may_be_grey and any(map(is_grey, images)):
             raise FileError(f"{each}: {GREY}")

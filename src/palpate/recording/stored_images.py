@@ -1,11 +1,12 @@
 """Encoded images that stay on disk until they are asked for, so that a recording may be larger than memory."""
 
+import operator
 import tempfile
 import threading
 import weakref
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
-from typing import Any, overload
+from typing import Any, SupportsIndex, overload
 
 IN_MEMORY = 64_000_000
 """Bytes of images that are kept in memory; beyond, they go to a temporary file."""
@@ -19,13 +20,14 @@ class StoredImages(Sequence[bytes]):
         """The bytes of one image; 0 <= index < len."""
 
     @overload
-    def __getitem__(self, index: int) -> bytes: ...
+    def __getitem__(self, index: SupportsIndex) -> bytes: ...
     @overload
     def __getitem__(self, index: slice) -> tuple[bytes, ...]: ...
-    def __getitem__(self, index: int | slice) -> bytes | tuple[bytes, ...]:
+    def __getitem__(self, index: SupportsIndex | slice) -> bytes | tuple[bytes, ...]:
         """One image, or some as a tuple of bytes."""
         if isinstance(index, slice):
             return tuple(self.read(each) for each in range(*index.indices(len(self))))
+        index = operator.index(index)  # of NumPy's integers, which JSON does not take
         if not -len(self) <= index < len(self):
             raise IndexError(f"image {index} of {len(self)}")
         return self.read(index % len(self))

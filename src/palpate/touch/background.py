@@ -15,7 +15,6 @@ _FLAT = 4.0  # [grey levels] between the darkest and the brightest value of an i
 SPARSE = 8  # pixels, of which one is looked at for that, for colours and for whether an image is the same
 _ALIKE = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
 _COMMON = 10  # images that what all cells have in common of noise counts for, since that of one is known from few
-_SWAPPED = 4.0  # times better that blue for red must fit: untouched values differ by noise, swapped ones by tens
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,20 +116,8 @@ def is_grey(image: Image | Levels) -> bool:
     return bool((sparse == sparse[..., :1]).all())
 
 
-def check_channels(image: Image, background: Background) -> None:
-    """SettingError if the image is grey and the background in colours, or fits it only with red and blue swapped.
-
-    Most of the gel looks as it did untouched, whatever touches it; so the medians over the image tell. A gel that is
-    lit in greys looks the same in both orders and passes.
-    """
+def check_colours(image: Image, background: Background) -> None:
+    """SettingError if the image is grey and the background in colours; of black and saturated ones nobody can say."""
     colours = float(np.ptp(background.mean[::SPARSE, ::SPARSE], axis=-1).mean())
     if colours > _FLAT and is_grey(image) and not is_flat(image):
         raise SettingError("image: found grey, expected colours as the untouched gel has")
-    levels = image.astype(np.float32)
-    given = np.median(np.abs(levels - background.mean))
-    swapped = np.median(np.abs(levels[..., ::-1] - background.mean))
-    if given > _SWAPPED * (swapped + 1.0):
-        raise SettingError(
-            f"image: found BGR, expected RGB: it is {given:.0f} grey levels off the untouched gel in the median, "
-            f"and {swapped:.0f} with red and blue swapped"
-        )

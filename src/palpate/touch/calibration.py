@@ -69,6 +69,9 @@ class Calibration:
     """What is off in the directions that touch tells."""
     file: Path | None = None
     """What it was read from, if from a file."""
+    is_sure: bool = False
+    """Whether it is of the very stream that it is used for, as what was seen in the same recording is; others are
+    doubted until an image looks like the untouched gel."""
 
     @property
     def hash(self) -> str:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
-from palpate.touch.background import SPARSE, Background, Image, check_channels, check_image, is_flat
+from palpate.touch.background import SPARSE, Background, Image, check_colours, check_image, is_flat
 from palpate.touch.calibration import Calibration, misfit
+from palpate.touch.fitting_view import check_view
 from palpate.touch.left_behind import LeftBehind
 from palpate.touch.light import Levels, Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
@@ -31,7 +32,7 @@ END = 0.005
 _SIGNIFICANT = 4.0  # standard deviations, as in the paper
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are more than the steps, up to 3, of JPEG at quality 75
 _OTHER = 0.8  # share of significant values from which on no gel is seen: touches make 0.55 at most
-_OTHER_UNIT = 0.6  # the same until the gel of a file was seen: nearly all other units are farther off
+_OTHER_UNIT = 0.6  # the same until the gel of a calibration was seen: nearly all other units are farther off
 _THIN = 0.5  # share of that which is left without thin lines where a scratch is seen and no touch
 _SAME, _CHANGES = 6, 0.25  # images in a row that are the same to the last bit; share of values that noise changes
 _MEMORY = 90  # frames over which the background follows the light, 3 s at 30 Hz
@@ -47,8 +48,8 @@ class ContactDetector:
     cell. While nothing touches, the background follows what is seen; during a touch it stays as it is.
 
     Without a background, the images of the first half second are taken as untouched and their statistics are used, as
-    long as they are alike and not black; until then the answer is False. One that is read from a file is doubted until
-    an image looks like it: it may be of another unit, or of a touched gel.
+    long as they are alike and not black; until then the answer is False. One of a calibration is doubted until an image
+    looks like it: it may be of another unit, or of a touched gel.
     """
 
     def __init__(
@@ -56,11 +57,12 @@ class ContactDetector:
         background: Background | None = None,
         size: tuple[int, int] | None = None,
         rate: float = 30.0,
-        file: str = "",
+        doubted: str = "",
     ) -> None:
         """Take the untouched gel, rows and columns of the sensor's images, and how many come in a second [Hz].
 
-        Without a size, the first image's is taken. `file` is where the untouched gel was read from.
+        Without a size, the first image's is taken. `doubted` names what the untouched gel is known from, if it is to be
+        doubted.
         """
         # Compiled or loaded now, not at a robot's first image.
         area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
@@ -70,7 +72,7 @@ class ContactDetector:
         self._left_behind = LeftBehind(rate)
         self._image_size = size
         self._background = background
-        self._doubted = file
+        self._doubted = doubted
         self._doubted_for, self._patience = 0, first_frames(rate)  # images
         self._checked = False
         self._touched = False
@@ -102,7 +104,7 @@ class ContactDetector:
 
     @property
     def doubt(self) -> str:
-        """What speaks against the untouched gel of a file, in words; nothing once an image looked like it."""
+        """What speaks against the untouched gel of a calibration, in words; nothing once an image looked like it."""
         if not self._doubted:
             return ""
         return (
@@ -122,24 +124,24 @@ class ContactDetector:
         """Return whether the gel is touched in this image (height, width, 3) RGB, as `read` gives it.
 
         Raises SettingError on an image of another size or type than the background's or the first one, where the
-        first one has red and blue swapped against a given background, or is grey and that is not, on one that shows no
-        touch and no untouched gel either (black, noise, turned, another light), and where the camera stands still. It
-        changes nothing then.
+        first one is turned, mirrored or of exchanged channels against a given background, or is grey and that is not,
+        on one that shows no touch and no untouched gel either (black, noise, turned, another light), and where the
+        camera stands still. It changes nothing then.
         """
         background = self._background
         if background is None:
             self._gather(image)
             return False
         check_image(image, *background.mean.shape[:2])
-        if not self._checked:
-            check_channels(image, background)
-            self._checked = True
         cells = cells_of(image)
+        if not self._checked:
+            self._check_view(image, cells, background)
+            self._checked = True
         light = light_of(cells, self._cells)
         is_blind = is_flat(image) and not is_flat(background.mean)
         share = 1.0 if is_blind else self._significant(image, cells, light, background)
         if share > (_OTHER_UNIT if self._doubted else _OTHER):
-            check_channels(image, background)
+            self._check_view(image, cells, background)
             known = "what was seen in the first half second or is in the calibration: is"
             if self._doubted:
                 known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
@@ -170,13 +172,18 @@ class ContactDetector:
         self._first.forget()
 
     def _weigh_doubt(self) -> None:
-        """Believe the untouched gel of a file where the last image looks like it; warn where none does for a while."""
+        """Believe a calibration whose untouched gel the last image looks like; warn where none does for a while."""
         if not self._touched:
             self._doubted = ""
         if self._doubted:
             self._doubted_for += 1
             if self._doubted_for == self._patience:
                 logger.warning("%s", self.doubt)
+
+    def _check_view(self, image: Image, cells: Levels, background: Background) -> None:
+        """SettingError where an image is grey and the untouched gel is not, or lies otherwise than that."""
+        check_colours(image, background)
+        check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
 
     def _check_alive(self, image: Image) -> None:
         """SettingError where a camera with noise gives the same image again and again."""
@@ -225,7 +232,8 @@ def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) 
         return ContactDetector(None, size, sensor.rate)
     if wrong := misfit(calibration, sensor):
         raise SettingError(wrong)
-    return ContactDetector(calibration.background, size, sensor.rate, str(calibration.file or ""))
+    doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
+    return ContactDetector(calibration.background, size, sensor.rate, doubted)
 
 
 def _followed(background: Background, image: Image, part: float) -> Background:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from palpate.recording.recording import Recording
 from palpate.touch.background import Background, Image, background_of
+from palpate.touch.calibration import Calibration
 from palpate.touch.detector import START
 from palpate.touch.light import Levels, cells_of, share_unlike
 from palpate.touch.markers import has_markers, without_markers
@@ -30,6 +31,11 @@ class Lift:
     """How the gel looks."""
     time: float
     """When it begins, from the first frame on [s]."""
+
+    @property
+    def calibration(self) -> Calibration:
+        """What is known of the unit by that, for the recording that it was seen in."""
+        return Calibration(self.background, is_sure=True)
 
 
 def lift_of(recording: Recording) -> Lift | None:

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.recording.sensor import SensorProfile
-from palpate.touch.background import Background, Image, background_of, check_image
+from palpate.touch.background import Image
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.detector import ContactDetector
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import TouchModel
+from palpate.touch.untouched import background_of_stills
 from palpate.touch.view import CameraView, views
 
 Array = NDArray[np.float64]
@@ -109,7 +110,7 @@ def learn_from_presses(
 
 def _fit(view: CameraView, presses: Presses, untouched: Sequence[Image], model: TouchModel) -> tuple[float, PressFit]:
     """Return how likely what is told is in a view, and what follows of the unit."""
-    background = _background([view.of(image) for image in untouched])
+    background = background_of_stills([view.of(image) for image in untouched])
     mean = reduced(background.mean)
     told, variance = np.array([model.look(difference(view.of(image), mean)).direction for image in presses.images]).T
     variance = variance * model.settings.spread["direction"].scale + _TRUTH**2
@@ -124,14 +125,6 @@ def _fit(view: CameraView, presses: Presses, untouched: Sequence[Image], model: 
     sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * max(1.0, scatter / float(np.sqrt(np.mean(variance))))
     correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), math.hypot(sigmas[1], _ALIKE))
     return -0.5 * float(cost), PressFit(Calibration(background, view, correction), told, scatter)
-
-
-def _background(images: Sequence[Image]) -> Background:
-    """Statistics of untouched images; of a single one the deviation is not known, and taken as none."""
-    if len(images) > 1:
-        return background_of(images)
-    check_image(images[0], *images[0].shape[:2])
-    return Background(images[0].astype(np.float32), np.zeros(images[0].shape, np.float32))
 
 
 def _check_touched(fit: PressFit, presses: Presses) -> None:

@@ -1,13 +1,13 @@
-"""How a sensor unit looks untouched, from a recording of it."""
+"""How a sensor unit looks untouched, from a recording or from images of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.recording.recording import Recording
-from palpate.touch.background import Background, Image, background_of
+from palpate.touch.background import Background, Image, background_of, check_image
 from palpate.touch.detector import START, detector_for
 
 NEEDED = 30
@@ -26,6 +26,14 @@ def calibrate(recording: Recording, progress: Callable[[int], None] | None = Non
     """
     images = untouched_images(recording, progress)
     return background_of(images), len(untouched_frames(recording))
+
+
+def background_of_stills(images: Sequence[Image]) -> Background:
+    """Return the background of one or more images of the untouched gel; the deviation of a single one is none."""
+    if len(images) > 1:
+        return background_of(images)
+    check_image(images[0], *images[0].shape[:2])
+    return Background(images[0].astype(np.float32), np.zeros(images[0].shape, np.float32))
 
 
 def untouched_images(recording: Recording, progress: Callable[[int], None] | None = None) -> Iterator[Image]:

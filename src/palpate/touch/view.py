@@ -3,11 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+Level = TypeVar("Level", np.uint8, np.float32)
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class CameraView:
         """Whether what lies to the right in a camera's image lies to the right in the profile's."""
         return (self.quarter_turns, self.mirrored) in ((0, False), (2, True))
 
-    def of(self, image: Image) -> Image:
-        """Return an image (height, width, 3) of the camera as one of the profile."""
+    def of(self, image: NDArray[Level]) -> NDArray[Level]:
+        """Return an image (height, width, 3) of the camera, or its cells, as one of the profile."""
         if self == AS_IT_IS:
             return image
         turned = np.rot90(image, self.quarter_turns)
@@ -45,7 +46,7 @@ class CameraView:
 AS_IT_IS = CameraView()
 
 
-def views(image: Image, height: int, width: int) -> Iterator[CameraView]:
+def views(image: NDArray[Any], height: int, width: int) -> Iterator[CameraView]:
     """Yield the views in which an image has this size, the simplest first."""
     for red, green, blue in permutations(range(3)):
         for mirrored in (False, True):

@@ -92,7 +92,7 @@ def prepare(
         recording=recording,
         settings=settings,
         model=model,
-        calibration=Calibration(lift.background) if lift else calibration,
+        calibration=lift.calibration if lift else calibration,
         untouched_from=lift.time if lift else None,
         first_pose=first,
         first_pose_sigma=sigma,

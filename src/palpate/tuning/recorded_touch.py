@@ -187,7 +187,7 @@ def _frame_by_frame(
     """Whether each frame is in contact, and what it says if the mode reads images."""
     if calibration is None:
         lift = lift_of_beginning(recording, *first_pose_of(recording, NoiseSettings()), tactile)
-        calibration = lift and Calibration(lift.background)
+        calibration = lift and lift.calibration
     sensor, view = turned_as(recording.sensor, calibration), view_of(calibration)
     detector = detector_for(sensor, calibration)
 

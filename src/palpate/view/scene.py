@@ -84,7 +84,7 @@ def _calibration(folder: Path, settings: dict[str, Any], recording: Recording) -
         return load_calibration(_said(settings, "calibration", folder))
     began_in_contact = "untouched_from_s" in read_json(folder / "summary.json")
     lift = lift_of(recording) if began_in_contact else None
-    return lift and Calibration(lift.background)
+    return lift and lift.calibration
 
 
 def _said(settings: dict[str, Any], name: str, folder: Path) -> str:
