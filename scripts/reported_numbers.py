@@ -267,6 +267,14 @@ def direction_scale_facts() -> set[str]:
     return {str(found["units"]), *told, *(f"{100.0 * one['scale_deviation']:.0f}" for one in pressed)}
 
 
+def press_scale_facts() -> set[str]:
+    """Return how far the scale of objects is that of a ball, which many calibrate on."""
+    found = loaded("docs/study/direction_scale.json")
+    objects = [value for name, value in found.items() if isinstance(value, dict) and name != "ball"]
+    means = {f"{one['scale_over_ball_mean']:.2f}" for one in objects}
+    return {str(found["units"]), *means, *(f"{100.0 * one['scale_over_ball_deviation']:.0f}" for one in objects)}
+
+
 SET_UP_ERRORS = {
     "none": "none",
     "mounting": "mounting",
@@ -719,6 +727,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "mini-facts": mini_facts,
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,
+    "press-scale-facts": press_scale_facts,
     "slip-facts": slip_facts,
     "reading-facts": reading_facts,
     "begun-facts": begun_facts,

@@ -133,9 +133,9 @@ def test_presses_tell_offset_and_scale(unit, presses):
     # 6 images of 0.5 degrees and angles good to 0.3: 0.24 degrees, or more where they lie worse about the line.
     least = np.radians(np.hypot(0.5, 0.3)) / np.sqrt(6)
     assert 0.9 * least < direction.offset_sigma < 3.0 * least
-    # Of the scale it is that over the scatter of the angles, and three hundredths between ball and object.
+    # Of the scale it is that over the scatter of the angles, and six hundredths between ball and object.
     of_scale = np.hypot(np.radians(0.5), np.radians(0.3)) / np.sqrt(np.sum(np.square(ANGLES - ANGLES.mean())))
-    assert 0.9 * np.hypot(of_scale, 0.03) < direction.scale_sigma < 3.0 * np.hypot(of_scale, 0.03)
+    assert 0.9 * np.hypot(of_scale, 0.06) < direction.scale_sigma < 3.0 * np.hypot(of_scale, 0.06)
 
 
 def test_images_of_the_untouched_gel_have_to_be_there_and_alike(unit, presses):

@@ -32,7 +32,7 @@ WORST = np.radians(3.0)
 """Scatter about the line beyond which the presses or their angles are not what they are taken for [rad]."""
 _SCALE = 0.1  # standard deviation of the scale before anything is pressed
 _OFFSET = np.radians(2.0)  # the same of the offset [rad]
-_ALIKE = 0.03  # standard deviation of the scale between what is pressed and what is pushed later
+_ALIKE = 0.06  # standard deviation of the scale of objects about that of a ball: docs/study/direction_scale.json
 _TRUTH = np.radians(0.3)  # by which the given angles may be off, each by itself [rad]
 
 
