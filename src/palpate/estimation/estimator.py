@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +19,15 @@ from palpate.estimation.fixed_lag import FixedLag, add_to_all
 from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
-from palpate.estimation.starts import is_round
 from palpate.estimation.touched import Touched, touched
 from palpate.estimation.unknowns import LAG, Normal
+from palpate.estimation.untold_yaw import put_aside, put_back
 from palpate.estimation.values import Knock
 from palpate.geometry import se2
 from palpate.recording.measurements import Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
-
-_YAW_ENOUGH = 0.05  # [rad] of standard deviation that a graph knows of a round object's yaw
 
 
 class Estimator:
@@ -55,8 +52,8 @@ class Estimator:
         self._diagnosis = Diagnosis(model, settings.contact.deviation, settings.sensor_pose.calibration)
         deviation = np.concatenate([first_deviation, settings.priors.deviation])
         self.known = Prior(first_pose, settings.priors.mean, np.diag(np.square(deviation)))
-        """What is known of the object at the last frame, but for a yaw that is put aside."""
-        self._untold_yaw = 0.0  # [rad^2] variance of a round object's, which no graph knows of
+        """What is known of the object at the last frame, but for the yaw of a round one; see `untold_yaw`."""
+        self._untold_yaw = 0.0  # [rad^2] variance that was put aside
         self.status: Status = "resting"
         """What to make of it."""
         self._contact: Smoother | None = None
@@ -66,6 +63,11 @@ class Estimator:
         self._resting_since: float | None = None  # [s]
         self._settled: list[Array] = []  # object poses (N, 3) up to the current graph
         self._online: list[tuple[float, Array]] = []  # [s], object poses (3,) of the current graph as they were
+
+    @property
+    def _whole(self) -> Prior:
+        """What is known of the object with the yaw that was put aside."""
+        return put_back(self.known, self._untold_yaw)
 
     @property
     def in_contact(self) -> bool:
@@ -91,7 +93,7 @@ class Estimator:
     def covariance(self) -> Array:
         """Covariance (3, 3) of the object's pose, tangent space at the estimate (right, body frame)."""
         doubt = 0.0 if self.in_contact else self._diagnosis.displacement_covariance()
-        return self._diagnosis.covariance(self._with_untold_yaw(self.known)) + doubt
+        return self._diagnosis.covariance(self._whole) + doubt
 
     @property
     def touched(self) -> Touched | None:
@@ -130,7 +132,7 @@ class Estimator:
         if self._touched is not None:
             touched_from, last = self._touched
             self._diagnosis.see_after_touch(self.known, touched_from, sensor_pose, time - last)
-        self.status = self._diagnosis.at_rest(self._with_untold_yaw(self.known))
+        self.status = self._diagnosis.at_rest(self._whole)
 
     def knocked(self, steps: int, slide: Normal, grip: Normal | None = None) -> "Estimator":
         """Return a copy in which something else may have moved the object in the last steps; see Window.
@@ -184,7 +186,10 @@ class Estimator:
         """Take a frame of contact, the first of one or the next. Raises EstimationError where the graph is lost."""
         if self._contact is None:
             known = self.see_first_touch(sensor_pose, measurements) if self._start is None else self._start
-            self.known, self._start = self._without_untold_yaw(known, measurements), None
+            known, self._untold_yaw, self._start = put_back(known, self._untold_yaw), 0.0, None
+            if not any(isinstance(one, ObjectPose) for one in measurements):
+                known, self._untold_yaw = put_aside(known, self._model)
+            self.known = known
             self._contact = self.begin_contact(self.known, sensor_pose, measurements, time)
         else:
             self._contact.add(sensor_pose, measurements, time)
@@ -208,7 +213,7 @@ class Estimator:
         self._believe(contact, sensor_pose, time, knocked)
         self._diagnosis.see_touched_outline(self.known, sensor_pose, is_measured)
         self._touched = sensor_pose, time
-        self.status = self._diagnosis.in_contact(self._with_untold_yaw(self.known))
+        self.status = self._diagnosis.in_contact(self._whole)
 
     def begin_anew(
         self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, error: EstimationError
@@ -249,25 +254,6 @@ class Estimator:
             moved_by = self._diagnosis.covariance_of_motion(moved)
             self.known = self.known.at_next_contact(self._settings.priors).loosened(moved_by)
 
-    def _without_untold_yaw(self, known: Prior, measurements: Sequence[Measurement]) -> Prior:
-        """Return what a contact begins with: the yaw of a round object is put aside, unless something measures it.
-
-        No touch tells it. In a graph it would be told a little all the same, by what was linearised at several yaws.
-        """
-        known, self._untold_yaw = self._with_untold_yaw(known), 0.0
-        variance = known.covariance[2, 2]
-        is_told = any(isinstance(one, ObjectPose) for one in measurements)
-        if is_told or variance <= _YAW_ENOUGH**2 or not is_round(self._model):
-            return known
-        self._untold_yaw = variance - _YAW_ENOUGH**2
-        less = np.ones(len(known.covariance))
-        less[2] = _YAW_ENOUGH / math.sqrt(variance)
-        return replace(known, covariance=known.covariance * np.outer(less, less))
-
-    def _with_untold_yaw(self, known: Prior) -> Prior:
-        """Return what is known, and a yaw that was put aside as little as it is."""
-        return known.loosened(np.diag([0.0, 0.0, self._untold_yaw])) if self._untold_yaw else known
-
     def _settle(self, poses: Array) -> None:
         """Keep the poses (N, 3) of the current graph, which is over."""
         self._settled.append(poses)
@@ -284,13 +270,13 @@ class Estimator:
 
     def _measure_at_rest(self, measurements: Sequence[Measurement], time: float) -> None:
         since = time if self._resting_since is None else self._resting_since
-        self.known, self._untold_yaw = self._with_untold_yaw(self.known), 0.0
-        prior = self.known.loosened(self._diagnosis.displacement_covariance())
+        whole = self._whole
+        prior = whole.loosened(self._diagnosis.displacement_covariance())
         doubted = prior.loosened(self._diagnosis.contradiction_covariance())
-        known, tells_pose = measured_at_rest(self.known, doubted, measurements, self._factors, self._model, since, time)
+        known, tells_pose = measured_at_rest(whole, doubted, measurements, self._factors, self._model, since, time)
         step = Step(prior.pose, None, measurements, [since, time], at_rest=True)
         self._diagnosis.see_object_poses(prior, measured_poses(step, [prior.pose] * 2), moved=0.0)
-        self.known = known
+        self.known, self._untold_yaw = known, 0.0
         if tells_pose:
             self._diagnosis.forget_displacement()
             self._touched = None  # it may have been found elsewhere
