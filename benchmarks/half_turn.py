@@ -2,7 +2,7 @@
 
 Each recording with images and ground truth is tracked as it is, with all images turned by half a turn and mirrored,
 from the first pose that it states. Told are the shares that are taken for turned, and how long after the first contact.
-The reported one: `palpate simulate` of 12 pushes of each class, seed 56101, 6 s.
+The reported one: `palpate simulate` of 12 pushes of each class, seed 66101, 6 s.
 """
 
 import json

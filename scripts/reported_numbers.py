@@ -116,6 +116,23 @@ def plain() -> str:
     return _by_kind(sequences("plain"))
 
 
+DRAWS = {
+    "systematic": ("with the errors of a set-up", (62801, 52801)),
+    "plain": ("without them", (62301, 52301)),
+    "knocked": ("shoved", (62101, 52101)),
+}
+"""Studies, what they are of, and the seeds of the reported draw and of the one before, by the same settings."""
+
+
+def draws() -> str:
+    """Return the table of two draws of each study."""
+    cells = []
+    for name, (told, (reported, before)) in DRAWS.items():
+        for seed, rows in ((reported, sequences(name)), (before, sequences(f"earlier/{name}-{before}"))):
+            cells.append([told, str(seed), *_scored("", rows)[1:]])
+    return table(("recordings", "seed", *SCORES[1:]), cells)
+
+
 def _by_kind(rows: Sequence[Row]) -> str:
     kinds = [(told, [row for row in rows if row["group"] == group]) for group, told in SEEN.items()]
     unseen = [row for row in rows if row["group"] not in SEEN]
@@ -267,6 +284,13 @@ def direction_scale_facts() -> set[str]:
     return {str(found["units"]), *told, *(f"{100.0 * one['scale_deviation']:.0f}" for one in pressed)}
 
 
+def after_shoves_facts() -> set[str]:
+    """Return what two seconds of contact tell after a shove, at best."""
+    found = loaded("docs/study/after_shoves.json")
+    told = {f"{100.0 * found['near_share']:.0f}", f"{found['sigma_mm']:.0f}", str(found["shoves"])}
+    return {*told, f"{FAR_MM:.0f}", f"{FAR_DEG:.0f}"}
+
+
 def press_scale_facts() -> set[str]:
     """Return how far the scale of objects is that of a ball, which many calibrate on."""
     found = loaded("docs/study/direction_scale.json")
@@ -384,7 +408,7 @@ def half_turn_facts() -> set[str]:
     assert study["as it is"]["share"] == 0.0
     ways = (study[name] for name in ("turned by half a turn", "mirrored"))
     found = {text for way in ways for text in (f"{100.0 * way['share']:.0f}", f"{way['median_s']:.1f}")}
-    return {str(study["recordings"]), "56101", *found}
+    return {str(study["recordings"]), "66101", *found}
 
 
 def slip_facts() -> set[str]:
@@ -693,6 +717,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "set-up-errors": set_up_errors,
     "plain": plain,
     "knocked": knocked,
+    "draws": draws,
     "ways": ways,
     "paper-system": paper_system,
     "mini": mini,
@@ -728,6 +753,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,
     "press-scale-facts": press_scale_facts,
+    "after-shoves-facts": after_shoves_facts,
     "slip-facts": slip_facts,
     "reading-facts": reading_facts,
     "begun-facts": begun_facts,
