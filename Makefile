@@ -48,8 +48,8 @@ test-matrix: $(READY_DEV)
 # about a quarter of an hour.
 faults: $(READY_DEV)
 	rm -rf faults-run
-	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 8994 --seconds 12 --ideal --workers 2
-	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 8995 --seconds 12 --ideal --workers 2 --knocks --resume
+	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 9994 --seconds 12 --ideal --workers 2
+	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 9995 --seconds 12 --ideal --workers 2 --knocks --resume
 	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
 
 # Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.
