@@ -436,6 +436,13 @@ def reader_facts() -> set[str]:
     }
 
 
+def ideal_corner_facts() -> set[str]:
+    """Return how well an ideal observer could read the turn of a corner and of an edge."""
+    found = loaded("docs/study/ideal_corner.json")
+    corner, edge = found["corner"]["median_deg"], found["edge"]["median_deg"]
+    return {str(found["units"]), f"{found['turn_deg']:.0f}", f"{corner:.1f}", f"{edge:.2f}", "300"}
+
+
 def balls() -> str:
     """Return the table of presses on a real gel."""
     found = loaded("docs/study/real_gel.json")
@@ -754,6 +761,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "direction-scale-facts": direction_scale_facts,
     "press-scale-facts": press_scale_facts,
     "after-shoves-facts": after_shoves_facts,
+    "ideal-corner-facts": ideal_corner_facts,
     "slip-facts": slip_facts,
     "reading-facts": reading_facts,
     "begun-facts": begun_facts,
