@@ -464,8 +464,9 @@ def balls() -> str:
 
 def ball_facts() -> set[str]:
     """Return what is said of presses on a real gel, and how far a constant model is off between two of them."""
-    facts = {"95"}
-    for row in loaded("docs/study/real_gel.json").values():
+    found = loaded("docs/study/real_gel.json")
+    facts = {"95", *(f"{slope:.2f}" for slope in found.pop("flanks").values())}
+    for row in found.values():
         facts |= {f"{row['constant_pairs_rms_deg']:.0f}", f"{row['rms_after_offset_deg']:.1f}"}
         facts |= {f"{100.0 * row['in_95_share']:.0f}", f"{abs(row['offset_deg']):.1f}"}
     return facts
