@@ -285,7 +285,7 @@ def direction_scale_facts() -> set[str]:
 
 
 def after_shoves_facts() -> set[str]:
-    """Return what two seconds of contact tell after a shove, at best."""
+    """Return what two seconds of contact tell after a shove."""
     found = loaded("docs/study/after_shoves.json")
     told = {f"{100.0 * found['near_share']:.0f}", f"{found['sigma_mm']:.0f}", str(found["shoves"])}
     return {*told, f"{FAR_MM:.0f}", f"{FAR_DEG:.0f}"}
