@@ -5,10 +5,10 @@
 FOLDER holds shoved recordings with images, as `palpate simulate --knocks` makes; discs are left out, for nothing tells
 their yaw. After each shove that two seconds of contact follow, a tracker with one answer begins anew at the true pose,
 which it is told to know as roughly as a shove leaves it (SIGMA): it need not search, and its graph is linearised at the
-truth. What was learnt of friction before the shove it does not have. `near_share` is how often a pose drawn from what it
-knows then is within 10 mm and 5 degrees of the truth, which says what there is to be found by searching and weighing,
-as far as measurements are believed. `told_share` is how often its own estimate is near; that it began at the truth
-helps it. `sigma_mm` is the larger standard deviation of place, in the median. Five minutes on two cores.
+truth. What was learnt of friction before the shove it does not have. `near_share` is how often a pose drawn from what
+it knows then is within 10 mm and 5 degrees of the truth, which says what there is to be found by searching and
+weighing, as far as measurements are believed. `told_share` is how often its own estimate is near; that it began at the
+truth helps it. `sigma_mm` is the larger standard deviation of place, in the median. Five minutes on two cores.
 """
 
 import argparse
