@@ -373,6 +373,12 @@ def wear_facts() -> set[str]:
     return {f"{100.0 * share:.0f}" for one in shares.values() for share in one.values()} | {"7", "14"}
 
 
+def colours_facts() -> set[str]:
+    """Return of how many gels something is said of their colours."""
+    study = loaded("docs/study/colours.json")
+    return {str(number) for each in (study["published"], study["simulated, usual"]) for number in each.values()}
+
+
 def untouched_facts() -> set[str]:
     """Return how well networks read directions that see the untouched gel and that do not."""
     study = loaded("docs/study/untouched.json")
@@ -769,6 +775,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "unknown-start-facts": unknown_start_facts,
     "half-turn-facts": half_turn_facts,
     "wear-facts": wear_facts,
+    "colours-facts": colours_facts,
     "untouched-facts": untouched_facts,
     "real-facts": real_facts,
     "real-knock-facts": real_knock_facts,

@@ -25,6 +25,7 @@ from palpate.stream.checked_frame import checked_measurements
 from palpate.stream.stream import Stream
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, correction_of
+from palpate.touch.colours import unusual_colours
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
 from palpate.touch.relative import Touch
@@ -71,8 +72,8 @@ class Tracker:
         self._tactile: TactileChoice = settings.tactile
         self._tactile_reason = ""
         self._is_touch_given = touch is not None
-        calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
-        is_open = not (calibrated or self._is_touch_given)
+        self._is_calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
+        is_open = not (self._is_calibrated or self._is_touch_given)
         self._mirrored_images = MirroredImages(looks=is_open and settings.smoother in IN_A_WINDOW)
         # Networks are opened now and not in a robot's loop, where images may come to them.
         self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
@@ -265,9 +266,15 @@ class Tracker:
             raise FrameError(f"frame at {frame.time:.3f} s: {GREY}")
 
     def _choose_touch(self, frame: Frame) -> None:
-        """Settle what the settings leave open, at the first frame."""
+        """Settle what the settings leave open, at the first frame, and note what is unusual about its colours."""
+        if self._stream.last is not None:
+            return
         if self._tactile == "auto" and not self._is_touch_given:
             self._settle_touch(*chosen(frame.image, self._sensor, self._model))
+        if self._feels and frame.image is not None and self._model is None and not self._is_calibrated:
+            unusual, reason = unusual_colours(frame.image, self._sensor), self._tactile_reason
+            if unusual not in reason:
+                self._tactile_reason = f"{reason}, but {unusual}" if reason else unusual
 
     def _settle_touch(self, tactile: Tactile, reason: str) -> None:
         self._tactile, self._tactile_reason = tactile, reason
