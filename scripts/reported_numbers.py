@@ -482,10 +482,9 @@ def press_view_facts() -> set[str]:
     """Return what is said of how the images of simulated units lie, as presses tell it."""
     found = loaded("docs/study/press_views.json")
     facts = {str(found["units"]), f"{found['said_to_deg']:.0f}"}
-    for count in (5, 10):
-        of_count = found[f"{count} presses"]
-        shares = (of_count[f"{part}_share"] for part in ("left_right", "up_down", "colours"))
-        facts |= {str(count), *(f"{100.0 * share:.0f}" for share in shares), f"{of_count['rms_median_deg']:.1f}"}
+    for way in (way for way in found.values() if isinstance(way, dict)):
+        parts = ("left_right", "up_down", "colours", "colours_usual")
+        facts |= {*(f"{100.0 * way[f'{part}_share']:.0f}" for part in parts), f"{way['rms_median_deg']:.1f}"}
     return facts
 
 

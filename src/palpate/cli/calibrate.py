@@ -31,7 +31,8 @@ def calibrate(
             help="Presses at known angles: a CSV with the columns file, an image beside it, and angle_deg, of the "
             "contact on the tip; or a recording of presses on an object whose outline and poses are known, or on a "
             "disc that stays anywhere. Five or more tell left from right in the camera's images and what is off in "
-            "directions.",
+            "directions. A CSV with the column file alone is of presses by hand, in order from -y to +y; these tell "
+            "left from right alone.",
             help_behavior_hint="",
         ),
     ] = None,
@@ -180,7 +181,7 @@ def _pressed(
         still = [read_image(each, may_be_grey) for each in untouched]
     else:
         still = list(untouched_images(recordings[file]))
-    given = read_presses(presses, may_be_grey) if is_table else presses_of(recordings[presses])
+    given = read_presses(presses, may_be_grey, in_order=True) if is_table else presses_of(recordings[presses])
     for each, images in ((file, still), (presses, given.images)):
         if not may_be_grey and any(map(is_grey, images)):
             raise FileError(f"{each}: {GREY}")
@@ -190,24 +191,28 @@ def _pressed(
     with whole_file(picture, overwrite=force) as part:
         press_figure(given, fit).savefig(part, dpi=110, format="png")
     view, direction = fit.calibration.view, fit.calibration.direction
+    known = given.is_measured
     numbers = {
         "presses": len(given.images),
         "view": str(view),
         "keeps_left_and_right": view.keeps_left_and_right,
-        "offset_deg": math.degrees(direction.offset),
-        "scale": direction.scale,
+        "offset_deg": math.degrees(direction.offset) if known else None,
+        "scale": direction.scale if known else None,
         "scatter_deg": math.degrees(fit.scatter),
         "picture": str(picture),
     }
     # All else that the view says is no finding: `scripts/measure_press_views.py`.
     caution = (
-        "Presses tell left from right only: up, down and the colours' order are as fits best, and may be otherwise."
+        "Presses tell left from right only: up and down are as fits best, and may be otherwise; so is the colours' "
+        "order of a unit that is unlike the others."
     )
     if not view.keeps_left_and_right:
-        caution += "\nAngles of the wrong sign look the same as images that lie like this: positive is towards +y."
-    words = (
-        f"images read {view}; {len(given.images)} presses: directions are off by {numbers['offset_deg']:+.2f} degrees "
-        f"and {direction.scale - 1.0:+.1%}, {numbers['scatter_deg']:.2f} degrees about the line; see {picture}\n"
-        + caution
-    )
+        sign = "Angles of the wrong sign look" if known else "Presses in the wrong order look"
+        caution += f"\n{sign} the same as images that lie like this: positive is towards +y."
+    if known:
+        off = f"directions are off by {numbers['offset_deg']:+.2f} degrees and {direction.scale - 1.0:+.1%}"
+        found = f"{off}, {numbers['scatter_deg']:.2f} degrees about the line"
+    else:
+        found = f"directions are {numbers['scatter_deg']:.2f} degrees about the places of the imprints"
+    words = f"images read {view}; {len(given.images)} presses: {found}; see {picture}\n{caution}"
     return fit.calibration, numbers, words

@@ -17,23 +17,22 @@ def press_figure(presses: Presses, fit: PressFit) -> "Figure":
     from matplotlib.figure import Figure
 
     view, direction = fit.calibration.view, fit.calibration.direction
-    order = np.argsort(presses.angle)
+    order = np.argsort(fit.angle)
     shown = order[np.linspace(0, len(order) - 1, min(_SHOWN, len(order))).astype(int)]
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     grid = figure.add_gridspec(2, 6)
     for place, index in enumerate(shown.tolist()):
         axes = figure.add_subplot(grid[place // 3, place % 3])
         axes.imshow(view.of(presses.images[index]))
-        axes.set_title(f"{np.degrees(presses.angle[index]):+.1f}°", fontsize=8)
+        axes.set_title(f"{np.degrees(fit.angle[index]):+.1f}°", fontsize=8)
         axes.set(xticks=[], yticks=[])
     axes = figure.add_subplot(grid[:, 3:])
-    true, told = np.degrees(presses.angle), np.degrees(fit.told)
+    true, told = np.degrees(fit.angle), np.degrees(fit.told)
     ends = np.array([true.min(), true.max()])
-    axes.plot(ends, ends, color="0.7", lw=1.0, label="as given")
-    line = np.degrees(direction.offset) + direction.scale * ends
-    axes.plot(
-        ends, line, color="#0072B2", lw=1.0, label=f"{np.degrees(direction.offset):+.2f}° + {direction.scale:.3f} x"
-    )
+    axes.plot(ends, ends, color="0.7", lw=1.0, label="as given" if presses.is_measured else "as imprints lie")
+    if presses.is_measured:
+        offset, scale = np.degrees(direction.offset), direction.scale
+        axes.plot(ends, offset + scale * ends, color="#0072B2", lw=1.0, label=f"{offset:+.2f}° + {scale:.3f} x")
     axes.plot(true, told, "o", color="#D55E00", ms=4, label=f"told, {np.degrees(fit.scatter):.2f}° about the line")
     axes.set(xlabel="angle of the contact [°]", ylabel="told [°]", title=f"images read {view}")
     axes.legend(fontsize=8)

@@ -1,5 +1,6 @@
-"""Presses at known angles as files: a table that names the image of each and its angle."""
+"""Presses as files: a table that names the image of each and its angle, or the images in order."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,29 +12,34 @@ from palpate.touch.background import Image, is_grey
 from palpate.touch.presses import Presses
 
 
-def read_presses(path: Path, grey: bool = False) -> Presses:
+def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Presses:
     """Read a CSV with columns file and angle_deg and the images it names, relative to its folder; FileError if not.
 
-    Grey images are taken only if `grey`.
+    Grey images are taken only if `grey`, and a table without angles, of presses in order, only if `in_order`.
     """
     columns, *lines = read_csv(path) or [[]]
     rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
-    if not rows or not {"file", "angle_deg"} <= set(columns):
+    has_angles = "angle_deg" in columns
+    if not rows or "file" not in columns or not (has_angles or in_order):
         found = ", ".join(columns) if rows else "no rows"
         raise FileError(f"{path}: found {found}; expected a CSV with columns file and angle_deg")
-    angles = []
     for number, row in enumerate(rows, 1):
-        try:
-            angles.append(float(row["angle_deg"]))
-        except (KeyError, ValueError):
-            angles.append(np.nan)
-        if not abs(angles[-1]) <= 90.0:
+        if has_angles and not abs(_angle(row)) <= 90.0:
             found = row.get("angle_deg")
             raise FileError(f"{path}: row {number}: angle_deg is {found!r}; expected -90 to 90 degrees")
         if not (name := row.get("file", "")).isprintable() or not name:
             raise FileError(f"{path}: row {number}: file is {name!r}; expected the name of an image")
     names = tuple(row["file"] for row in rows)
-    return Presses(tuple(read_image(path.parent / name, grey) for name in names), np.radians(angles), names)
+    images = tuple(read_image(path.parent / name, grey) for name in names)
+    return Presses(images, np.radians([_angle(row) for row in rows]), names)
+
+
+def _angle(row: dict[str, str]) -> float:
+    """The angle in a row [deg]; NaN where there is none."""
+    try:
+        return float(row["angle_deg"])
+    except (KeyError, ValueError):
+        return math.nan
 
 
 def read_image(path: Path, grey: bool = False) -> Image:
