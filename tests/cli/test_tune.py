@@ -14,7 +14,7 @@ from palpate.estimation.factors.contact import ContactSettings
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.settings_file import read_noise, write_noise
 from palpate.formats.palpate_h5 import write_recording
-from palpate.touch.calibration import load_calibration, write_calibration
+from palpate.touch.calibration import DirectionCorrection, load_calibration, write_calibration
 from palpate.tuning import tuning
 
 TUNED = ("contact.deviation", "relative_pose.oracle")
@@ -108,6 +108,14 @@ def test_a_tuning_knows_the_unit_that_all_recordings_are_of(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["left_out"] == [] and found["calibration"] == load_calibration("unit.npz").hash
     assert json.loads(Path("noise.json").read_text())["tuned"]["calibration"] == found["calibration"]
+    # What presses have measured is no longer open.
+    pressed = replace(unit_seen(), direction=DirectionCorrection(0.01, 0.98, 0.005, 0.06))
+    write_calibration(pressed, "pressed.npz")
+    again = ("tune", "images", "--out", "other.json", *words[4:], "--calibration", "pressed.npz", "--parameters")
+    for name in ("priors.direction_bias", "priors.direction_scale"):
+        assert f"parameter {name!r} is measured in pressed.npz" in failure(capsys, *again, name)
+    assert not Path("other.json").exists()
+    assert palpate(*again, "direction.share") == 0
 
 
 def test_tuning_goes_on_from_its_file(capsys):

@@ -20,6 +20,7 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from palpate.touch.calibration import DirectionCorrection
     from palpate.tuning.tuning import Judgement, Tuning
 
 
@@ -68,7 +69,7 @@ def tune(
     from palpate.estimation.settings_file import noise_of, write_noise
     from palpate.locks import only_writer
     from palpate.study.files import find_recordings
-    from palpate.touch.calibration import load_calibration
+    from palpate.touch.calibration import correction_of, load_calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker_settings import TrackerSettings
     from palpate.tuning.parameters import check_parameters
@@ -85,6 +86,7 @@ def tune(
         files = find_recordings(folder)
         touch_model = TouchModel(model) if model else None
         unit = load_calibration(calibration) if calibration else None
+        _check_open(parameters, calibration, correction_of(unit))
         with progress_bar("reading touch", len(files)) as progress:
             recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress, unit)
         for why in left_out.values():
@@ -132,6 +134,16 @@ def _check_out(out: Path, start: str) -> None:
         raise FileError(f"{out}: already exists; take another file, or --start {out} to go on from it")
     if not out.parent.is_dir():
         raise FileError(f"{out}: the folder {out.parent} does not exist")
+
+
+def _check_open(parameters: Iterable[str], file: Path | None, correction: "DirectionCorrection") -> None:
+    """SettingError on a parameter that the calibration in a file says instead."""
+    from palpate.errors import SettingError
+
+    measured = {"priors.direction_bias": correction.offset_sigma, "priors.direction_scale": correction.scale_sigma}
+    for name in parameters:
+        if measured.get(name) is not None:
+            raise SettingError(f"parameter {name!r} is measured in {file}; it cannot be tuned besides")
 
 
 def _found(tuning: "Tuning") -> dict[str, Any]:
