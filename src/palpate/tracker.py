@@ -72,8 +72,8 @@ class Tracker:
         self._tactile: TactileChoice = settings.tactile
         self._tactile_reason = ""
         self._is_touch_given = touch is not None
-        self._is_calibrated = self._correction.offset_sigma is not None  # with presses, which show how images lie
-        is_open = not (self._is_calibrated or self._is_touch_given)
+        self._is_view_known = calibration is not None and calibration.is_view_known
+        is_open = not (self._is_view_known or self._is_touch_given)
         self._mirrored_images = MirroredImages(looks=is_open and settings.smoother in IN_A_WINDOW)
         # Networks are opened now and not in a robot's loop, where images may come to them.
         self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
@@ -271,7 +271,7 @@ class Tracker:
             return
         if self._tactile == "auto" and not self._is_touch_given:
             self._settle_touch(*chosen(frame.image, self._sensor, self._model))
-        if self._feels and frame.image is not None and self._model is None and not self._is_calibrated:
+        if self._feels and frame.image is not None and self._model is None and not self._is_view_known:
             unusual, reason = unusual_colours(frame.image, self._sensor), self._tactile_reason
             if unusual not in reason:
                 self._tactile_reason = f"{reason}, but {unusual}" if reason else unusual

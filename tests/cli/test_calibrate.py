@@ -95,20 +95,22 @@ def test_too_few_frames_and_no_images_are_told():
 
 def test_a_file_gives_back_what_was_written(tmp_path, background):
     path = tmp_path / "unit.npz"
-    given = Calibration(background, CameraView(3, True, (2, 0, 1)), DirectionCorrection(0.01, 0.95, 0.002, 0.03))
+    correction = DirectionCorrection(0.01, 0.95, 0.002, 0.03)
+    given = Calibration(background, CameraView(3, True, (2, 0, 1)), correction, is_view_known=True)
     write_calibration(given, path)
     again = load_calibration(path)
     assert (again.background.mean == background.mean).all()
     assert (again.background.deviation == background.deviation).all()
     assert (again.background.noise == background.noise).all()
     assert (again.view, again.direction, again.file) == (given.view, given.direction, path)
+    assert again.is_view_known and again.hash == given.hash != replace(given, is_view_known=False).hash
     with pytest.raises(FileError, match="already exists"):
         write_calibration(given, path)
     brighter = Background(background.mean + 1.0, background.deviation)
     write_calibration(Calibration(brighter), path, overwrite=True)
     again = load_calibration(path)
     assert (again.background.mean == background.mean + 1.0).all()
-    assert (again.view, again.direction) == (CameraView(), DirectionCorrection())
+    assert (again.view, again.direction, again.is_view_known) == (CameraView(), DirectionCorrection(), False)
     assert [each.name for each in tmp_path.iterdir()] == ["unit.npz"]
 
 
@@ -121,6 +123,13 @@ def test_a_file_of_the_second_version_does_not_tell_how_well_the_scale_is_known(
     fields = {"version": 2, "view": [0, 0, 0, 1, 2], "direction": [0.02, 0.9, 0.01]}
     np.savez(tmp_path / "old.npz", mean=background.mean, deviation=background.deviation, **fields)
     assert load_calibration(tmp_path / "old.npz").direction == DirectionCorrection(0.02, 0.9, 0.01)
+
+
+@pytest.mark.parametrize("sigma", [0.01, np.nan])
+def test_the_view_in_a_file_of_the_third_version_is_known_where_presses_told_it(tmp_path, background, sigma):
+    fields = {"version": 3, "view": [0, 1, 0, 1, 2], "direction": [0.02, 0.9, sigma, 0.03]}
+    np.savez(tmp_path / "old.npz", mean=background.mean, deviation=background.deviation, **fields)
+    assert load_calibration(tmp_path / "old.npz").is_view_known == np.isfinite(sigma)
 
 
 @pytest.mark.parametrize(
@@ -136,12 +145,13 @@ def test_a_file_of_the_second_version_does_not_tell_how_well_the_scale_is_known(
         ({"noise": np.ones((2, 2, 3), np.float32)}, r"noise: found shape \(2, 2, 3\), expected \(4, 4, 3\)"),
         ({"mean": np.array([[["a", "b", "c"]]])}, "mean: found values of type"),
         ({"mean": np.array([[[None, 1, 2]]])}, "damaged"),
-        ({"version": 9}, "version: found 9, this palpate reads up to 3"),
+        ({"version": 9}, "version: found 9, this palpate reads up to 4"),
         ({"version": 2, "view": [4, 0, 0, 1, 2]}, "view: found .4, 0, 0, 1, 2., expected quarter turns"),
         ({"version": 2, "view": [0, 0, 0, 1, 1]}, "view: found"),
         ({"version": 2, "view": [0, 0, 0, 1, 2], "direction": [0.0, 0.0, 0.1]}, "direction: found"),
         ({"version": 3, "view": [0, 0, 0, 1, 2], "direction": [0.0, 1.0, 0.1]}, "direction: found shape"),
         ({"version": 3, "view": [0, 0, 0, 1, 2], "direction": [0.0, 1.0, 0.1, 0.0]}, "sigmas above 0"),
+        ({"version": 4, "view": [0, 0, 0, 1, 2], "direction": [0.0, 1.0, 0.1, 0.1]}, "lacks 'view_known'"),
     ],
 )
 def test_other_files_are_refused_in_one_sentence(tmp_path, fields, words):

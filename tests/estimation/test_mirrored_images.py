@@ -16,7 +16,7 @@ from palpate.recording.frame import Frame
 from palpate.recording.measurements import ContactDirection, ContactPlace, ObjectPose, RelativePoses, Turn
 from palpate.simulation.limit_surface import Steering, push
 from palpate.simulation.recordings import simulate_recording
-from palpate.touch.calibration import Calibration, DirectionCorrection
+from palpate.touch.calibration import Calibration
 from palpate.touch.untouched import calibrate
 from palpate.touch.view import CameraView
 from palpate.tracker import Tracker
@@ -181,7 +181,7 @@ def upright(frame: Frame) -> Array:
 def test_a_unit_that_was_calibrated_with_presses_is_not_doubted():
     recording = simulate_recording(SHAPES["ellipse"], "ellipse", 72, 3.5, ideal=True)
     assert recording.object_pose is not None
-    unit = Calibration(calibrate(recording)[0], CameraView(2), DirectionCorrection(0.0, 1.0, 0.01))
+    unit = Calibration(calibrate(recording)[0], CameraView(2), is_view_known=True)
     tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0], calibration=unit)
     for frame in recording:
         assert "half a turn" not in tracker.update(replace(frame, image=CameraView(2).of(upright(frame)))).reason

@@ -34,9 +34,9 @@ def show_calibration(path: Path, json: bool) -> None:
             }
         )
         return
-    lie, off = "not measured, taken as they are", "not measured"
+    lie = str(view) if calibration.is_view_known else "not measured, taken as they are"
+    off = "not measured"
     if sigma is not None:
-        lie = str(view)
         off = f"{degrees(direction.offset):+.2f} ± {sigma:.2f} degrees and {direction.scale - 1.0:+.1%}"
         off += "" if direction.scale_sigma is None else f" ± {direction.scale_sigma:.1%}"
     rows = [

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from palpate.archives import read_arrays
 from palpate.errors import FileError
-from palpate.files import INTEGERS, NUMBERS, checked_array, existing_file, whole_file
+from palpate.files import FLAGS, INTEGERS, NUMBERS, checked_array, existing_file, whole_file
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
 from palpate.touch.light import Levels
 from palpate.touch.view import AS_IT_IS, CameraView
 
-VERSION = 3  # the first had mean and deviation only, the second no sigma of the scale; noise may be missing
+VERSION = 4
+"""The first had mean and deviation only, the second no sigma of the scale, the third did not say whether the view is
+known; noise may be missing."""
 _FIELDS = ("mean", "deviation")
 
 
@@ -67,6 +69,8 @@ class Calibration:
     """What makes the camera's images those of the profile."""
     direction: DirectionCorrection = AS_TOLD
     """What is off in the directions that touch tells."""
+    is_view_known: bool = False
+    """Whether presses have shown how images lie, or all that is known is that they are as large as the profile's."""
     file: Path | None = None
     """What it was read from, if from a file."""
     is_sure: bool = False
@@ -77,7 +81,7 @@ class Calibration:
     def hash(self) -> str:
         """What tells it from others, wherever its file is."""
         gel = self.background
-        digest = hashlib.sha256(repr((gel.mean.shape, self.view, self.direction)).encode())
+        digest = hashlib.sha256(repr((gel.mean.shape, self.view, self.direction, self.is_view_known)).encode())
         for levels in (gel.mean, gel.deviation, gel.noise):
             digest.update(levels.tobytes())
         return digest.hexdigest()
@@ -129,6 +133,7 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             deviation=calibration.background.deviation,
             noise=calibration.background.noise,
             view=[view.quarter_turns, view.mirrored, *view.channels],
+            view_known=calibration.is_view_known,
             direction=[direction.offset, direction.scale, *sigmas],
         )
 
@@ -150,12 +155,15 @@ def load_calibration(path: Path | str) -> Calibration:
         if "noise" in arrays:
             background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
         view = _view(arrays["view"]) if version > 1 else AS_IT_IS
-        direction = _direction(arrays["direction"], count=version + 1) if version > 1 else AS_TOLD
+        direction = _direction(arrays["direction"], count=min(version, 3) + 1) if version > 1 else AS_TOLD
+        is_view_known = direction.offset_sigma is not None
+        if version > 3:
+            is_view_known = bool(checked_array("view_known", arrays["view_known"], FLAGS, ()))
     except KeyError as error:
         raise FileError(f"{path}: is a calibration that lacks {error}") from error
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
-    return Calibration(background, view, direction, path)
+    return Calibration(background, view, direction, is_view_known, path)
 
 
 def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...] = ("N", "N", 3)) -> Levels:

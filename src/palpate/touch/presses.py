@@ -158,10 +158,10 @@ def _fit(
     if not is_measured:
         ranks = np.argsort(np.argsort(angle))
         likely = likely if np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _IN_ORDER else -math.inf
-        return likely, PressFit(Calibration(background, view), angle, told, scatter)
+        return likely, PressFit(Calibration(background, view, is_view_known=True), angle, told, scatter)
     sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * max(1.0, scatter / float(np.sqrt(np.mean(variance))))
     correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), math.hypot(sigmas[1], _ALIKE))
-    return likely, PressFit(Calibration(background, view, correction), angle, told, scatter)
+    return likely, PressFit(Calibration(background, view, correction, is_view_known=True), angle, told, scatter)
 
 
 def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:

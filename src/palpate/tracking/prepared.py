@@ -69,7 +69,7 @@ class Prepared:
             "first pose sigma": self.first_pose_sigma,
             "setting": self.settings,
             "touch model": None if self.model is None else self.model.hash,
-            "calibration": calibration and (calibration.background.mean, calibration.view, calibration.direction),
+            "calibration": calibration and calibration.hash,
         }
 
 
