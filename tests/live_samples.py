@@ -24,7 +24,7 @@ class FakeTracker:
     """Takes each frame as what `step` makes of it, and says nothing of the object."""
 
     background = None
-    tactile, tactile_reason = "none", ""
+    tactile, tactile_reason, unusual_colours = "none", "", ""
 
     def __init__(self, step: Callable[[Any], None] = lambda frame: None) -> None:
         self.frames: list[Any] = []

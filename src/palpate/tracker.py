@@ -70,7 +70,7 @@ class Tracker:
         self._correction = correction_of(calibration)
         self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._tactile: TactileChoice = settings.tactile
-        self._tactile_reason = ""
+        self._tactile_reason = self._unusual_colours = ""
         self._is_touch_given = touch is not None
         self._is_view_known = calibration is not None and calibration.is_view_known
         is_open = not (self._is_view_known or self._is_touch_given)
@@ -162,6 +162,15 @@ class Tracker:
     def tactile_reason(self) -> str:
         """Why that was chosen, in words; empty where the settings named it."""
         return self._tactile_reason
+
+    @property
+    def unusual_colours(self) -> str:
+        """What is unusual about where the first image has its colours, as a question; empty where nothing is.
+
+        Channels may be exchanged, or images lie turned or mirrored. Nothing is asked of a unit that presses have shown
+        how its images lie, nor with a touch model of one's own.
+        """
+        return self._unusual_colours
 
     @property
     def frame(self) -> Frame:
@@ -272,9 +281,7 @@ class Tracker:
         if self._tactile == "auto" and not self._is_touch_given:
             self._settle_touch(*chosen(frame.image, self._sensor, self._model))
         if self._feels and frame.image is not None and self._model is None and not self._is_view_known:
-            unusual, reason = unusual_colours(frame.image, self._sensor), self._tactile_reason
-            if unusual not in reason:
-                self._tactile_reason = f"{reason}, but {unusual}" if reason else unusual
+            self._unusual_colours = unusual_colours(frame.image, self._sensor)
 
     def _settle_touch(self, tactile: Tactile, reason: str) -> None:
         self._tactile, self._tactile_reason = tactile, reason

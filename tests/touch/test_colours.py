@@ -1,11 +1,17 @@
 """Exchanged channels, and images that lie turned or mirrored, show in where an untouched gel has its colours."""
 
+import json
 from itertools import permutations
 
 import numpy as np
+import pytest
 
 from palpate import Frame, Tracker
+from palpate.cli.main import main
+from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
+from palpate.recording.images import encode_image
+from palpate.recording.recording import Recording
 from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
@@ -24,6 +30,7 @@ def gel(*slopes: float) -> np.ndarray:
 
 
 USUAL = gel(-0.5, 0.4, 0.1)
+SWAPPED = np.ascontiguousarray(USUAL[..., ::-1])
 
 
 def test_sides_are_the_slopes_of_the_shares():
@@ -57,26 +64,50 @@ def test_real_gels_are_told_from_their_exchanged_selves(shared_data):
     assert said.pop((0, 1, 2)) <= 1 and min(said.values()) >= len(images) - 1
 
 
-def first_seen(image: np.ndarray, calibration: Calibration | None = None, model: TouchModel | None = None) -> str:
-    """What a tracker says of touch after a first image."""
+def first_seen(image: np.ndarray, calibration: Calibration | None = None, model: TouchModel | None = None) -> Tracker:
+    """A tracker that has seen an image."""
     tracker = Tracker(Disc(0.05), DIGIT, (0.2, 0.0, 0.0), calibration=calibration, model=model)
-    for _ in range(2):
-        tracker.update(Frame(0.0, np.zeros(3), image=image))
-        tracker.reset()
-    return tracker.tactile_reason
+    assert tracker.unusual_colours == ""
+    tracker.update(Frame(0.0, np.zeros(3), image=image))
+    return tracker
 
 
-def test_a_tracker_says_it_once():
-    swapped = USUAL[..., ::-1].copy()
-    fits, unusual = "images fit the touch model of the DIGIT", unusual_colours(swapped, DIGIT)
-    assert first_seen(USUAL) == fits
-    assert first_seen(swapped) == f"{fits}, but {unusual}"
+def test_a_tracker_asks_at_the_first_frame(tmp_path):
+    assert first_seen(USUAL).unusual_colours == ""
+    tracker = first_seen(SWAPPED)
+    asked = unusual_colours(SWAPPED, DIGIT)
+    assert (tracker.unusual_colours, tracker.tactile_reason) == (asked, "images fit the touch model of the DIGIT")
+    tracker.save(tmp_path / "tracker.npz")
+    for going_on in (tracker, Tracker.load(tmp_path / "tracker.npz")):
+        going_on.update(Frame(0.1, np.zeros(3), image=USUAL))
+        assert going_on.unusual_colours == asked
+    tracker.reset()
+    tracker.update(Frame(0.0, np.zeros(3), image=USUAL))
+    assert tracker.unusual_colours == ""
 
 
 def test_a_tracker_asks_nothing_that_is_known():
-    swapped = USUAL[..., ::-1].copy()
-    background = Background(swapped.astype(np.float32), np.ones(swapped.shape, np.float32))
-    pressed = Calibration(background, is_view_known=True)
-    assert "but" in first_seen(swapped, calibration=Calibration(background))  # how images lie is not known from it
-    assert "but" not in first_seen(swapped, calibration=pressed)
-    assert "but" not in first_seen(swapped, model=TouchModel(SHIPPED))  # one of the user's own, learnt from his unit
+    background = Background(SWAPPED.astype(np.float32), np.ones(SWAPPED.shape, np.float32))
+    assert first_seen(SWAPPED, calibration=Calibration(background)).unusual_colours
+    assert not first_seen(SWAPPED, calibration=Calibration(background, is_view_known=True)).unusual_colours
+    assert not first_seen(SWAPPED, model=TouchModel(SHIPPED)).unusual_colours  # one of the user's own, for all we know
+
+
+@pytest.mark.parametrize(("source", "asks"), [("a DIGIT", True), ("simulated by palpate: MuJoCo, disc", False)])
+def test_track_asks_of_recordings_that_no_simulator_made(tmp_path, capsys, source, asks):
+    count = 30
+    recording = Recording(
+        time=np.arange(count) / 30.0,
+        sensor_pose=np.tile([-0.2, 0.0, 0.0], (count, 1)),
+        shape=Disc(0.05),
+        sensor=DIGIT,
+        image=[encode_image(SWAPPED)] * count,
+        source=source,
+    )
+    write_recording(recording, tmp_path / "push.h5")
+    words = ("track", str(tmp_path / "push.h5"), "--first-pose", "0", "0", "0", "--out", str(tmp_path / "run"))
+    assert main(words) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert (unusual_colours(SWAPPED, DIGIT) in said) == asks
+    summary = json.loads((tmp_path / "run/summary.json").read_text())
+    assert ("unusual_colours" in summary) == asks

@@ -179,9 +179,8 @@ def test_every_way_to_feel_tracks(recording, blind, tactile):
 def test_touch_is_learnt_where_there_are_images_that_fit(recording):
     chosen, named = (track(recording, how) for how in (TrackerSettings(), TrackerSettings(tactile="learnt")))
     assert (chosen.settings, chosen.model and chosen.model.hash) == (named.settings, named.model and named.model.hash)
-    fits, unusual = "images fit the touch model of the DIGIT", "the gel is red at the left and blue at the right"
-    assert chosen.summary["tactile_reason"].startswith(f"{fits}, but {unusual}")  # so this unit was drawn
-    assert named.summary["tactile_reason"].startswith(unusual)
+    assert chosen.summary["tactile_reason"] == "images fit the touch model of the DIGIT"
+    assert "tactile_reason" not in named.summary
     np.testing.assert_array_equal(chosen.online.pose, named.online.pose)
     np.testing.assert_array_equal(chosen.online.covariance, named.online.covariance)
 
@@ -195,8 +194,10 @@ def test_why_touch_is_not_learnt(recording):
         made.update(frame)
         return made
 
-    assert tracker(first).tactile == "learnt"
-    assert tracker(first).tactile_reason.startswith("images fit the touch model of the DIGIT")
+    assert (tracker(first).tactile, tracker(first).tactile_reason) == (
+        "learnt",
+        "images fit the touch model of the DIGIT",
+    )
     blind = tracker(dataclasses.replace(first, image=None))
     assert (blind.tactile, blind.tactile_reason) == ("none", "there are no images")
     blind.reset()

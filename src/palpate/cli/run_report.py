@@ -30,6 +30,8 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         return
     if "tactile_reason" in summary:
         print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
+    if "unusual_colours" in summary:
+        print_line(summary["unusual_colours"])
     statuses = ", ".join(f"{count} {status}" for status, count in summary["statuses"].items())
     rows = [
         ("frames", str(summary["frames"]), ""),

@@ -105,6 +105,8 @@ def track_live(
                 continue
             if not state.tracked and tracker.tactile_reason:
                 state.note(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
+            if not state.tracked and tracker.unusual_colours:
+                state.note(tracker.unusual_colours)
             last = LiveEstimate(estimate, place, clock.now() - image.time)
             state.estimated(last)
             state.dropped = newest.dropped

@@ -184,6 +184,11 @@ class Recording:
             source,
         )
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether palpate has drawn its images, as its source says then."""
+        return " by palpate: " in self.source
+
     def __len__(self) -> int:
         return len(self.time)
 

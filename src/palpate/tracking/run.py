@@ -160,6 +160,8 @@ def _run_of(prepared: Prepared, steps: Steps, begin: float) -> Run:
         summary["untouched_from_s"] = prepared.untouched_from
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
+    if tracker.unusual_colours and not recording.is_simulated:  # units are drawn with any light
+        summary["unusual_colours"] = tracker.unusual_colours
     return Run(
         recording=recording,
         settings=settings,
