@@ -10,7 +10,7 @@ import pytest
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
+from palpate.recording.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
 from palpate.simulation.gel import ball_overlap, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch.background import Image
@@ -63,6 +63,7 @@ def test_the_middle_of_an_imprint_is_where_its_difference_is():
     wanted = np.arcsin(0.5 * DIGIT.half_width / DIGIT.radius)
     assert imprint_angle(seen, DIGIT) == pytest.approx(wanted)
     assert imprint_angle(seen[:, ::-1], DIGIT) == pytest.approx(-wanted)
+    assert np.isnan(imprint_angle(np.zeros_like(seen), DIGIT))
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -100,11 +101,16 @@ def test_presses_without_an_order_are_refused(unit, images, change, words):
         learn("as it is", change(images), unit.no_contact)
 
 
-def test_a_flat_gel_needs_angles(images, unit):
-    with pytest.raises(
-        FileError, match="presses without angles are of round gels, and that of 'GelSight Mini' is flat"
-    ):
-        learn_from_presses(in_order(tuple(images)), [unit.no_contact], GELSIGHT_MINI, shipped_model())
+def test_gels_that_are_not_round_need_angles(images, unit):
+    dome = SensorProfile("my finger", radius=0.02, image_height=320, image_width=240)
+    for sensor in (GELSIGHT_MINI, dome):
+        with pytest.raises(FileError, match=f"are of round gels of known width, and '{sensor.name}' has none"):
+            learn_from_presses(in_order(tuple(images)), [unit.no_contact], sensor, shipped_model())
+
+
+def test_an_image_that_shows_nothing_is_named(images, unit):
+    with pytest.raises(FileError, match=r"2\.png: shows no touch"):
+        learn("as it is", [*images[:2], unit.no_contact, *images[3:]], unit.no_contact)
 
 
 def test_a_real_gel_finds_out_how_it_lies(shared_data):

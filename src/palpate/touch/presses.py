@@ -97,8 +97,8 @@ def learn_from_presses(
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
     if presses.is_measured:
         _check_spread(presses.angle)
-    elif sensor.flat_width:
-        raise FileError(f"presses without angles are of round gels, and that of {sensor.name!r} is flat")
+    elif sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius:
+        raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
     check_alike(presses, untouched)
     first = untouched[0]
@@ -115,7 +115,7 @@ def learn_from_presses(
     likely, fit = max(fits, key=lambda each: each[0])
     if not presses.is_measured:
         if likely == -math.inf:
-            raise FileError("imprints lie in the order of the presses in no view; name them from -y to +y")
+            raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
         _check_spread(fit.angle)
     over, worst = ("the given angles", WORST) if presses.is_measured else ("the places of the imprints", 2.0 * WORST)
     if fit.scatter > worst:
@@ -165,9 +165,14 @@ def _fit(
 
 
 def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:
-    """Return the angle on the tip [rad] of the middle of what a difference shows, whatever its colours are."""
+    """Return the angle on the tip [rad] of the middle of what a difference shows, whatever its colours are.
+
+    NaN where it shows nothing.
+    """
     assert sensor.half_width
     strength = np.square(np.abs(seen).sum(axis=2)).sum(axis=0)
+    if not strength.any():
+        return math.nan
     place = (2.0 * np.arange(COLUMNS) + 1.0) / COLUMNS - 1.0
     return math.asin(float(strength @ place / strength.sum()) * sensor.half_width / sensor.radius)
 
