@@ -260,7 +260,7 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
     found = json.loads(out)
     assert "a sensor pose is refused, 1 so far: 'rubbish' is no JSON" in err
     assert found["tracked"] > 20 and found["contact_frames"] > 5 and found["refused_poses"] > 2
-    assert found["rate_hz"] == pytest.approx(60.0, rel=0.5)
+    assert 5.0 < found["rate_hz"] < 66.0  # the camera's 60; a busy machine grabs fewer, and never more
     recorded: Any = formats.load_recording("live.mcap")
     assert len(recorded) > 20 and recorded.sensor.image_height == 320
     assert np.allclose(recorded.sensor_pose, [0.1, 0.05, 0.0])
