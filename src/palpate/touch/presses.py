@@ -85,6 +85,13 @@ def check_alike(presses: Presses, untouched: Sequence[Image]) -> None:
             raise FileError(f"{name}: image is {image.shape[:2]}, the untouched gel {size[:2]}; rows and columns")
 
 
+def check_spread(angle: Array) -> None:
+    """FileError where angles (N,) [rad] lie too close together to tell left from right."""
+    if (spread := float(np.ptp(angle))) < SPREAD:
+        found = f"found presses within {np.degrees(spread):.1f} degrees"
+        raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
+
+
 def learn_from_presses(
     presses: Presses, untouched: Sequence[Image], sensor: SensorProfile, model: TouchModel
 ) -> PressFit:
@@ -96,7 +103,7 @@ def learn_from_presses(
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
     if presses.is_measured:
-        _check_spread(presses.angle)
+        check_spread(presses.angle)
     elif sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius:
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
@@ -116,7 +123,7 @@ def learn_from_presses(
     if not presses.is_measured:
         if likely == -math.inf:
             raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
-        _check_spread(fit.angle)
+        check_spread(fit.angle)
     over, worst = ("the given angles", WORST) if presses.is_measured else ("the places of the imprints", 2.0 * WORST)
     if fit.scatter > worst:
         raise FileError(
@@ -126,13 +133,6 @@ def learn_from_presses(
         )
     _check_touched(fit, presses)
     return fit
-
-
-def _check_spread(angle: Array) -> None:
-    """FileError where angles (N,) [rad] lie too close together to tell left from right."""
-    if (spread := float(np.ptp(angle))) < SPREAD:
-        found = f"found presses within {np.degrees(spread):.1f} degrees"
-        raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
 
 
 def _fit(

@@ -13,7 +13,7 @@ from palpate.locks import held_folder
 from palpate.recording.sensor import SensorProfile
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import KINDS, ModelSettings, Spread, write_model
-from palpate.touch.presses import SPREAD, Presses, check_alike
+from palpate.touch.presses import Presses, check_alike, check_spread
 from palpate.training.export import exported_direction
 from palpate.training.fit import FitSettings
 from palpate.training.learn import learn_direction
@@ -57,9 +57,7 @@ def train_on_presses(
     apart = round(_HELD_OUT * count)
     if count < FEWEST:
         raise FileError(f"found {count} presses; at least {FEWEST} are needed to learn from")
-    if (spread := float(np.ptp(presses.angle))) < SPREAD:
-        found = f"found presses within {np.degrees(spread):.1f} degrees"
-        raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
+    check_spread(presses.angle)
     check_alike(presses, untouched)
     height, width = untouched[0].shape[:2]
     with held_folder(out, "the folder of a model"):
