@@ -284,6 +284,14 @@ def direction_scale_facts() -> set[str]:
     return {str(found["units"]), *told, *(f"{100.0 * one['scale_deviation']:.0f}" for one in pressed)}
 
 
+def place_bias_facts() -> set[str]:
+    """Return what places of one unit have in common."""
+    found = loaded("docs/study/place_bias.json")
+    pressed = [value for value in found.values() if isinstance(value, dict)]
+    scales = {f"{one['scale_mean']:.2f}" for one in pressed}
+    return {str(found["units"]), *scales, *(f"{one['offset_mm_deviation']:.1f}" for one in pressed)}
+
+
 def after_shoves_facts() -> set[str]:
     """Return what two seconds of contact tell after a shove."""
     found = loaded("docs/study/after_shoves.json")
@@ -765,6 +773,7 @@ FACTS: dict[str, Callable[[], set[str]]] = {
     "mini-facts": mini_facts,
     "press-facts": press_facts,
     "direction-scale-facts": direction_scale_facts,
+    "place-bias-facts": place_bias_facts,
     "press-scale-facts": press_scale_facts,
     "after-shoves-facts": after_shoves_facts,
     "ideal-corner-facts": ideal_corner_facts,

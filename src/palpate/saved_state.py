@@ -19,7 +19,7 @@ from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, whole_file
 
-VERSION = 8  # files of another version are refused
+VERSION = 9  # files of another version are refused
 _HOME = "palpate."
 _PLAIN = (bool, int, float, str)
 _SEVERAL = {"list": list, "tuple": tuple}

@@ -33,6 +33,7 @@ from palpate.estimation.unknowns import (
     GRIP,
     OBJECT_SIZE,
     OUTLINE_SCALE,
+    PLACE_BIAS,
     SHARED_SIZE,
     STEP_SIZE,
     TURN_OFFSET,
@@ -206,8 +207,8 @@ def test_first_pose(where):
     root = np.eye(3 + OBJECT_SIZE) + 0.3 * rng.normal(size=(STATES, 3 + OBJECT_SIZE, 3 + OBJECT_SIZE))
     values = rng.normal(size=(STATES, OBJECT_SIZE))
     factor = FirstPose([Prior(*each) for each in zip(pose, values, root @ root.transpose(0, 2, 1), strict=True)])
-    bias, scale, depth, larger, ratio, *center, grip = rng.normal(size=(OBJECT_SIZE, STATES))
-    shared = {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale, DEPTH: depth, OUTLINE_SCALE: larger}
+    bias, scale, place, depth, larger, ratio, *center, grip = rng.normal(size=(OBJECT_SIZE, STATES))
+    shared = {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale, PLACE_BIAS: place, DEPTH: depth, OUTLINE_SCALE: larger}
     shared |= {FRICTION_RATIO: ratio, FRICTION_CENTER: np.array(center), GRIP: grip}
     at = values_at(DISC, g[:, None], e[:, None], shared)
     check(factor, at, terms_of(factor, at), tolerance=1e-6)  # an inverse root may be as large as 100

@@ -39,6 +39,7 @@ from palpate.estimation.unknowns import (
     GRIP,
     OBJECT_SIZE,
     OUTLINE_SCALE,
+    PLACE_BIAS,
     TURN_OFFSET,
 )
 from palpate.geometry import se2
@@ -135,15 +136,16 @@ def test_first_pose_by_hand():
     # As above, the pose is 0.1 m from where it is known to be; what belongs to the object is off by the difference, in
     # its order, each in standard deviations.
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
-    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
+    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 2e-3, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
     known = Prior(
-        np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2)
+        np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2)
     )
-    shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, DEPTH: 2e-4}
+    shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, PLACE_BIAS: 5e-3, DEPTH: 2e-4}
     shared |= {OUTLINE_SCALE: 0.02, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
     factor = FirstPose([known])
     rows = rows_of(factor, values_at(ANY, [[g]], [[e]], shared))
-    np.testing.assert_allclose(rows.residual[0, 0], [2.0, 0, 0, 4.0, -1.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0], atol=1e-12)
+    wanted = [2.0, 0, 0, 4.0, -1.0, 2.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0]
+    np.testing.assert_allclose(rows.residual[0, 0], wanted, atol=1e-12)
     jacobian = rows.jacobian[0, 0] * deviation[:, None]
     np.testing.assert_allclose(jacobian[3:], np.eye(OBJECT_SIZE, 6 + OBJECT_SIZE, 6), atol=1e-15)
     np.testing.assert_allclose(jacobian[:3, 6:], 0.0, atol=1e-15)

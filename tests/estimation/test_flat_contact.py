@@ -9,7 +9,7 @@ from palpate.errors import EstimationError
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factors.factor import Step
 from palpate.estimation.factors.place import Place, PlaceSettings
-from palpate.estimation.unknowns import SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
+from palpate.estimation.unknowns import IN_SHARED, PLACE_BIAS, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
 from palpate.estimation.values import Values
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle
@@ -85,12 +85,14 @@ def test_derivatives(model):
 def test_the_factor_of_the_place():
     factor = Place(PlaceSettings(share=4.0, kernel=None))
     g = np.array([[[-0.05, -0.003, 0.02]]])
-    values = Values(DISC, {SENSOR_IN_OBJECT: g, SENSOR: g}, np.zeros((SHARED_SIZE, 1)))
+    shared = np.zeros((SHARED_SIZE, 1))
+    shared[IN_SHARED[PLACE_BIAS]] = 3e-4
+    values = Values(DISC, {SENSOR_IN_OBJECT: g, SENSOR: g}, shared)
     terms = factor.terms(Step(g[0, 0], None, [ContactPlace(0.001, 1e-6)], [0.0]))
     assert terms is not None
     rows = factor.linearise(values, terms)
-    assert rows.residual[0, 0, 0] == pytest.approx(touch(DISC, *g[0, 0])["material"].imag - 0.001)
-    np.testing.assert_allclose(rows.jacobian[0, 0, 0], touch(DISC, *g[0, 0])["material_by_g"].imag)
+    assert rows.residual[0, 0, 0] == pytest.approx(touch(DISC, *g[0, 0])["material"].imag + 3e-4 - 0.001)
+    np.testing.assert_allclose(rows.jacobian[0, 0, 0], [*touch(DISC, *g[0, 0])["material_by_g"].imag, 1.0])
     assert rows.weight[0, 0, 0] == pytest.approx(1.0 / 4e-6)
     with pytest.raises(EstimationError, match="contact place has place nan"):
         ContactPlace(math.nan, 1.0)

@@ -169,7 +169,8 @@ def test_at_rest_there_is_no_sensor(name, caplog):
 
     prior = known()
     assert at_rest(prior, Strange(0.0, 1.0)) is prior
-    wanted = f"measurement Strange is of {name}; at rest there are object_pose, direction_bias, direction_scale, depth"
+    there = "object_pose, direction_bias, direction_scale, place_bias, depth"
+    wanted = f"measurement Strange is of {name}; at rest there are {there}"
     assert wanted in warning_of(caplog)
 
 

@@ -191,14 +191,15 @@ def test_what_is_believed_of_an_object():
     priors = Priors(
         direction_bias=(0.01, 0.02),
         direction_scale=(-0.05, 0.04),
+        place_bias=(2e-4, 5e-4),
         depth=(3e-4, 1e-4),
         outline_scale=(0.02, 0.05),
         friction_ratio=(0.2, 0.3),
         friction_center=(0.05, 0.1),
         grip=(0.5, 0.15),
     )
-    assert priors.mean.tolist() == [0.01, -0.05, 3e-4, 0.02, 0.2, 0.05, 0.05, 0.5]
-    assert priors.deviation.tolist() == [0.02, 0.04, 1e-4, 0.05, 0.3, 0.1, 0.1, 0.15]
+    assert priors.mean.tolist() == [0.01, -0.05, 2e-4, 3e-4, 0.02, 0.2, 0.05, 0.05, 0.5]
+    assert priors.deviation.tolist() == [0.02, 0.04, 5e-4, 1e-4, 0.05, 0.3, 0.1, 0.1, 0.15]
     assert priors.mean.shape == (OBJECT_SIZE,)
     assert priors.mean[IN_OBJECT[DIRECTION_BIAS]].tolist() == [0.01]
     assert priors.mean[IN_OBJECT[DEPTH]].tolist() == [3e-4]

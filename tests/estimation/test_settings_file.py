@@ -113,6 +113,7 @@ def test_a_file_of_version_1_is_still_read(tmp_path):
         "priors": {
             "direction_bias": (0.0, 0.02),
             "direction_scale": (0.0, 0.06),  # nor this
+            "place_bias": (0.0, 1.2e-3),  # nor this
             "depth": (2e-4, 3e-4),
             "outline_scale": (0.0, 0.007),  # nor this
             "friction_ratio": (0.1, 0.6),

@@ -26,6 +26,7 @@ from palpate.estimation.unknowns import (
     OF_OBJECT,
     OF_STEP,
     OUTLINE_SCALE,
+    PLACE_BIAS,
     SENSOR,
     SENSOR_IN_OBJECT,
     SHARED,
@@ -54,7 +55,8 @@ def test_unknowns_follow_one_another_without_a_gap(unknowns, places, size):
 def test_where_they_stand():
     assert (IN_STEP[SENSOR_IN_OBJECT], IN_STEP[SENSOR]) == (slice(0, 3), slice(3, 6))
     assert OF_CONTACT == (TURN_OFFSET,)
-    assert OF_OBJECT == (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, OUTLINE_SCALE, FRICTION_RATIO, FRICTION_CENTER, GRIP)
+    of_touch = DIRECTION_BIAS, DIRECTION_SCALE, PLACE_BIAS, DEPTH, OUTLINE_SCALE
+    assert (*of_touch, FRICTION_RATIO, FRICTION_CENTER, GRIP) == OF_OBJECT
     assert SHARED == OF_CONTACT + OF_OBJECT  # those of the contact first, so that the others are one piece
     assert set(UNKNOWNS) == set(OF_STEP) | set(SHARED)
     assert SHARED_SIZE == CONTACT_SIZE + OBJECT_SIZE
@@ -66,8 +68,8 @@ def test_where_they_stand():
 def test_each_is_known_by_its_name():
     for unknown in (OBJECT_POSE, *UNKNOWNS):
         assert named(unknown.name) is unknown
-    names = "object_pose, sensor_in_object, sensor, turn_offset, direction_bias, direction_scale, depth, outline_scale"
-    known = f"{names}, friction_ratio, friction_center, grip"
+    names = "object_pose, sensor_in_object, sensor, turn_offset, direction_bias, direction_scale, place_bias, depth"
+    known = f"{names}, outline_scale, friction_ratio, friction_center, grip"
     with pytest.raises(SettingError, match=f"unknown 'yaw' is not known; known are {known}"):
         named("yaw")
 
@@ -156,7 +158,7 @@ def test_friction_is_less_certain_at_the_next_contact():
     keeps, more, usually = np.ones(3 + OBJECT_SIZE), np.zeros(3 + OBJECT_SIZE), np.zeros(OBJECT_SIZE)
     for unknown, mean, variance in ((FRICTION_RATIO, 0.5, 0.7744), (FRICTION_CENTER, 0.0, 0.0484), (GRIP, 0.3, 0.0121)):
         place = slice(3 + IN_OBJECT[unknown].start, 3 + IN_OBJECT[unknown].stop)
-        keeps[place], more[place], usually[IN_OBJECT[unknown]] = 0.897998, variance, mean
+        keeps[place], more[place], usually[IN_OBJECT[unknown]] = 0.8979978, variance, mean
     np.testing.assert_allclose(later.values, usually + keeps[3:] * (known.values - usually), atol=1e-6)
     np.testing.assert_allclose(later.covariance, covariance * np.outer(keeps, keeps) + np.diag(more), atol=1e-6)
     # Where contacts teach nothing it is known as well as at first.

@@ -189,6 +189,7 @@ def test_the_settings_that_ship():
         "priors": {
             "direction_bias": (0.0, 0.02),
             "direction_scale": (0.0, 0.06),
+            "place_bias": (0.0, 1.2e-3),
             "depth": (3e-4, 4e-4),
             "outline_scale": (0.0, 0.007),
             "friction_ratio": (0.2, 0.66),

@@ -196,7 +196,7 @@ def test_files_that_are_no_saved_tracker(saved, tmp_path):
 def test_states_of_other_versions_and_other_code(saved):
     about = StateFile(saved).about
     for changes, words in (
-        ({"version": 1}, "version is 1, this palpate reads 8"),
+        ({"version": 1}, "version is 1, this palpate reads 9"),
         ({"about": {**about, "palpate": "9.9"}}, "was saved by palpate 9.9, and this is 0"),
         ({"about": {**about, "model_hash": "0"}}, "its touch model is another one now"),
         ({"about": {**about, "shape": {"type": "cube"}}}, "cube"),

@@ -73,6 +73,7 @@ PUBLISHED = NoiseSettings(
     priors=Priors(
         direction_bias=(0.0, 1e-9),
         direction_scale=(0.0, 1e-9),
+        place_bias=(0.0, 1e-9),
         depth=(0.0, 1e-9),
         outline_scale=(0.0, 1e-9),
         friction_ratio=(0.0, 1e-9),

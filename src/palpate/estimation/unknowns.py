@@ -77,6 +77,14 @@ DIRECTION_SCALE = Unknown(
     "What share of themselves all contact directions of one sensor and object are too large by.",
     prior=(0.0, 0.06),
 )
+PLACE_BIAS = Unknown(
+    "place_bias",
+    "object",
+    1,
+    "m",
+    "What all contact places of one sensor and object are too large by.",
+    prior=(0.0, 1.2e-3),
+)
 DEPTH = Unknown(
     "depth",
     "object",
@@ -127,6 +135,7 @@ UNKNOWNS = (
     TURN_OFFSET,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
+    PLACE_BIAS,
     DEPTH,
     OUTLINE_SCALE,
     FRICTION_RATIO,
@@ -180,6 +189,8 @@ class Priors(Settings):
     """See DIRECTION_BIAS [rad]."""
     direction_scale: Normal = _prior(DIRECTION_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))
     """See DIRECTION_SCALE."""
+    place_bias: Normal = _prior(PLACE_BIAS, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
+    """See PLACE_BIAS [m]."""
     depth: Normal = _prior(DEPTH, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
     """See DEPTH [m]."""
     outline_scale: Normal = _prior(OUTLINE_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))

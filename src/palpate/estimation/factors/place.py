@@ -1,8 +1,8 @@
 """Contact place: touch tells where along y a flat pad is touched.
 
 The true place is that of the sensor's material point, the mean over the pad's parts by how much each bears, so the
-residual [m] is `y of material - place`. On a flat pad a round outline is touched with its normal along x wherever it
-lies: what a contact direction tells on a round tip, this tells there.
+residual [m] is `y of material + bias - place`. On a flat pad a round outline is touched with its normal along x
+wherever it lies: what a contact direction tells on a round tip, this tells there.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from palpate.compiled import Array, Given, Places, Records, compiled
 from palpate.estimation.factors.one_term_each import OneTermEach
 from palpate.estimation.planar import cauchy
 from palpate.estimation.setting import Settings, Tunable, setting
-from palpate.estimation.unknowns import SENSOR_IN_OBJECT
+from palpate.estimation.unknowns import IN_SHARED, PLACE_BIAS, SENSOR_IN_OBJECT
 from palpate.estimation.values import State
 from palpate.recording.measurements import ContactPlace
 
@@ -30,6 +30,9 @@ class PlaceSettings(Settings):
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
 
 
+_BIAS = IN_SHARED[PLACE_BIAS].start
+
+
 @compiled
 def _linearise(
     state: State,
@@ -41,14 +44,15 @@ def _linearise(
     information: Array,
     weight: Array,
 ) -> None:
-    g, _e, _shared, touching, _angle, _c, _model_center, _knocks = state
+    g, _e, shared, touching, _angle, _c, _model_center, _knocks = state
     (kernel,) = given
     for b in range(len(g)):
         for t in range(len(places)):
             touch, inverse_variance = touching[b, places[t, 0]], data[t].information
-            residual[b, t, 0] = touch.material.imag - data[t].place
+            residual[b, t, 0] = touch.material.imag + shared[_BIAS, b] - data[t].place
             for k in range(3):
                 jacobian[b, t, 0, k] = touch.material_by_g[k].imag
+            jacobian[b, t, 0, 3] = 1.0
             information[b, t, 0] = inverse_variance
             weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
 
@@ -58,6 +62,7 @@ class Place(OneTermEach):
 
     name = "place"
     steps = ((SENSOR_IN_OBJECT,),)
+    shared = (PLACE_BIAS,)
     measurement, value = ContactPlace, "place"
     data = DATA
     kernel = _linearise
