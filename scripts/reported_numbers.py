@@ -229,21 +229,15 @@ def limits() -> set[str]:
 
 
 def ways() -> str:
-    """Return the table of the ways of `--tactile` on 375 sequences, as the page of that study printed it."""
-    rows = loaded("docs/study/ways_375.json")["table"]["all groups"]
-    return table(
-        ("touch", "final error", "in 95 %", "lost"),
-        [
-            [
-                f"`{name}`",
-                f"{row['final_mm']['median']:.1f} mm, {row['final_deg']['median']:.1f}° "
-                f"({row['final_mm']['worst']:.0f}, {row['final_deg']['worst']:.0f})",
-                percent(row["inside_95"]),
-                str(row["lost"]),
-            ]
-            for name, row in rows.items()
-        ],
-    )
+    """Return the table of the ways of `--tactile`."""
+    rows = sequences("ways")
+    cells = []
+    for way in dict.fromkeys(row["tactile"] for row in rows):
+        of_way = [row for row in rows if row["tactile"] == way]
+        cells.append(
+            [f"`{way}`", final(of_way), covered(of_way), silent(of_way), f"{sum(row['lost'] for row in of_way):.0f}"]
+        )
+    return table(("touch", *SCORES[2:], "lost"), cells)
 
 
 MINI = {"disc": "disc", "rectangle-edges": "rectangle, edges", "ellipse": "ellipse"}
