@@ -1,6 +1,6 @@
 """What touch images tell of sliding, on units left out: docs/study/slip.json.
 
-    palpate simulate FOLDER --count 30 --seed 2
+    palpate simulate FOLDER --count 30 --seed 73601
     python scripts/measure_slip.py FOLDER
 
 A frame slides where the contact moves along the outline by more than a tenth of the sensor's motion. Ridge regressions
