@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.errors import EstimationError
+from palpate.estimation.belief import Prior
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.factors.factor import Step
 from palpate.estimation.factors.place import Place, PlaceSettings
-from palpate.estimation.unknowns import IN_SHARED, PLACE_BIAS, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
+from palpate.estimation.settings import NoiseSettings
+from palpate.estimation.smoother import make_smoother
+from palpate.estimation.unknowns import IN_OBJECT, IN_SHARED, PLACE_BIAS, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
 from palpate.estimation.values import Values
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle
@@ -107,3 +110,20 @@ def test_parts_of_a_profile():
     (outline,) = GELSIGHT_MINI.pads
     assert outline[:, 1].max() == pytest.approx(GELSIGHT_MINI.half_width)
     assert outline[:, 0].max() == pytest.approx(0.0, abs=1e-4)
+
+
+def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
+    """A pad pushes a disc straight ahead, known to 0.1 mm, and all places are told 1 mm too large."""
+    settings = NoiseSettings()
+    sure = np.concatenate([[1e-4, 1e-4, 1e-3], settings.priors.deviation])
+    first, way = np.array([-0.05, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0])
+    prior = Prior(np.zeros(3), settings.priors.mean, np.diag(sure**2))
+    said = [ContactPlace(touch(DISC, *first)["material"].imag + 1e-3, 1e-8)]
+    contact = make_smoother("fixed-lag", settings, DISC)(prior, first, said, 0.0)
+    for step in range(1, 8):
+        contact.add(first + step * way, said, step / 30.0)
+    known = contact.belief().prior
+    bias, of_bias = known[PLACE_BIAS][0], 3 + IN_OBJECT[PLACE_BIAS].start
+    assert bias == pytest.approx(1e-3, abs=1e-4)
+    assert math.sqrt(known.covariance[of_bias, of_bias]) < 0.3 * settings.priors.place_bias[1]
+    assert known.pose[1] == pytest.approx(0.0, abs=1e-4)
