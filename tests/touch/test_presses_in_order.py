@@ -109,8 +109,10 @@ def test_gels_that_are_not_round_need_angles(images, unit):
 
 
 def test_an_image_that_shows_nothing_is_named(images, unit):
-    with pytest.raises(FileError, match=r"2\.png: shows no touch"):
-        learn("as it is", [*images[:2], unit.no_contact, *images[3:]], unit.no_contact)
+    noise = touch_image(unit, None, rng=np.random.default_rng(1))
+    for shown in (unit.no_contact, noise):
+        with pytest.raises(FileError, match=r"1\.png: shows no touch"):
+            learn("as it is", [images[0], shown, *images[2:]], unit.no_contact)
 
 
 def test_a_real_gel_finds_out_how_it_lies(shared_data):

@@ -122,6 +122,7 @@ def learn_from_presses(
     likely, fit = max(fits, key=lambda each: each[0])
     if not presses.is_measured:
         if likely == -math.inf:
+            _check_touched(fit, presses)  # one that shows nothing is in no order either
             raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
         check_spread(fit.angle)
     over, worst = ("the given angles", WORST) if presses.is_measured else ("the places of the imprints", 2.0 * WORST)
