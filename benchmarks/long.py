@@ -12,6 +12,7 @@ go; in the other it draws back every ten seconds and pushes at another place. Of
 """
 
 import json
+import math
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ import psutil
 import tyro
 from numpy.typing import NDArray
 from pushes import RATE, SHAPE
+from scipy.signal import lfilter
 
 from palpate.estimation.contact_model import contact_model
 from palpate.estimation.settings import NoiseSettings
@@ -46,8 +48,9 @@ from palpate.tracking.metrics import inside_95, nees, translation_errors
 Array = NDArray[np.float64]
 CONTACT, AWAY = 300, 30
 """Frames of a contact, where there are many, and between them."""
-FELT, STATED = 2e-3, 1e-2
-"""[rad] by which touch is off, and what it states, standard deviations: errors of learnt touch last, and it says so."""
+FELT, STATED, LASTS = 2e-3, 1e-2, 19.0
+"""[rad] by which touch is off and what it states, standard deviations, and frames for which an error lasts, as those of
+learnt touch do."""
 BACK = 0.03
 """[m] from the object between contacts."""
 PARTS = 10
@@ -102,6 +105,14 @@ def gaps(count: int, rng: np.random.Generator) -> Array:
     return drawn
 
 
+def errors(count: int, rng: np.random.Generator) -> Array:
+    """Errors of touch (count,) [rad] that last: of the first order, and as large at the beginning as later."""
+    stays = math.exp(-1.0 / LASTS)
+    new = rng.normal(0.0, FELT, count)
+    new[1:] *= math.sqrt(1.0 - stays**2)
+    return np.asarray(lfilter([1.0], [1.0, -stays], new))
+
+
 def felt(truth: Pushed, values: Array, rng: np.random.Generator) -> Iterator[tuple[Frame, tuple[Measurement, ...]]]:
     """Frames as a sensor measures them, each with what touch says."""
     count = len(truth.objects)
@@ -109,10 +120,10 @@ def felt(truth: Pushed, values: Array, rng: np.random.Generator) -> Iterator[tup
     sensors = se2.compose(truth.sensors, se2.exp(rng.normal(size=(count, 3)) * NOISE.sensor_pose.deviation))
     inward = -MODEL.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])
     direction = np.angle(inward) + values[IN_OBJECT[DIRECTION_BIAS]]
-    direction += rng.normal(0.0, FELT, count)
+    direction += errors(count, rng)
     begins = np.diff(truth.contact, prepend=False)
     turn = g[:, 2] + rng.uniform(-3.0, 3.0, count)[np.maximum.accumulate(begins * np.arange(count))]
-    turn += rng.normal(0.0, FELT, count)
+    turn += errors(count, rng)
     for k in range(count):
         touched = bool(truth.contact[k])
         said = ContactDirection(float(direction[k]), STATED**2), Turn(float(se2.wrap(turn[k])), STATED**2)

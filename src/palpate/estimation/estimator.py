@@ -20,6 +20,7 @@ from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
 from palpate.estimation.touched import Touched, touched
+from palpate.estimation.trail import Trail
 from palpate.estimation.unknowns import LAG, Normal
 from palpate.estimation.untold_yaw import put_aside, put_back
 from palpate.estimation.values import Knock
@@ -61,8 +62,10 @@ class Estimator:
         self._start: Prior | None = None  # what the next contact begins with, where it is not what was known before
         self._touched: tuple[Array, float] | None = None  # the sensor's pose and the time of the last frame of contact
         self._resting_since: float | None = None  # [s]
-        self._settled: list[Array] = []  # object poses (N, 3) up to the current graph
-        self._online: list[tuple[float, Array]] = []  # [s], object poses (3,) of the current graph as they were
+        self._settled = Trail()  # object poses (3,) up to the current graph
+        self._online = Trail()  # those of the current graph as they were
+        self._began_at = 0.0  # [s], the current graph
+        self._recent: list[tuple[float, Array]] = []  # [s], poses (3,) of its last frames as they were, LAG at most
 
     @property
     def _whole(self) -> Prior:
@@ -106,7 +109,7 @@ class Estimator:
     @property
     def touched_for(self) -> float:
         """Time from the first frame of the current graph to the last one [s]; 0 between contacts."""
-        return self._online[-1][0] - self._online[0][0] if self._online else 0.0
+        return self._recent[-1][0] - self._began_at if self._recent else 0.0
 
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here (3,), and the standard deviation of that [m]."""
@@ -114,8 +117,8 @@ class Estimator:
 
     def path(self) -> Array:
         """Return all object poses so far (N, 3), each as all later measurements in its contact leave it."""
-        parts = [*self._settled, *([] if self._contact is None else [_object_path(self._contact)])]
-        return np.concatenate(parts) if parts else np.empty((0, 3))
+        settled = self._settled.rows().reshape(-1, 3)
+        return settled if self._contact is None else np.concatenate([settled, _object_path(self._contact)])
 
     def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise.
@@ -126,7 +129,7 @@ class Estimator:
             self._measure_at_rest(measurements, time)
         if self._resting_since is None:
             self._resting_since = time
-        self._settled.append(self.known.pose[None])
+        self._settled.append(self.known.pose)
         self._sensor_pose = sensor_pose
         self._diagnosis.see_rest(self.known, sensor_pose)
         if self._touched is not None:
@@ -157,7 +160,7 @@ class Estimator:
         """Return one that knows the same and may go another way."""
         other = copy(self)
         other._diagnosis = copy(self._diagnosis)
-        other._settled, other._online = [*self._settled], [*self._online]
+        other._settled, other._online = self._settled.copied(), self._online.copied()
         return other
 
     def mean_square(self, name: str, steps: int) -> float:
@@ -205,7 +208,7 @@ class Estimator:
     ) -> None:
         is_measured = any(isinstance(one, ObjectPose) for one in measurements)
         if is_measured:
-            recent = self._online[-LAG:]
+            recent = self._recent
             step = Step(sensor_pose, self._sensor_pose, measurements, [*(then for then, _ in recent), time])
             measured = measured_poses(step, [*(pose for _, pose in recent), self.known.pose])
             self._diagnosis.see_object_poses(self.known, measured, step.moved)
@@ -227,7 +230,7 @@ class Estimator:
             "together leave undetermined, or a sensor pose far from the object"
         )
         logger.warning("%s; starting a new graph from the last pose", reason)
-        self._settle(np.array([pose for _, pose in self._online]).reshape(-1, 3))
+        self._settle(self._online.rows().reshape(-1, 3))
         before = sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
         self.known = self.known.loosened(self._diagnosis.covariance_of_motion(pushed))
@@ -244,7 +247,7 @@ class Estimator:
 
     def stay(self, frames: int) -> None:
         """Let the object rest for so many frames of which nothing else was believed."""
-        self._settled.append(np.tile(self.known.pose, (frames, 1)))
+        self._settled.extend(np.tile(self.known.pose, (frames, 1)))
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something else may have moved by so much meanwhile [m]."""
@@ -256,8 +259,8 @@ class Estimator:
 
     def _settle(self, poses: Array) -> None:
         """Keep the poses (N, 3) of the current graph, which is over."""
-        self._settled.append(poses)
-        self._online.clear()
+        self._settled.extend(poses)
+        self._online, self._recent = Trail(), []
         self._diagnosis.forget_errors()
         self._contact = self._resting_since = None
 
@@ -265,7 +268,10 @@ class Estimator:
         self.known = contact.belief().prior
         if not knocked:
             self._diagnosis.see_errors(contact.last_errors())
-        self._online.append((time, self.known.pose))
+        if not self._recent:
+            self._began_at = time
+        self._online.append(self.known.pose)
+        self._recent = [*self._recent, (time, self.known.pose)][-LAG:]
         self._sensor_pose = sensor_pose
 
     def _measure_at_rest(self, measurements: Sequence[Measurement], time: float) -> None:

@@ -28,6 +28,7 @@ from palpate.estimation.growing_terms import GrowingTerms
 from palpate.estimation.linearised import Linearised
 from palpate.estimation.normal_equations import Gaussian
 from palpate.estimation.past import nothing_past, without_oldest
+from palpate.estimation.trail import Trail
 from palpate.estimation.unknowns import (
     CONTACT_SIZE,
     GRIP,
@@ -91,7 +92,7 @@ class Window:
         self._past, self._past_at = nothing_past(len(priors)), self._values
         self._measured, self._times = sensor_pose, [time]
         self._left_costs = np.empty((len(priors), 0, 2))
-        self._left: list[Array] = []  # g and e of the steps that left, in pieces (B, N, 2, 3)
+        self._left = [Trail() for _ in priors]  # g and e (2, 3) of the steps that left, one a smoother
         self.is_lost = np.zeros(len(priors), np.bool_)
         """Whether the graph of a smoother has no solution (B,)."""
         self._costs: Array | None = None  # as they were asked for since the last frame, and below errors
@@ -162,7 +163,7 @@ class Window:
         other._past = Gaussian(first._past.steps, information, gradient)
         other._covariance = joined(lambda one: one._covariance)
         other._left_costs = joined(lambda one: one._left_costs)
-        other._left = [joined(Window._in_one_piece)] if first._left else []
+        other._left = [window._left[b].copied() for window, b in chosen]
         other.is_lost = joined(lambda one: one.is_lost)
         other._gather()
         other._linearised.linearise(joined_values(lambda one: one._linearised.at))
@@ -171,15 +172,9 @@ class Window:
     def _copied(self) -> "Window":
         other = copy(self)
         other._costs = other._errors = None
-        other._times, other._left = [*self._times], [*self._left]
+        other._times, other._left = [*self._times], [left.copied() for left in self._left]
         other._terms = [grown.copy() for grown in self._terms]
         return other
-
-    def _in_one_piece(self) -> Array:
-        """Return g and e (B, N, 2, 3) of the steps that left, which from now on are one piece: there may be 100 000."""
-        if len(self._left) > 1:
-            self._left = [np.concatenate(self._left, axis=1)]
-        return self._left[0]
 
     @property
     def smoothers(self) -> int:
@@ -200,9 +195,7 @@ class Window:
     def path(self) -> tuple[Array, Array]:
         """Return all steps of this contact, g and e (B, N, 3); those that left the window as they last were in it."""
         g, e = self._values[SENSOR_IN_OBJECT], self._values[SENSOR]
-        if not self._left:
-            return g, e
-        left = self._in_one_piece()
+        left = np.array([each.rows().reshape(-1, 2, 3) for each in self._left])
         return np.concatenate([left[:, :, 0], g], axis=1), np.concatenate([left[:, :, 1], e], axis=1)
 
     def pushing_angle(self) -> Array:
@@ -293,6 +286,7 @@ class Window:
         self._left_costs = np.concatenate([self._left_costs, self._linearised.costs()[:, :1]], axis=1)[:, -_REMEMBERED:]
         for grown in self._terms:
             grown.drop_oldest()
-        self._left.append(np.stack([self._values[one][:, :1] for one in (SENSOR_IN_OBJECT, SENSOR)], axis=2))
+        for left, g, e in zip(self._left, self._values[SENSOR_IN_OBJECT], self._values[SENSOR], strict=True):
+            left.append(np.array([g[0], e[0]]))
         self._values = self._values.without_oldest()
         del self._times[0]
