@@ -606,11 +606,13 @@ def long_runs() -> str:
     """Return the table of a hundred thousand frames through one tracker."""
     rows = []
     for name, run in loaded("docs/study/long.json").items():
-        ends = [f"{run['p50_ms'][k]:.1f} ms, {run['rss_mb'][k]:.0f} MB" for k in (0, -1)]
+        ends = [f"{run['p50_ms'][k]:.1f} ({run['p95_ms'][k]:.0f}) ms, {run['rss_mb'][k]:.0f} MB" for k in (0, -1)]
         inside = [percent(share) for share in (run["inside_95"][0], fmean(run["inside_95"]), run["inside_95"][-1])]
-        rows.append([name, f"{run['frames']:,}".replace(",", " "), str(run["contacts"]), *ends, ", ".join(inside)])
+        doubted = percent(run["statuses"].get("ambiguous", 0) / run["frames"])
+        frames = f"{run['frames']:,}".replace(",", " ")
+        rows.append([name, frames, str(run["contacts"]), *ends, ", ".join(inside), doubted])
     columns = ("first tenth: step, memory", "last tenth: step, memory", "in 95 %: first tenth, all, last tenth")
-    return table(("", "frames", "contacts", *columns), rows)
+    return table(("", "frames", "contacts", *columns, "`ambiguous`"), rows)
 
 
 def step_facts() -> set[str]:
