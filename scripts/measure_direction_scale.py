@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from palpate.estimation.contact_model import contact_model
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
-from palpate.recording.sensor import DIGIT
+from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.simulation.gel import ball_overlap, draw_side, render, touch_image
 from palpate.simulation.unit import SensorUnit, draw_unit
 from palpate.touch.background import Image
-from palpate.touch.difference import difference_in_light, reduced
+from palpate.touch.difference import Difference, difference_in_light, reduced
 from palpate.touch.model import shipped_model
 
 Array = NDArray[np.float64]
@@ -44,9 +44,7 @@ def main() -> None:
     model = shipped_model()
     scale = model.settings.spread["direction"].scale
     told: dict[str, list[tuple[float, float, float, float]]] = {}
-    for seed in range(FIRST_SEED, FIRST_SEED + UNITS):
-        unit, rng = draw_unit(DIGIT, seed), np.random.default_rng(seed)
-        mean = reduced(np.mean([touch_image(unit, None, rng=rng).astype(np.float32) for _ in range(15)], axis=0))
+    for unit, rng, mean in units_at_rest(DIGIT, range(FIRST_SEED, FIRST_SEED + UNITS)):
         for name in (*SHAPES, "ball"):
             pressed = list(presses(name, unit, rng))
             said = [model.look(difference_in_light(image, mean)).direction for _, image in pressed]
@@ -56,6 +54,14 @@ def main() -> None:
     lines = {name: np.array(each) for name, each in told.items()}
     found = {name: spread_of(each) | over_ball(each, lines["ball"]) for name, each in lines.items()}
     OUT.write_text(json.dumps({"units": UNITS, "angles": len(ANGLES), **found}, indent=2) + "\n", encoding="utf-8")
+
+
+def units_at_rest(sensor: SensorProfile, seeds: range) -> Iterator[tuple[SensorUnit, np.random.Generator, Difference]]:
+    """Yield the units of these seeds, what draws for each, and its untouched gel, as small as networks see it."""
+    for seed in seeds:
+        unit, rng = draw_unit(sensor, seed), np.random.default_rng(seed)
+        still = [touch_image(unit, None, rng=rng).astype(np.float32) for _ in range(15)]
+        yield unit, rng, reduced(np.mean(still, axis=0))
 
 
 def presses(name: str, unit: SensorUnit, rng: np.random.Generator) -> Iterator[tuple[float, Image]]:

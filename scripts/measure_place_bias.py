@@ -13,16 +13,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from measure_direction_scale import BALLS, DEPTHS, line
+from measure_direction_scale import BALLS, DEPTHS, line, units_at_rest
 from numpy.typing import NDArray
 
 from palpate.estimation.contact_model import contact_model
 from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.recording.sensor import GELSIGHT_MINI
 from palpate.simulation.gel import ball_overlap, draw_side, render, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.simulation.unit import SensorUnit
 from palpate.touch.background import Image
-from palpate.touch.difference import difference_in_light, reduced
+from palpate.touch.difference import difference_in_light
 from palpate.touch.model import shipped_model
 
 OUT = Path(__file__).parents[1] / "docs/study/place_bias.json"
@@ -37,9 +37,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     model = shipped_model(GELSIGHT_MINI.name)
     lines: dict[str, list[tuple[float, ...]]] = {name: [] for name in (*SHAPES, "ball")}
-    for seed in range(FIRST_SEED, FIRST_SEED + UNITS):
-        unit, rng = draw_unit(GELSIGHT_MINI, seed), np.random.default_rng(seed)
-        mean = reduced(np.mean([touch_image(unit, None, rng=rng).astype(np.float32) for _ in range(15)], axis=0))
+    for unit, rng, mean in units_at_rest(GELSIGHT_MINI, range(FIRST_SEED, FIRST_SEED + UNITS)):
         for name, each in lines.items():
             true, images = zip(*presses(name, unit, rng), strict=True)
             said = [model.look(difference_in_light(image, mean)).place or (np.nan, np.nan) for image in images]

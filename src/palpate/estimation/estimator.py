@@ -16,12 +16,12 @@ from palpate.estimation.diagnosis import REASONS, Diagnosis, Status
 from palpate.estimation.factor_list import make_factors
 from palpate.estimation.factors.factor import Step
 from palpate.estimation.fixed_lag import FixedLag, add_to_all
+from palpate.estimation.object_path import ObjectPath
 from palpate.estimation.rest import measured_at_rest
 from palpate.estimation.settings import NoiseSettings
 from palpate.estimation.smoother import Smoother, SmootherName, make_smoother
 from palpate.estimation.touched import Touched, touched
-from palpate.estimation.trail import Trail
-from palpate.estimation.unknowns import LAG, Normal
+from palpate.estimation.unknowns import Normal
 from palpate.estimation.untold_yaw import put_aside, put_back
 from palpate.estimation.values import Knock
 from palpate.geometry import se2
@@ -62,10 +62,7 @@ class Estimator:
         self._start: Prior | None = None  # what the next contact begins with, where it is not what was known before
         self._touched: tuple[Array, float] | None = None  # the sensor's pose and the time of the last frame of contact
         self._resting_since: float | None = None  # [s]
-        self._settled = Trail()  # object poses (3,) up to the current graph
-        self._online = Trail()  # those of the current graph as they were
-        self._began_at = 0.0  # [s], the current graph
-        self._recent: list[tuple[float, Array]] = []  # [s], poses (3,) of its last frames as they were, LAG at most
+        self._path = ObjectPath()
 
     @property
     def _whole(self) -> Prior:
@@ -109,7 +106,7 @@ class Estimator:
     @property
     def touched_for(self) -> float:
         """Time from the first frame of the current graph to the last one [s]; 0 between contacts."""
-        return self._recent[-1][0] - self._began_at if self._recent else 0.0
+        return self._path.lasts
 
     def gap(self, sensor_pose: Array) -> tuple[float, float]:
         """Return how far from the object a sensor is that stands here (3,), and the standard deviation of that [m]."""
@@ -117,7 +114,7 @@ class Estimator:
 
     def path(self) -> Array:
         """Return all object poses so far (N, 3), each as all later measurements in its contact leave it."""
-        settled = self._settled.rows().reshape(-1, 3)
+        settled = self._path.settled
         return settled if self._contact is None else np.concatenate([settled, _object_path(self._contact)])
 
     def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
@@ -129,7 +126,7 @@ class Estimator:
             self._measure_at_rest(measurements, time)
         if self._resting_since is None:
             self._resting_since = time
-        self._settled.append(self.known.pose)
+        self._path.stayed(self.known.pose)
         self._sensor_pose = sensor_pose
         self._diagnosis.see_rest(self.known, sensor_pose)
         if self._touched is not None:
@@ -160,7 +157,7 @@ class Estimator:
         """Return one that knows the same and may go another way."""
         other = copy(self)
         other._diagnosis = copy(self._diagnosis)
-        other._settled, other._online = self._settled.copied(), self._online.copied()
+        other._path = self._path.copied()
         return other
 
     def mean_square(self, name: str, steps: int) -> float:
@@ -208,7 +205,7 @@ class Estimator:
     ) -> None:
         is_measured = any(isinstance(one, ObjectPose) for one in measurements)
         if is_measured:
-            recent = self._recent
+            recent = self._path.recent
             step = Step(sensor_pose, self._sensor_pose, measurements, [*(then for then, _ in recent), time])
             measured = measured_poses(step, [*(pose for _, pose in recent), self.known.pose])
             self._diagnosis.see_object_poses(self.known, measured, step.moved)
@@ -230,7 +227,7 @@ class Estimator:
             "together leave undetermined, or a sensor pose far from the object"
         )
         logger.warning("%s; starting a new graph from the last pose", reason)
-        self._settle(self._online.rows().reshape(-1, 3))
+        self._settle(self._path.online)
         before = sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
         self.known = self.known.loosened(self._diagnosis.covariance_of_motion(pushed))
@@ -247,7 +244,7 @@ class Estimator:
 
     def stay(self, frames: int) -> None:
         """Let the object rest for so many frames of which nothing else was believed."""
-        self._settled.extend(np.tile(self.known.pose, (frames, 1)))
+        self._path.stayed(self.known.pose, frames)
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor let go of the object, which something else may have moved by so much meanwhile [m]."""
@@ -259,8 +256,7 @@ class Estimator:
 
     def _settle(self, poses: Array) -> None:
         """Keep the poses (N, 3) of the current graph, which is over."""
-        self._settled.extend(poses)
-        self._online, self._recent = Trail(), []
+        self._path.settle(poses)
         self._diagnosis.forget_errors()
         self._contact = self._resting_since = None
 
@@ -268,10 +264,7 @@ class Estimator:
         self.known = contact.belief().prior
         if not knocked:
             self._diagnosis.see_errors(contact.last_errors())
-        if not self._recent:
-            self._began_at = time
-        self._online.append(self.known.pose)
-        self._recent = [*self._recent, (time, self.known.pose)][-LAG:]
+        self._path.estimated(time, self.known.pose)
         self._sensor_pose = sensor_pose
 
     def _measure_at_rest(self, measurements: Sequence[Measurement], time: float) -> None:

@@ -20,13 +20,13 @@ class Trail:
         """Add a row, which is not to be changed afterwards."""
         self._last.append(row)
         if len(self._last) == _PIECE:
-            self.extend(np.empty((0, *row.shape)))
+            self._end_piece()
 
     def extend(self, rows: Array) -> None:
-        """Add rows (N, ...)."""
-        new = [np.array(self._last)] if self._last else []
-        self._pieces += [each for each in (*new, rows) if len(each)]
-        self._last = []
+        """Add rows (N, ...), which are not to be changed afterwards."""
+        self._end_piece()
+        if len(rows):
+            self._pieces.append(rows)
 
     def copied(self) -> "Trail":
         """Return one with the same rows that goes its own way."""
@@ -38,3 +38,8 @@ class Trail:
         """Return all rows (N, ...); an array (0,) where there are none."""
         parts = [*self._pieces, *([np.array(self._last)] if self._last else [])]
         return np.concatenate(parts) if parts else np.empty(0)
+
+    def _end_piece(self) -> None:
+        if self._last:
+            self._pieces.append(np.array(self._last))
+            self._last = []
