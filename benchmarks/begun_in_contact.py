@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FrameError
-from palpate.formats import load_recording
 from palpate.geometry import se2
-from palpate.recording.recording import Recording
+from palpate.io import load_recording
+from palpate.pipeline.run import track
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
 from palpate.tracker import Tracker
-from palpate.tracking.run import track
+from palpate.types.recording import Recording
 
 LATEST = 20  # frames of the first contact that are cut off at most
 

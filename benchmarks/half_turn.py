@@ -12,10 +12,10 @@ from pathlib import Path
 from statistics import fmean, median
 
 from palpate import Tracker, load_recording
-from palpate.estimation.settings import NoiseSettings
-from palpate.recording.recording import Recording
+from palpate.config.settings import NoiseSettings
+from palpate.pipeline.prepared import first_pose_of
 from palpate.touch.view import AS_IT_IS, CameraView
-from palpate.tracking.prepared import first_pose_of
+from palpate.types.recording import Recording
 
 VIEWS = {"as it is": AS_IT_IS, "turned by half a turn": CameraView(2), "mirrored": CameraView(0, mirrored=True)}
 

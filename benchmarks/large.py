@@ -21,12 +21,12 @@ import cv2
 import psutil
 import tyro
 
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.objects import SHAPES
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
-from palpate.recording.stored_images import StoredImages
-from palpate.simulation.recordings import simulate_recording
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.simulate.recordings import simulate_recording
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
+from palpate.types.stored_images import StoredImages
 
 BYTES = 300_000
 """Of an image."""

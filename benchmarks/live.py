@@ -27,13 +27,13 @@ from typing import Any
 import psutil
 import tyro
 
-from palpate.formats.bags.containers import raw_messages
-from palpate.formats.bags.estimates_mcap import POSES
-from palpate.formats.bags.recording_mcap import IMAGES
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.objects import SHAPES
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.recordings import simulate_recording
+from palpate.io.bags.containers import raw_messages
+from palpate.io.bags.estimates_mcap import POSES
+from palpate.io.bags.recording_mcap import IMAGES
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.simulate.recordings import simulate_recording
+from palpate.types.sensor import DIGIT
 
 TARGETS = {"p50": 8.0, "p99": 25.0, "rss_growth_mb": 50.0}
 """[ms, ms, MB]"""
@@ -44,7 +44,7 @@ MB = 1e6
 SESSION = """
 import sys
 from palpate.cli import main
-from palpate.view import live, viewer
+from palpate.viewer import live, viewer
 if not viewer.has_display():
     opened = viewer.open_viewer
     viewer.has_display = lambda: True

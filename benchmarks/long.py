@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from pushes import RATE, SHAPE
 from scipy.signal import lfilter
 
-from palpate.estimation.contact_model import contact_model
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.unknowns import (
+from palpate.config.settings import NoiseSettings
+from palpate.geometry import se2
+from palpate.graph.contact_geometry import contact_model
+from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
     FRICTION_CENTER,
@@ -37,13 +38,12 @@ from palpate.estimation.unknowns import (
     IN_OBJECT,
     OUTLINE_SCALE,
 )
-from palpate.geometry import se2
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement, Turn
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.limit_surface import Steering, push
+from palpate.lab.simulate.limit_surface import Steering, push
+from palpate.pipeline.metrics import inside_95, nees, translation_errors
 from palpate.tracker import Tracker
-from palpate.tracking.metrics import inside_95, nees, translation_errors
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, Measurement, Turn
+from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
 CONTACT, AWAY = 300, 30

@@ -14,11 +14,11 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.contact_model import ContactModel
 from palpate.geometry import se2
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import RelativePoses
+from palpate.graph.contact_geometry import ContactModel
 from palpate.touch.relative import OracleTouch
+from palpate.types.frame import Frame
+from palpate.types.measurements import RelativePoses
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

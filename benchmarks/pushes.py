@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.contact_model import ContactModel, contact_model
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement, Turn
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import render
-from palpate.simulation.limit_surface import Steering, push
-from palpate.simulation.unit import draw_unit
+from palpate.graph.contact_geometry import ContactModel, contact_model
+from palpate.lab.simulate.gel import render
+from palpate.lab.simulate.limit_surface import Steering, push
+from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.steady import first_frames
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, Measurement, Turn
+from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
 SHAPE = Rectangle(0.2363, 0.1579)

@@ -28,14 +28,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.recording.sensor import DIGIT
+from palpate.lab.train.scores import coverage
 from palpate.touch.background import Image, background_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, Look, TouchModel
 from palpate.touch.press_files import read_image
 from palpate.touch.presses import Presses, learn_from_presses
-from palpate.training.scores import coverage
+from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
 GUISES = ("as it is", "mirrored", "upturned", "swapped")

@@ -38,19 +38,19 @@ from plain_graph import PlainGraph
 from pushes import SHAPE, Push, make_push
 from threadpoolctl import threadpool_limits
 
-from palpate.estimation.belief import Prior
-from palpate.estimation.estimator import Estimator
-from palpate.estimation.factor_list import make_factors
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import SmootherName
-from palpate.estimation.warm_up import warm_up
-from palpate.estimation.window import Window
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.filter.belief import Prior
+from palpate.filter.estimator import Estimator
 from palpate.geometry import se2
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import Measurement
-from palpate.recording.sensor import DIGIT
+from palpate.graph.factor_list import make_factors
+from palpate.graph.smoother import SmootherName
+from palpate.graph.warm_up import warm_up
+from palpate.graph.window import Window
 from palpate.tracker import Tracker
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.frame import Frame
+from palpate.types.measurements import Measurement
+from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
 Row = dict[str, float | str]

@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.frame import Frame
-from palpate.recording.images import decode_image, encode_image
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import render
-from palpate.simulation.unit import draw_unit
+from palpate.lab.simulate.gel import render
+from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.detector import ContactDetector
 from palpate.touch.modes import Tactile, make_touch
 from palpate.touch.steady import first_frames
+from palpate.types.frame import Frame
+from palpate.types.images import decode_image, encode_image
+from palpate.types.sensor import DIGIT
 
 FRAMES, WARM = 400, 50
 SIGMAS = (1.0, 1.0, 0.02)

@@ -18,7 +18,7 @@ import numpy as np
 from palpate import Tracker, load_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.tracking.metrics import inside_95, nees
+from palpate.pipeline.metrics import inside_95, nees
 
 FAR, SIGMA = 0.06, (0.03, 0.03, 1.8)  # [m] of the first pose, and what is said of it [m, m, rad]
 TOLD = (5e-4, 5e-4, 5e-3)  # [m, m, rad] of a first pose that is told as it is

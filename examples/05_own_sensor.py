@@ -11,7 +11,7 @@ import numpy as np
 
 import palpate
 from palpate.geometry import se2
-from palpate.recording.images import encode_image
+from palpate.types.images import encode_image
 
 SENSOR = palpate.SensorProfile(
     name="my gel",

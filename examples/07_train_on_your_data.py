@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import palpate
-from palpate.tracking.run import track
-from palpate.training.train import TrainSettings, train
+from palpate.lab.train.train import TrainSettings, train
+from palpate.pipeline.run import track
 
 recordings = sorted(Path(sys.argv[1]).glob("*.h5"))
 folder = Path(sys.argv[2])

@@ -15,11 +15,11 @@ from typing import Any
 
 from distributed import LocalCluster
 
-from palpate.study.files import find_recordings
-from palpate.study.job import StudySettings
-from palpate.study.results import ALL, table
-from palpate.study.study import run_study
-from palpate.study.trial import Method
+from palpate.lab.study.files import find_recordings
+from palpate.lab.study.job import StudySettings
+from palpate.lab.study.results import ALL, table
+from palpate.lab.study.study import run_study
+from palpate.lab.study.trial import Method
 
 LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # on any port that is free
 HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, **LOOPBACK}

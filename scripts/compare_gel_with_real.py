@@ -14,10 +14,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.press_files import read_image
+from palpate.types.sensor import DIGIT
 
 BALL, DEPTH = 0.005, 0.0012
 """Radius of the simulated ball and how deep it is pressed in [m]: as large on the gel as the real one."""

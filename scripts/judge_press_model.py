@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from palpate.cli.console import progress_bar
-from palpate.simulation.pins import PIN_DOME, draw_dome, press
+from palpate.lab.simulate.pins import PIN_DOME, draw_dome, press
+from palpate.lab.train.from_presses import train_on_presses
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.presses import Presses
-from palpate.training.from_presses import train_on_presses
 
 OUT = Path(__file__).parents[1] / "docs/study/presses.json"
 SEED, LEARNED, JUDGED = 1000, 200, 200

@@ -41,13 +41,13 @@ from recording_samples import pushed
 from training_samples import write_pushes
 
 from palpate.cli import main
-from palpate.estimation.warm_up import warm_up
-from palpate.formats.palpate_h5 import source_of, write_recording
-from palpate.simulation.scene import load_mujoco
-from palpate.tracking import steps
-from palpate.training import features, heads, learn, results, train
-from palpate.training.export import exported
-from palpate.training.fit import FitSettings
+from palpate.graph.warm_up import warm_up
+from palpate.io.palpate_h5 import source_of, write_recording
+from palpate.lab.simulate.scene import load_mujoco
+from palpate.lab.train import features, heads, learn, results, train
+from palpate.lab.train.export import exported
+from palpate.lab.train.fit import FitSettings
+from palpate.pipeline import steps
 
 NEIGHBOUR = 5
 """A neighbour comes with every so manieth kill."""

@@ -22,16 +22,16 @@ from typing import Any
 
 import tyro
 
-from palpate import formats
+from palpate import io as formats
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.estimation.warm_up import warm_up
-from palpate.formats.bags.containers import raw_messages
-from palpate.formats.bags.mcap_writer import MessageWriter
-from palpate.formats.bags.raw import CutShort
 from palpate.geometry.objects import SHAPES
+from palpate.graph.warm_up import warm_up
+from palpate.io.bags.containers import raw_messages
+from palpate.io.bags.mcap_writer import MessageWriter
+from palpate.io.bags.raw import CutShort
+from palpate.lab.simulate.recordings import simulate_recording
 from palpate.live import recorder, session  # noqa: F401
-from palpate.simulation.recordings import simulate_recording
 
 RATE, LONGEST = 60.0, 4.0
 """Images a second, and how long a session may live [s]."""

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from palpate.cli.demo import TACTILE, demo_recording
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.lines import closed_outline
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.above import ESTIMATE, draw_object, draw_sensor, draw_start, draw_way, frame_above
-from palpate.tracking.figures import draw_errors, draw_touch
-from palpate.tracking.poses import pose_words, world_sigma
-from palpate.tracking.run import Run, track
+from palpate.pipeline.above import ESTIMATE, draw_object, draw_sensor, draw_start, draw_way, frame_above
+from palpate.pipeline.figures import draw_errors, draw_touch
+from palpate.pipeline.poses import pose_words, world_sigma
+from palpate.pipeline.run import Run, track
 
 SIZE, DPI = (8.0, 5.2), 100  # [inch], [px] each
 PLACES = {

@@ -12,9 +12,9 @@ import numpy as np
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import render
-from palpate.simulation.unit import draw_unit
+from palpate.lab.simulate.gel import render
+from palpate.lab.simulate.unit import draw_unit
+from palpate.types.sensor import DIGIT
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -11,9 +11,9 @@ import matplotlib
 import numpy as np
 
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, render, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, render, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
+from palpate.types.sensor import DIGIT
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -12,14 +12,14 @@ import matplotlib
 import numpy as np
 
 from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
-from palpate.estimation.contact_model import contact_model
-from palpate.estimation.factors.relative_pose import RelativePoseSettings
 from palpate.geometry import se2
-from palpate.simulation.folder import plan
-from palpate.simulation.limit_surface import Steering, push
-from palpate.simulation.objects import SHAPES
-from palpate.simulation.recordings import simulate_recording
-from palpate.tracking.metrics import deviations
+from palpate.graph.contact_geometry import contact_model
+from palpate.graph.factors.relative_pose import RelativePoseSettings
+from palpate.lab.simulate.folder import plan
+from palpate.lab.simulate.limit_surface import Steering, push
+from palpate.lab.simulate.objects import SHAPES
+from palpate.lab.simulate.recordings import simulate_recording
+from palpate.pipeline.metrics import deviations
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -23,9 +23,9 @@ from palpate import Tracker, TrackerSettings, load_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.parallel import spread
-from palpate.tracking.knocks import knocked_frames
-from palpate.tracking.recovery import FAR_DEG, FAR_MM, is_far
-from palpate.tracking.truth import flag_runs
+from palpate.pipeline.knocks import knocked_frames
+from palpate.pipeline.recovery import FAR_DEG, FAR_MM, is_far
+from palpate.pipeline.truth import flag_runs
 
 OUT = Path(__file__).parents[1] / "docs/study/after_shoves.json"
 SIGMA = (0.02, 0.02, 0.26)

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.unit import draw_unit
+from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.background import Image
 from palpate.touch.colours import unusual_colours
 from palpate.touch.press_files import read_image
+from palpate.types.sensor import DIGIT
 
 OUT = Path(__file__).parents[1] / "docs/study/colours.json"
 UNITS, FIRST_SEED = 200, 16_100_000

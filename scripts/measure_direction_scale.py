@@ -17,15 +17,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.contact_model import contact_model
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
-from palpate.recording.sensor import DIGIT, SensorProfile
-from palpate.simulation.gel import ball_overlap, draw_side, render, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.graph.contact_geometry import contact_model
+from palpate.lab.simulate.gel import ball_overlap, draw_side, render, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Image
 from palpate.touch.difference import Difference, difference_in_light, reduced
 from palpate.touch.model import shipped_model
+from palpate.types.sensor import DIGIT, SensorProfile
 
 Array = NDArray[np.float64]
 

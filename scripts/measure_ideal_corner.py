@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import Side, draw_side, gel_height, prism_overlap
-from palpate.simulation.optics import shading
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import Side, draw_side, gel_height, prism_overlap
+from palpate.lab.simulate.optics import shading
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.difference import COLUMNS, ROWS
+from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
 OUT = Path(__file__).parents[1] / "docs/study/ideal_corner.json"

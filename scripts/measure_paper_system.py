@@ -23,11 +23,11 @@ from statistics import fmean, median
 from typing import Any
 
 from palpate.cli.console import progress_bar
-from palpate.estimation.settings import PUBLISHED
-from palpate.formats import load_recording
-from palpate.study.results import LOST_DEG, LOST_MM
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.run import track
+from palpate.config.settings import PUBLISHED
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.io import load_recording
+from palpate.lab.study.results import LOST_DEG, LOST_MM
+from palpate.pipeline.run import track
 
 OUT = Path(__file__).parents[1] / "docs/study/paper_system.json"
 SET_UPS = ("ideal", "real")

@@ -16,14 +16,14 @@ import numpy as np
 from measure_direction_scale import BALLS, DEPTHS, line, units_at_rest
 from numpy.typing import NDArray
 
-from palpate.estimation.contact_model import contact_model
 from palpate.geometry.shapes import Disc, Ellipse, Shape
-from palpate.recording.sensor import GELSIGHT_MINI
-from palpate.simulation.gel import ball_overlap, draw_side, render, touch_image
-from palpate.simulation.unit import SensorUnit
+from palpate.graph.contact_geometry import contact_model
+from palpate.lab.simulate.gel import ball_overlap, draw_side, render, touch_image
+from palpate.lab.simulate.unit import SensorUnit
 from palpate.touch.background import Image
 from palpate.touch.difference import difference_in_light
 from palpate.touch.model import shipped_model
+from palpate.types.sensor import GELSIGHT_MINI
 
 OUT = Path(__file__).parents[1] / "docs/study/place_bias.json"
 UNITS, FIRST_SEED = 60, 13_800_000

@@ -19,15 +19,15 @@ from measure_colours import is_usual
 from measure_direction_scale import ANGLES, presses
 from numpy.typing import NDArray
 
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import touch_image
-from palpate.simulation.unit import draw_unit
+from palpate.lab.simulate.gel import touch_image
+from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.background import Image
 from palpate.touch.calibration import Calibration
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import shipped_model
 from palpate.touch.presses import Presses, learn_from_presses
 from palpate.touch.view import views
+from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
 OUT = Path(__file__).parents[1] / "docs/study/press_views.json"

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from reported_numbers import SEEN
 
-from palpate.formats import load_recording
+from palpate.io import load_recording
+from palpate.lab.train.samples import SHOWN
 from palpate.parallel import spread
 from palpate.touch.detector import detector_for
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import shipped_model
-from palpate.training.samples import SHOWN
 
 OUT = Path(__file__).parents[1] / "docs/study/reading.json"
 

@@ -18,11 +18,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from palpate.recording.sensor import DIGIT
 from palpate.touch.background import Image
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import shipped_model
 from palpate.touch.press_files import read_image
+from palpate.types.sensor import DIGIT
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs/study/real_gel.json"

@@ -15,12 +15,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from palpate.formats import load_recording
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.io import load_recording
+from palpate.lab.study.files import find_recordings
 from palpate.parallel import spread
-from palpate.study.files import find_recordings
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.quiet import quiet
-from palpate.tracking.run import track
+from palpate.pipeline.quiet import quiet
+from palpate.pipeline.run import track
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs/study/real.json"

@@ -3,7 +3,7 @@
     python scripts/measure_set_up_errors.py FOLDER
 
 FOLDER has recordings of exact set-ups, `palpate simulate FOLDER --ideal`. Each is tracked by touch as it is, with every
-error that `simulation/systematic.py` draws but the gel's drift, one at a time and all together, and once more with all
+error that `lab/simulate/systematic.py` draws but the gel's drift, one at a time and all together, and again with all
 but the outline taken for exact. The reported ones: `--count 18 --seed 87501 --seconds 15`. Eight minutes on two cores.
 """
 
@@ -17,14 +17,14 @@ from statistics import fmean, median
 
 import numpy as np
 
-from palpate.estimation.settings import NoiseSettings
-from palpate.formats import load_recording
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.io import load_recording
+from palpate.lab.simulate.systematic import SystematicErrors, draw_errors, misstated
 from palpate.parallel import spread
-from palpate.recording.recording import Recording
-from palpate.simulation.systematic import SystematicErrors, draw_errors, misstated
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.metrics import translation_errors
-from palpate.tracking.run import track
+from palpate.pipeline.metrics import translation_errors
+from palpate.pipeline.run import track
+from palpate.types.recording import Recording
 
 OUT = Path(__file__).parents[1] / "docs/study/set_up_errors.json"
 NOTHING = {"mounting": np.zeros(3), "outline": 1.0, "late": 0, "first_pose": np.zeros(3)}

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.cli.console import progress_bar
-from palpate.formats import load_recording
+from palpate.io import load_recording
+from palpate.lab.train.samples import Samples, read_samples
 from palpate.touch.model import KINDS, shipped_model
-from palpate.training.samples import Samples, read_samples
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

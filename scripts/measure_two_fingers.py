@@ -15,17 +15,17 @@ from statistics import fmean, median
 
 import numpy as np
 
-from palpate.formats.cmu_two_finger import HAND
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.geometry.shapes import Shape
+from palpate.io.cmu_two_finger import HAND
+from palpate.lab.simulate.objects import find_shape
+from palpate.lab.simulate.pushes import draw_sequence, measured
+from palpate.lab.simulate.systematic import draw_errors, misstated
 from palpate.parallel import spread
-from palpate.recording.recording import Recording
-from palpate.simulation.objects import find_shape
-from palpate.simulation.pushes import draw_sequence, measured
-from palpate.simulation.systematic import draw_errors, misstated
+from palpate.pipeline.quiet import quiet
+from palpate.pipeline.run import track
 from palpate.touch.modes import Tactile
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.quiet import quiet
-from palpate.tracking.run import track
+from palpate.types.recording import Recording
 
 OUT = Path(__file__).parents[1] / "docs/study/two_fingers.json"
 OBJECTS = {"rectangle": "rectangle-edges", "ellipse": "ellipse", "disc": "disc", "triangle": "polygon-edges"}

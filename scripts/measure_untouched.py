@@ -25,16 +25,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from palpate.cli.console import progress_bar
-from palpate.formats import load_recording
-from palpate.recording.sensor import SensorProfile
+from palpate.io import load_recording
+from palpate.lab.train.fit import FitSettings, fit
+from palpate.lab.train.losses import gaussian_nll
+from palpate.lab.train.networks import WIDTH, DirectionNetwork, Encoder, imprint
+from palpate.lab.train.pairs import Seen, draw_guise, varied_batch
+from palpate.lab.train.samples import UNTOUCHED, Samples, read_samples
 from palpate.touch.background import background_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.press_files import read_image
-from palpate.training.fit import FitSettings, fit
-from palpate.training.losses import gaussian_nll
-from palpate.training.networks import WIDTH, DirectionNetwork, Encoder, imprint
-from palpate.training.pairs import Seen, draw_guise, varied_batch
-from palpate.training.samples import UNTOUCHED, Samples, read_samples
+from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]

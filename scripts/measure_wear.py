@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.formats import load_recording
-from palpate.recording.frame import Frame
-from palpate.study.faults.images import wear
-from palpate.study.faults.stream import stream_of
+from palpate.io import load_recording
+from palpate.lab.study.faults.images import wear
+from palpate.lab.study.faults.stream import stream_of
 from palpate.touch.light import Levels, cells_of, share_unlike
 from palpate.touch.press_files import read_image
+from palpate.types.frame import Frame
 
 OUT = Path(__file__).parents[1] / "docs/study/wear.json"
 WORN = (0.0, 7.0, 14.0)  # [grey levels]

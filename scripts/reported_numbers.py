@@ -7,12 +7,12 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.unknowns import SHARED
+from palpate.config.settings import NoiseSettings
 from palpate.field_docs import field_docs
-from palpate.study.results import ALL, LOST_DEG, LOST_MM, errors_after_knock
-from palpate.study.rows import read_rows
-from palpate.tracking.recovery import FAR_DEG, FAR_MM
+from palpate.graph.variables import SHARED
+from palpate.lab.study.results import ALL, LOST_DEG, LOST_MM, errors_after_knock
+from palpate.lab.study.rows import read_rows
+from palpate.pipeline.recovery import FAR_DEG, FAR_MM
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "docs/study"

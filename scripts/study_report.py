@@ -6,8 +6,8 @@ A page has all tables, and the figures of final errors; those that show each fra
 
 from pathlib import Path
 
-from palpate.study.report import write_report
-from palpate.study.reported import read_reported
+from palpate.lab.study.report import write_report
+from palpate.lab.study.reported import read_reported
 
 ROOT = Path(__file__).parents[1]
 STUDIES = ROOT / "docs/study"

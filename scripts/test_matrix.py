@@ -26,7 +26,7 @@ LOWEST = PYTHONS[0]
 ALONE = """
 import sys
 from recording_samples import pushed
-from palpate.formats.palpate_h5 import write_recording
+from palpate.io.palpate_h5 import write_recording
 write_recording(pushed(), sys.argv[1])
 """
 

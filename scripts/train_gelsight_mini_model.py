@@ -12,12 +12,12 @@ import sys
 from pathlib import Path
 
 from palpate.cli.console import progress_bar
-from palpate.recording.sensor import GELSIGHT_MINI
-from palpate.simulation.folder import plan, simulate_folder
-from palpate.simulation.objects import PAPER, find_shape
+from palpate.lab.simulate.folder import plan, simulate_folder
+from palpate.lab.simulate.objects import PAPER, find_shape
+from palpate.lab.train.fit import FitSettings
+from palpate.lab.train.train import TrainSettings, train
 from palpate.touch.model import SHIPPED_OF
-from palpate.training.fit import FitSettings
-from palpate.training.train import TrainSettings, train
+from palpate.types.sensor import GELSIGHT_MINI
 
 RECORDINGS = 60
 """Of each of the paper's objects, to learn from."""

@@ -9,7 +9,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
-from palpate.recording.images import encode_image
+from palpate.types.images import encode_image
 
 CONTAINERS = ("mcap", "ros2", "ros1")
 START = 1_700_000_000_000_000_000

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from palpate.estimation.warm_up import warm_up
+from palpate.graph.warm_up import warm_up
 
 # A shared machine may stall for longer than any deadline; random inputs must not differ from run to run.
 settings.register_profile("palpate", deadline=None, derandomize=True)
@@ -38,7 +38,7 @@ def shared_data() -> Path:
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs get an empty picture at once; what they would show is tested in tests/tracking/test_figures.py."""
     blank = SimpleNamespace(savefig=lambda path, dpi: path.write_bytes(b""))
-    monkeypatch.setattr("palpate.tracking.run_folder.run_figure", lambda run: blank)
+    monkeypatch.setattr("palpate.pipeline.run_folder.run_figure", lambda run: blank)
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from view_samples import CAMERA
 
-from palpate.estimate import Estimate
 from palpate.live.clock import Clock
 from palpate.live.images import TouchImage
 from palpate.live.poses import Refused, TimedPose
 from palpate.live.session import Sources
 from palpate.live.state import LiveState
+from palpate.types.estimate import Estimate
 
 SIZE = (CAMERA.image_height, CAMERA.image_width)
 TURNED = (CAMERA.image_width, CAMERA.image_height)

@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.estimation.contact_model import ContactModel, contact_model
-from palpate.estimation.factors.balance import Balance, BalanceSettings
-from palpate.estimation.factors.direction import Direction, DirectionSettings
-from palpate.estimation.factors.factor import Factor, Rows, Step, Terms
-from palpate.estimation.factors.sticking import Sticking, StickingSettings
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.unknowns import IN_SHARED, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, Unknown
-from palpate.estimation.values import Values
+from palpate.config.settings import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement
-from palpate.recording.sensor import SensorProfile
-from palpate.simulation.limit_surface import Steering, push
+from palpate.graph.contact_geometry import ContactModel, contact_model
+from palpate.graph.factors.balance import Balance, BalanceSettings
+from palpate.graph.factors.direction import Direction, DirectionSettings
+from palpate.graph.factors.factor import Factor, Rows, Step, Terms
+from palpate.graph.factors.sticking import Sticking, StickingSettings
+from palpate.graph.values import Values
+from palpate.graph.variables import IN_SHARED, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, Unknown
+from palpate.lab.simulate.limit_surface import Steering, push
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, Measurement
+from palpate.types.sensor import SensorProfile
 
 Array = np.ndarray
 Shared = Mapping[Unknown, ArrayLike]

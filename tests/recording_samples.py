@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from palpate import formats
+from palpate import io as formats
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import POINT, SensorProfile
-from palpate.recording.trajectory import Trajectory
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import POINT, SensorProfile
+from palpate.types.trajectory import Trajectory
 
 TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 

@@ -6,12 +6,12 @@ import numpy as np
 from push_samples import model_of, rows_of, touching, values_at
 from smoother_samples import ROBUST
 
-from palpate.estimation.factors.balance import Balance, BalanceSettings
-from palpate.estimation.factors.friction_cone import FrictionCone, FrictionConeSettings
-from palpate.estimation.factors.sticking import Sticking, StickingSettings
-from palpate.estimation.unknowns import GRIP
 from palpate.geometry import se2
-from palpate.simulation.limit_surface import Steering, push
+from palpate.graph.factors.balance import Balance, BalanceSettings
+from palpate.graph.factors.friction_cone import FrictionCone, FrictionConeSettings
+from palpate.graph.factors.sticking import Sticking, StickingSettings
+from palpate.graph.variables import GRIP
+from palpate.lab.simulate.limit_surface import Steering, push
 
 Array = np.ndarray
 MODEL = model_of("rectangle")

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 from push_samples import contact_directions, model_of, noisy, pushed, sensor, with_settings
 from scipy.optimize import least_squares
 
-from palpate.estimation.belief import Belief, Prior
-from palpate.estimation.contact_model import ContactModel
-from palpate.estimation.factor_list import make_factors
-from palpate.estimation.fixed_lag import FixedLag
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.smoother import BeginContact, Smoother, make_smoother
-from palpate.estimation.unknowns import (
+from palpate.config.settings import NoiseSettings
+from palpate.filter.belief import Belief, Prior
+from palpate.geometry import se2
+from palpate.graph.contact_geometry import ContactModel
+from palpate.graph.factor_list import make_factors
+from palpate.graph.fixed_lag import FixedLag
+from palpate.graph.smoother import BeginContact, Smoother, make_smoother
+from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
@@ -28,10 +29,9 @@ from palpate.estimation.unknowns import (
     TURN_OFFSET,
     Priors,
 )
-from palpate.estimation.window import Window
-from palpate.geometry import se2
-from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
+from palpate.graph.window import Window
 from palpate.touch.relative import compared_frames
+from palpate.types.measurements import ContactDirection, Measurement, RelativePoses, Turn
 
 Array = np.ndarray
 ROBUST = with_settings(

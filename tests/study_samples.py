@@ -7,8 +7,8 @@ import numpy as np
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Polygon, Rectangle, Shape, shape_to_dict
-from palpate.study.trial import Method, Trial
-from palpate.tracking.metrics import coverage, percentiles, rms
+from palpate.lab.study.trial import Method, Trial
+from palpate.pipeline.metrics import coverage, percentiles, rms
 
 TACTILES = ("none", "constant", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction", "learnt", "oracle")
 SHAPES: dict[str, Shape] = {
@@ -119,8 +119,8 @@ def drawn_trials(groups: Sequence[str], methods: Sequence[Method], count: int, s
 
 def drawn_results(trials: Sequence[Trial]) -> dict[str, Any]:
     """Return the content of `results.json` of trials, two recordings broken, one mode skipped and one failed."""
-    from palpate.study.results import is_lost, table
-    from palpate.tracking.metrics import inside_95
+    from palpate.lab.study.results import is_lost, table
+    from palpate.pipeline.metrics import inside_95
 
     methods = list(dict.fromkeys(trial.method for trial in trials))
     recordings = {

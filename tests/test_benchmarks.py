@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.estimation.settings import NoiseSettings
-from palpate.recording.measurements import ContactDirection
+from palpate.config.settings import NoiseSettings
+from palpate.types.measurements import ContactDirection
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 

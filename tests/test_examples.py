@@ -11,7 +11,7 @@ from recording_samples import pushed
 from test_package import EXAMPLES
 from view_samples import imaged_push
 
-from palpate.formats.palpate_h5 import write_recording
+from palpate.io.palpate_h5 import write_recording
 
 
 @pytest.fixture
@@ -75,8 +75,8 @@ def test_train_on_your_data(example, tmp_path, monkeypatch):
     pytest.importorskip("torch", reason="torch is not installed: pip install palpate[train]")
     from training_samples import DISC, RECTANGLE, pushes
 
+    from palpate.lab.train import features, heads, learn, results, train
     from palpate.touch.model import SHIPPED, TouchModel
-    from palpate.training import features, heads, learn, results, train
 
     # Little of everything; networks are exported in tests/cli/test_train.py, which takes seconds.
     for module, name, value in (

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from test_package import EXAMPLES, python
 
-from palpate import formats
+from palpate import io as formats
 
 
 def test_own_arrays(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from recording_samples import pushed
 
 import palpate
-from palpate.formats.palpate_h5 import write_recording
+from palpate.io.palpate_h5 import write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from push_samples import RADIUS, SHAPES, sensor, with_settings
 
-from palpate.estimate import Estimate
-from palpate.estimation.settings import NoiseSettings
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.geometry import se2
-from palpate.recording.frame import Frame
 from palpate.tracker import Tracker
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.estimate import Estimate
+from palpate.types.frame import Frame
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "isam2"]

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.train.samples import Samples
 from palpate.touch.model import KINDS, ModelSettings, Spread
-from palpate.training.samples import Samples
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
 
 SENSOR = dataclasses.replace(DIGIT, name="small", image_height=64, image_width=128)
 RECTANGLE, DISC = Rectangle(0.10, 0.06), Disc(0.04)

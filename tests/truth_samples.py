@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from palpate.geometry import se2
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.objects import SHAPES
-from palpate.truth.camera import Camera
-from palpate.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, tag_image
+from palpate.lab.simulate.objects import SHAPES
+from palpate.lab.truth.camera import Camera
+from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, tag_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
 
 COUNT = 45
 PRECISE = (3e-4, 3e-4, np.radians(0.1))

@@ -10,13 +10,13 @@ import pytest
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.answer import Answer
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import SensorProfile
-from palpate.tracking.run import Run, track
-from palpate.tracking.run_folder import new_run, write_files
-from palpate.view.scene import Scene
+from palpate.pipeline.run import Run, track
+from palpate.pipeline.run_folder import new_run, write_files
+from palpate.types.answer import Answer
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
+from palpate.viewer.scene import Scene
 
 CAMERA = SensorProfile(name="small", radius=0.01, half_width=0.006, image_height=40, image_width=30)
 FRAMES, FIRST, LAST = 50, 20, 39

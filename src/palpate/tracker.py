@@ -7,22 +7,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import EstimationError, FrameError
-from palpate.estimate import Estimate
-from palpate.estimation.belief import Prior
-from palpate.estimation.contact_model import contact_model
-from palpate.estimation.hypotheses import Hypotheses
-from palpate.estimation.mirrored_images import MirroredImages
-from palpate.estimation.smoother import IN_A_WINDOW
-from palpate.estimation.unknowns import GRIP, IN_OBJECT
-from palpate.estimation.warm_up import warm_up
+from palpate.filter.belief import Prior
+from palpate.filter.hypothesis_bank import Hypotheses
+from palpate.filter.mirrored_images import MirroredImages
+from palpate.gate.checked_frame import checked_measurements
+from palpate.gate.stream import Stream
 from palpate.geometry.shapes import Shape
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import Measurement
-from palpate.recording.sensor import SensorProfile, known_sensor
-from palpate.recording.trajectory import Trajectory
-from palpate.stream.checked_frame import checked_measurements
-from palpate.stream.stream import Stream
+from palpate.graph.contact_geometry import contact_model
+from palpate.graph.smoother import IN_A_WINDOW
+from palpate.graph.variables import GRIP, IN_OBJECT
+from palpate.graph.warm_up import warm_up
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, correction_of
 from palpate.touch.colours import unusual_colours
@@ -30,7 +26,11 @@ from palpate.touch.model import TouchModel
 from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
 from palpate.touch.relative import Touch
 from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_correction
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.estimate import Estimate
+from palpate.types.frame import Frame
+from palpate.types.measurements import Measurement
+from palpate.types.sensor import SensorProfile, known_sensor
+from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 _NO_FRAME = "no frame has been taken so far; there is one after the first update"

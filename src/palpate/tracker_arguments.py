@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import SettingError
-from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import Shape
-from palpate.recording.measurements import finite_numbers
-from palpate.recording.units import SPAN, TURNS, check_outline, extent_of
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.model import TouchModel
 from palpate.touch.relative import Touch
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.measurements import finite_numbers
+from palpate.types.units import SPAN, TURNS, check_outline, extent_of
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

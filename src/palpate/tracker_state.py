@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import palpate
+from palpate.config.settings_file import noise_from_dict
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError
-from palpate.estimation.settings_file import noise_from_dict
-from palpate.estimation.unknowns import UNKNOWNS
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
-from palpate.recording.sensor import sensor_from_dict, sensor_to_dict
+from palpate.graph.variables import UNKNOWNS
 from palpate.saved_state import StateFile, Unsaved, write_state
 from palpate.touch.learnt import DifferenceInput
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.tracker import Tracker
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.sensor import sensor_from_dict, sensor_to_dict
 
 FORMAT = "palpate-tracker"
 _TRACKER_MADE_WITH = "_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given", "_stream"

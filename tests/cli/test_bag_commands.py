@@ -18,20 +18,20 @@ from bag_samples import (
 from recording_samples import pushed, tiny_recording
 from rosbags.highlevel import AnyReader
 
-from palpate import formats
+from palpate import io as formats
 from palpate.cli import main
 from palpate.cli.bag_options import BAG_DEFAULTS
 from palpate.cli.options import ShapeUnit
-from palpate.formats import estimates_csv
-from palpate.formats.bags.choices import BagChoices
-from palpate.formats.outlines.load import Unit
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.tracking import details
-from palpate.tracking import time_offset as offsets
-from palpate.tracking.run_folder import FILES
-from palpate.tracking.time_offset import TimeOffset
+from palpate.io import estimates_csv
+from palpate.io.bags.choices import BagChoices
+from palpate.io.outlines.load import Unit
+from palpate.io.palpate_h5 import write_recording
+from palpate.pipeline import details
+from palpate.pipeline import time_offset as offsets
+from palpate.pipeline.run_folder import FILES
+from palpate.pipeline.time_offset import TimeOffset
 
 
 @pytest.fixture(autouse=True)

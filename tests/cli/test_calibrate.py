@@ -11,14 +11,14 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.errors import FileError, SettingError
-from palpate.formats.palpate_h5 import write_recording
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import SensorProfile
+from palpate.io.palpate_h5 import write_recording
 from palpate.touch.background import Background, background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration, write_calibration
 from palpate.touch.untouched import MARGIN, NEEDED, calibrate, untouched_frames
 from palpate.touch.view import CameraView
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
 
 SENSOR = SensorProfile("small", radius=0.02, image_height=48, image_width=32)
 

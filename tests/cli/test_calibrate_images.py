@@ -13,15 +13,15 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
-from palpate.simulation.gel import render, touch_image
-from palpate.simulation.unit import draw_unit
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.simulate.gel import render, touch_image
+from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.calibration import load_calibration
 from palpate.touch.presses import Presses
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
 
 
 def palpate(*words: Any) -> int:
@@ -124,6 +124,6 @@ def test_the_sensor_of_a_recording_counts_and_is_not_contradicted(tmp_path, stil
         raise FileError(f"learns {sensor.image_height} rows by the model of {model.settings.sensor}")
 
     monkeypatch.setattr("palpate.touch.presses.learn_from_presses", learn)
-    monkeypatch.setattr("palpate.training.presses_of.presses_of", lambda _: Presses((), np.empty(0), ()))
+    monkeypatch.setattr("palpate.lab.train.presses_of.presses_of", lambda _: Presses((), np.empty(0), ()))
     assert palpate("calibrate", "--presses", mini, "--untouched", *stills, *out, "--force") == 2
     assert "learns 24 rows by the model of GelSight Mini" in capsys.readouterr().err

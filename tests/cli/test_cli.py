@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from recording_samples import pushed, trajectory
 
-from palpate import formats
+from palpate import io as formats
 from palpate.cli import demo, main, options
-from palpate.estimation.smoother import SmootherName
-from palpate.formats.palpate_h5 import write_recording
-from palpate.recording.images import encode_image
-from palpate.recording.sensor import SensorProfile
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.graph.smoother import SmootherName
+from palpate.io.palpate_h5 import write_recording
+from palpate.pipeline.poses import pose_words
+from palpate.pipeline.run_folder import FILES
 from palpate.touch.modes import Tactile, TactileChoice
 from palpate.tracker_arguments import first_pose_of
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.poses import pose_words
-from palpate.tracking.run_folder import FILES
+from palpate.types.images import encode_image
+from palpate.types.sensor import SensorProfile
 
 
 @pytest.fixture(autouse=True)

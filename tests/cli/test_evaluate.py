@@ -19,16 +19,16 @@ from recording_samples import pushed, seen, unit_seen
 from palpate.cli import evaluate as evaluate_command
 from palpate.cli import main
 from palpate.errors import EstimationError
-from palpate.formats.palpate_h5 import write_recording
-from palpate.study import job as study_job
-from palpate.study.results import ALL
-from palpate.study.trial import read_trial
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.study import job as study_job
+from palpate.lab.study.results import ALL
+from palpate.lab.study.trial import read_trial
+from palpate.pipeline.run import track
 from palpate.touch.calibration import write_calibration
 from palpate.touch.modes import Tactile
-from palpate.tracking.run import track
 
 FAST = ("--tactile", "none", "constant", "--tactile", "oracle")
-REPORT = "palpate.study.report"
+REPORT = "palpate.lab.study.report"
 
 
 @pytest.fixture(autouse=True)
@@ -146,7 +146,7 @@ def test_all_modes_unless_told_and_what_lacks_images_is_no_failure(capsys):
 
 
 def test_images_are_felt():
-    recordings = pytest.importorskip("palpate.simulation.recordings")
+    recordings = pytest.importorskip("palpate.lab.simulate.recordings")
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
     shapes = pytest.importorskip("palpate.geometry.objects").SHAPES
     made = recordings.simulate_recording(shapes["disc"], "disc", 3, 3.0)
@@ -333,7 +333,7 @@ def test_an_interrupt_leaves_what_can_be_resumed():
         shutil.copy("recordings/edges-1.h5", f"recordings/more-{index}.h5")
     words = ("evaluate", "recordings", "--out", "out", *FAST, "--workers", "2")
     code = (
-        "import sys, types; module = types.ModuleType('palpate.study.report'); "
+        "import sys, types; module = types.ModuleType('palpate.lab.study.report'); "
         "module.write_report = print; sys.modules[module.__name__] = module; "
         "from palpate.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )

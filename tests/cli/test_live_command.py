@@ -18,14 +18,14 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from view_samples import FRAMES, imaged_push, without_display
 
-from palpate import formats
+from palpate import io as formats
 from palpate.cli import main
-from palpate.estimate import Estimate
 from palpate.live import rig
 from palpate.live.poses import SensorPlace
 from palpate.live.state import LiveEstimate, LiveState
 from palpate.live.table import table_of
 from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
+from palpate.types.estimate import Estimate
 
 
 @pytest.fixture(autouse=True)
@@ -134,7 +134,7 @@ def test_a_killed_session_leaves_what_it_recorded():
 def test_the_view_sees_each_frame(monkeypatch):
     from contextlib import contextmanager
 
-    from palpate.view import live
+    from palpate.viewer import live
 
     class Log:
         def __init__(self):

@@ -9,7 +9,7 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.files import whole_folder
-from palpate.formats.palpate_h5 import write_recording
+from palpate.io.palpate_h5 import write_recording
 from palpate.locks import held_folder, only_writer
 
 

@@ -12,7 +12,7 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.formats.palpate_h5 import write_recording
+from palpate.io.palpate_h5 import write_recording
 from palpate.locks import held_folder
 from palpate.shards import Shard, part_of_work
 
@@ -24,7 +24,7 @@ BUSY = "another process is writing it"
 def _in_folder(tmp_path, monkeypatch):
     """Every test works in a folder of its own, where `pushes` holds three recordings; no figures are drawn."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("palpate.study.report.write_report", lambda *_: None)
+    monkeypatch.setattr("palpate.lab.study.report.write_report", lambda *_: None)
     Path("pushes").mkdir()
     for index in range(3):
         given = pushed(20)

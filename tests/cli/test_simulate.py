@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import FileError, SettingError
-from palpate.formats.palpate_h5 import read_recording, write_recording
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Disc, Polygon
+from palpate.io.palpate_h5 import read_recording, write_recording
+from palpate.lab.simulate.folder import plan, simulate_folder
+from palpate.lab.simulate.objects import find_shape
+from palpate.lab.simulate.places import kinds
+from palpate.lab.simulate.recordings import simulate_recording
 from palpate.parallel import spread
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.folder import plan, simulate_folder
-from palpate.simulation.objects import find_shape
-from palpate.simulation.places import kinds
-from palpate.simulation.recordings import simulate_recording
-from palpate.tracker_settings import TrackerSettings
-from palpate.tracking.run import track
+from palpate.pipeline.run import track
+from palpate.types.sensor import DIGIT
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
 

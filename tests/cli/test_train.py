@@ -17,14 +17,14 @@ from training_samples import SENSOR, write_pushes
 from palpate.cli import main
 from palpate.errors import EstimationError
 from palpate.files import whole_file
+from palpate.lab.train import export, features, heads, learn, results, train
+from palpate.lab.train.export import restore, width_of
+from palpate.lab.train.fit import FitSettings
+from palpate.lab.train.learn import Keypoints, Touch
+from palpate.lab.train.networks import WIDTH, PairNetwork
 from palpate.locks import held_folder
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS, NETWORKS, TouchModel, session
-from palpate.training import export, features, heads, learn, results, train
-from palpate.training.export import restore, width_of
-from palpate.training.fit import FitSettings
-from palpate.training.learn import Keypoints, Touch
-from palpate.training.networks import WIDTH, PairNetwork
 
 MODELS = ["constant", "linear engineered", "nonlinear engineered", "linear learnt", "nonlinear learnt"]
 MODELS += ["descriptor pair", "image turn"]

@@ -10,12 +10,12 @@ import pytest
 from recording_samples import pushed, seen, unit_seen
 
 from palpate.cli import main
-from palpate.estimation.factors.contact import ContactSettings
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.settings_file import read_noise, write_noise
-from palpate.formats.palpate_h5 import write_recording
+from palpate.config.settings import NoiseSettings
+from palpate.config.settings_file import read_noise, write_noise
+from palpate.graph.factors.contact import ContactSettings
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.tune import tuning
 from palpate.touch.calibration import DirectionCorrection, load_calibration, write_calibration
-from palpate.tuning import tuning
 
 TUNED = ("contact.deviation", "relative_pose.oracle")
 WORDS = ("tune", "all", "--out", "noise.json", "--tactile", "oracle", "--parameters", *TUNED)

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from view_samples import imaged_push, without_display
 
-from palpate import formats
+from palpate import io as formats
 from palpate.cli import main
-from palpate.view import show, viewer
+from palpate.viewer import show, viewer
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
 

@@ -16,25 +16,25 @@ from mcap.writer import CompressionType, Writer
 from recording_samples import TINY_CAMERA, pushed, tiny_images, tiny_recording, trajectory
 from study_samples import drawn_trial
 
-from palpate import formats
+from palpate import io as formats
+from palpate.config.settings import NoiseSettings
+from palpate.config.settings_file import read_noise, write_noise
 from palpate.errors import PalpateError
-from palpate.estimation.settings import NoiseSettings
-from palpate.estimation.settings_file import read_noise, write_noise
-from palpate.formats.bags.bag_recording import read_bag
-from palpate.formats.bags.contents import contents
-from palpate.formats.outlines.load import load_shape
 from palpate.geometry.shapes import Disc, Rectangle
+from palpate.io.bags.bag_recording import read_bag
+from palpate.io.bags.contents import contents
+from palpate.io.outlines.load import load_shape
+from palpate.lab.study.comparison import read_scores
+from palpate.lab.study.trial import Method, read_trial, write_trial
 from palpate.live.udp import pose_in
-from palpate.recording.images import decode_image, encode_image
-from palpate.recording.recording import Recording
-from palpate.study.comparison import read_scores
-from palpate.study.trial import Method, read_trial, write_trial
+from palpate.pipeline.details import read_answers, read_friction
+from palpate.pipeline.inspection import inspect_recording
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, load_calibration, write_calibration
 from palpate.touch.model import NETWORKS, SHIPPED, TouchModel, fingerprint
 from palpate.touch.press_files import read_presses
-from palpate.tracking.details import read_answers, read_friction
-from palpate.tracking.inspection import inspect_recording
+from palpate.types.images import decode_image, encode_image
+from palpate.types.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,18 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from view_samples import CAMERA
 
-from palpate import formats
-from palpate.estimate import Estimate
-from palpate.formats.bags.containers import raw_messages
-from palpate.formats.bags.raw import CutShort
+from palpate import io as formats
 from palpate.geometry.shapes import Disc
+from palpate.io.bags.containers import raw_messages
+from palpate.io.bags.raw import CutShort
 from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
 from palpate.live.truth import TruePose
-from palpate.recording.answer import Answer
-from palpate.recording.images import decode_image
-from palpate.recording.seen_poses import SIGMA
+from palpate.types.answer import Answer
+from palpate.types.estimate import Estimate
+from palpate.types.images import decode_image
+from palpate.types.seen_poses import SIGMA
 
 KILLED = """
 import os, random, signal, sys, time
@@ -36,7 +36,7 @@ from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
 from palpate.live.truth import TruePose
-from palpate.estimate import Estimate
+from palpate.types.estimate import Estimate
 
 random.seed(7)
 with recorder(Path("warm.mcap"), Disc(0.05), CAMERA):

@@ -12,11 +12,14 @@ import pytest
 from live_samples import GEL, SIZE, FakeTracker, state, wait_for
 from truth_samples import CAMERA, COUNT, DELAY, PRECISE, ROWS, recording, video, write_video
 
-from palpate import formats
+from palpate import io as formats
 from palpate.cli.main import main
 from palpate.errors import FileError, SettingError
-from palpate.estimate import Estimate
 from palpate.geometry import se2
+from palpate.lab.truth import watched
+from palpate.lab.truth.camera import save_camera
+from palpate.lab.truth.tags import OBJECT, corners_in
+from palpate.lab.truth.video import pictures
 from palpate.live import camera as camera_room
 from palpate.live import overhead as overhead_room
 from palpate.live import truth as truth_room
@@ -28,12 +31,9 @@ from palpate.live.session import Sources, track_live
 from palpate.live.state import LiveEstimate
 from palpate.live.table import table_of
 from palpate.live.truth import LiveTruth, Picture, TruePose
-from palpate.recording.images import encode_image
-from palpate.recording.seen_poses import SIGMA
-from palpate.truth import watched
-from palpate.truth.camera import save_camera
-from palpate.truth.tags import OBJECT, corners_in
-from palpate.truth.video import pictures
+from palpate.types.estimate import Estimate
+from palpate.types.images import encode_image
+from palpate.types.seen_poses import SIGMA
 
 CORNERS: dict[int, Any] = {}
 

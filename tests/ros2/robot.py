@@ -17,8 +17,8 @@ from rclpy.executors import SingleThreadedExecutor  # pyright: ignore[reportMiss
 from sensor_msgs.msg import Image  # pyright: ignore[reportMissingImports]
 from std_msgs.msg import Bool  # pyright: ignore[reportMissingImports]
 
-from palpate.formats.palpate_h5 import read_recording
-from palpate.recording.plane import flat, out_of_plane
+from palpate.io.palpate_h5 import read_recording
+from palpate.types.plane import flat, out_of_plane
 
 RATE, DEPTH, HEIGHT = 60.0, 100, 0.25
 """Frames a second [Hz], messages that ROS keeps, and how high the sensor is in the robot's frame [m]."""

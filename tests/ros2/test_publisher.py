@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate import Estimate
-from palpate.formats.bags.messages import ros_types
+from palpate.io.bags.messages import ros_types
 from palpate.live.poses import SensorPlace
 from palpate.live.state import LiveState
-from palpate.recording.answer import Answer
-from palpate.recording.plane import plane_across
 from palpate.ros2 import publisher
+from palpate.types.answer import Answer
+from palpate.types.estimate import Estimate
+from palpate.types.plane import plane_across
 
 COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])
 POSES = np.array([[0.1, 0.2, 0.0], [0.1, 0.24, np.pi / 2]])

@@ -16,18 +16,18 @@ import numpy as np
 import pytest
 
 import palpate.ros2
-from palpate import formats
+from palpate import io as formats
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
+from palpate.lab.simulate.objects import SHAPES
 from palpate.live.clock import Clock
 from palpate.live.ros2_sources import ros2_poses
-from palpate.recording.frame import Frame
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.objects import SHAPES
 from palpate.tracker import Tracker
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.frame import Frame
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
 
 ROOT = Path(__file__).parents[2]
 PYTHON = ROOT / ".venv-ros" / "bin" / "python"

@@ -13,14 +13,14 @@ from study_samples import drawn_trial, with_summary
 from palpate.cli import main
 from palpate.cli.console import complain, print_line, print_table
 from palpate.errors import FileError
-from palpate.formats.palpate_h5 import write_recording
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.study.comparison import read_scores
+from palpate.lab.study.results import write_results
+from palpate.lab.study.trial import Method
 from palpate.printable import PrintableFormatter, printable
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import SensorProfile
-from palpate.study.comparison import read_scores
-from palpate.study.results import write_results
-from palpate.study.trial import Method
 from palpate.touch.model import NETWORKS, SHIPPED, TouchModel, fingerprint
+from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp.exe\x08\r"
 

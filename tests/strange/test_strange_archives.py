@@ -10,7 +10,7 @@ from study_samples import drawn_trial
 
 from palpate.archives import read_arrays
 from palpate.errors import FileError
-from palpate.study.trial import Method, read_trial, write_trial
+from palpate.lab.study.trial import Method, read_trial, write_trial
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, load_calibration, write_calibration
 

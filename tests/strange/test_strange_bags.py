@@ -14,11 +14,11 @@ from bag_samples import push_messages, write_bag
 from mcap.writer import CompressionType, Writer
 
 from palpate.errors import FileError
-from palpate.formats.bags.containers import raw_messages
-from palpate.formats.bags.contents import contents
-from palpate.formats.bags.mcap_file import leading_attachments
-from palpate.formats.bags.raw import CutShort
-from palpate.formats.bags.ros1_file import FIRST_LINE
+from palpate.io.bags.containers import raw_messages
+from palpate.io.bags.contents import contents
+from palpate.io.bags.mcap_file import leading_attachments
+from palpate.io.bags.raw import CutShort
+from palpate.io.bags.ros1_file import FIRST_LINE
 
 MAGIC = b"\x89MCAP0\r\n"
 

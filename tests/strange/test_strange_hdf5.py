@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from recording_samples import pushed, tiny_recording
 
-from palpate import formats
+from palpate import io as formats
 from palpate.errors import FileError
-from palpate.formats import hdf5
-from palpate.formats.palpate_h5 import read_recording, recording_to_bytes, write_recording
+from palpate.io import hdf5
+from palpate.io.palpate_h5 import read_recording, recording_to_bytes, write_recording
 
 
 @pytest.fixture
@@ -185,7 +185,7 @@ def test_one_process_serves_many_files_and_ends_with_its_parent(path):
     read_recording(path)
     first = hdf5._children[os.getpid()].pid
     assert len(formats.load_recording(path)) == 5 and hdf5._children[os.getpid()].pid == first
-    code = "import sys; from palpate.formats import hdf5, load_recording; load_recording(sys.argv[1])\n"
+    code = "import sys; from palpate.io import hdf5, load_recording; load_recording(sys.argv[1])\n"
     code += "print(list(hdf5._children.values())[0].pid)"
     pid = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True).stdout
     with pytest.raises(ProcessLookupError):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import FileError
-from palpate.recording.images import decode_image, encode_image, image_size
 from palpate.touch.press_files import read_image
+from palpate.types.images import decode_image, encode_image, image_size
 
 
 def png(rows, columns):

@@ -7,16 +7,16 @@ import sys
 
 import pytest
 
-from palpate import formats
+from palpate import io as formats
+from palpate.config.settings_file import read_noise
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
-from palpate.estimation.settings_file import read_noise
-from palpate.formats import cmu_two_finger, estimates_csv, mit_push, theseus_json, tum
 from palpate.geometry.shapes import Disc, Polygon, shape_from_dict
-from palpate.recording.sensor import SensorProfile
-from palpate.simulation.objects import find_shape
-from palpate.study.comparison import read_scores
+from palpate.io import cmu_two_finger, estimates_csv, mit_push, theseus_json, tum
+from palpate.lab.simulate.objects import find_shape
+from palpate.lab.study.comparison import read_scores
+from palpate.pipeline.details import read_friction
 from palpate.touch.press_files import read_presses
-from palpate.tracking.details import read_friction
+from palpate.types.sensor import SensorProfile
 
 HUGE = 10**400
 
@@ -26,7 +26,7 @@ def test_many_digits_are_refused_at_once(tmp_path, module):
     path = tmp_path / "digits.txt"
     path.write_text("1" * 400_000)
     # A pattern that goes back and forth takes a minute for these, in a process of its own that can be stopped.
-    code = f"from pathlib import Path; from palpate.formats import {module.__name__.split('.')[-1]} as m\n"
+    code = f"from pathlib import Path; from palpate.io import {module.__name__.split('.')[-1]} as m\n"
     code += f"try:\n m.read(Path({str(path)!r}))\nexcept m.FileError as error:\n print(error)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True)
     assert "line 1: found '111" in done.stdout

@@ -8,16 +8,16 @@ import pytest
 
 from palpate import Frame, Tracker
 from palpate.cli.main import main
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry.shapes import Disc
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
+from palpate.io.palpate_h5 import write_recording
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.colours import sides, unusual_colours
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.press_files import read_image
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT, GELSIGHT_MINI
 
 IN_A_TURN = list(permutations(range(3)))
 

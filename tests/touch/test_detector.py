@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from palpate.errors import SettingError
-from palpate.recording.images import decode_image, encode_image
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of, check_image
 from palpate.touch.detector import END, START, ContactDetector
+from palpate.types.images import decode_image, encode_image
+from palpate.types.sensor import DIGIT
 
 FIRST = 15
 """Frames of half a second at 30 Hz."""

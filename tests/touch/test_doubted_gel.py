@@ -9,15 +9,15 @@ import pytest
 
 from palpate.errors import FrameError, SettingError
 from palpate.geometry.objects import SHAPES
-from palpate.recording.frame import Frame
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.detector import ContactDetector, detector_for
 from palpate.touch.view import CameraView
 from palpate.tracker import Tracker
+from palpate.types.frame import Frame
+from palpate.types.sensor import DIGIT
 
 FILE = Path("unit.npz")
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from palpate.errors import SettingError
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background
 from palpate.touch.ellipse import ellipse_features, patch_outline
+from palpate.types.sensor import DIGIT
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from palpate.errors import SettingError
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of
 from palpate.touch.detector import ContactDetector
 from palpate.touch.view import AS_IT_IS, CameraView, views
+from palpate.types.sensor import DIGIT
 
 OTHERS = [view for view in views(np.empty((320, 240, 3)), 320, 240) if view != AS_IT_IS]
 SIMPLE = [

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from palpate.errors import EstimationError, SettingError
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
-from palpate.recording.sensor import DIGIT, GELSIGHT_MINI
 from palpate.touch.background import Background
 from palpate.touch.calibration import DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
 from palpate.touch.model import KINDS, Look, Spread, TouchModel
 from palpate.touch.modes import make_touch
 from palpate.touch.relative import BACK, compared_frames
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, RelativePoses, Turn
+from palpate.types.sensor import DIGIT, GELSIGHT_MINI
 
 BACKGROUND = Background(np.full((320, 240, 3), 100.0, np.float32), np.ones((320, 240, 3), np.float32))
 SIGMAS = (1.0, 1.0, 0.1)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from palpate.geometry.shapes import Disc
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
 from palpate.touch.lift import lift_of
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
 
 SENSOR = dataclasses.replace(DIGIT, name="small", image_height=80, image_width=60)
 ROWS, COLUMNS = np.indices((80, 60))

@@ -7,12 +7,12 @@ import numpy as np
 
 from palpate.cli.main import main
 from palpate.geometry.shapes import Disc, Rectangle
-from palpate.recording.sensor import GELSIGHT_MINI
-from palpate.simulation.gel import render
-from palpate.simulation.unit import draw_unit
+from palpate.lab.simulate.gel import render
+from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, shipped_model
 from palpate.touch.modes import chosen
+from palpate.types.sensor import GELSIGHT_MINI
 
 UNITS = [draw_unit(GELSIGHT_MINI, seed) for seed in (100_001, 100_002, 100_003, 100_004)]
 
@@ -59,7 +59,7 @@ def test_it_tells_how_a_side_leans():
 
 
 def test_simulated_and_tracked_by_the_commands(tmp_path, capsys, monkeypatch, no_figures):
-    monkeypatch.setattr("palpate.study.report.study_sheets", lambda *_: [])
+    monkeypatch.setattr("palpate.lab.study.report.study_sheets", lambda *_: [])
     made = ["simulate", str(tmp_path / "pushes"), "--sensor", "gelsight-mini", "--shape", "disc", "--count", "1"]
     assert main([*made, "--seconds", "3"]) == 0
     assert main(["track", str(tmp_path / "pushes/disc-000000.h5"), "--out", str(tmp_path / "run")]) == 0

@@ -12,16 +12,14 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import FileError
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.recording.frame import Frame
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, render, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.simulate.gel import ball_overlap, render, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
+from palpate.lab.train.presses_of import presses_of
 from palpate.touch import press_figure
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
@@ -30,8 +28,10 @@ from palpate.touch.press_files import read_presses
 from palpate.touch.presses import Presses, PressFit, learn_from_presses
 from palpate.touch.view import AS_IT_IS, CameraView, views
 from palpate.tracker import Tracker
-from palpate.tracker_settings import TrackerSettings
-from palpate.training.presses_of import presses_of
+from palpate.types.frame import Frame
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
 
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])
 MOUNTED = [AS_IT_IS, CameraView(2), CameraView(1), CameraView(0, True), CameraView(3, True)]

@@ -10,15 +10,15 @@ import pytest
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.recording.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Image
 from palpate.touch.calibration import AS_TOLD, load_calibration
 from palpate.touch.model import shipped_model
 from palpate.touch.press_files import read_image, read_presses
 from palpate.touch.presses import Presses, PressFit, imprint_angle, learn_from_presses
 from palpate.touch.view import AS_IT_IS, CameraView
+from palpate.types.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
 
 ANGLES = np.radians([-14.0, -8.0, -2.0, 5.0, 12.0])
 CAMERAS = {

@@ -7,16 +7,16 @@ import pytest
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.formats.palpate_h5 import write_recording
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
-from palpate.recording.images import encode_image
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT
-from palpate.simulation.gel import ball_overlap, touch_image
-from palpate.simulation.unit import draw_unit
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.unit import draw_unit
+from palpate.lab.train.presses_of import presses_of
 from palpate.touch.calibration import load_calibration
-from palpate.training.presses_of import presses_of
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT
 
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])
 ALL_ROUND = np.radians([0.0, 65.0, 130.0, 180.0, -120.0, -50.0])

@@ -6,11 +6,11 @@ import pytest
 
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, Measurement, RelativePoses, Turn
-from palpate.recording.sensor import POINT
 from palpate.touch import modes
 from palpate.touch.relative import BACK, Touch, compared_frames
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, Measurement, RelativePoses, Turn
+from palpate.types.sensor import POINT
 
 SIGMAS = (1.0, 2.0, 0.02)
 CONSTANT = (1.0, 1.0, 0.5)

@@ -9,13 +9,13 @@ import pytest
 from training_samples import LINEAR, SPREAD, model_settings
 
 from palpate.errors import EstimationError, FileError
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.difference import COLUMNS, ROWS, difference, reduced
 from palpate.touch.learnt import DifferenceInput, ImageTouch, PairTouch, linear_touch, pair_touch
 from palpate.touch.model import NETWORKS, Look, Spread, TouchModel, fingerprint, write_model
 from palpate.touch.relative import BACK, compared_frames
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, RelativePoses, Turn
 
 BYTES = {name: name.encode() for name in NETWORKS}
 

@@ -9,9 +9,9 @@ import tyro
 from palpate.cli.options import SensorOption, ShapeUnitOption
 
 if TYPE_CHECKING:
-    from palpate.formats.bags.bag_recording import BagReading
-    from palpate.formats.bags.choices import BagChoices
-    from palpate.recording.recording import Recording
+    from palpate.io.bags.bag_recording import BagReading
+    from palpate.io.bags.choices import BagChoices
+    from palpate.types.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ Bag = Annotated[BagOptions, tyro.conf.arg(name="")]
 
 def choices_of(options: BagOptions) -> "BagChoices":
     """What the options say of a bag, object and sensor left out; an offset that is still to be fitted is none."""
-    from palpate.formats.bags.choices import BagChoices
+    from palpate.io.bags.choices import BagChoices
 
     said = asdict(options)
     del said["shape"], said["shape_unit"], said["sensor"]
@@ -91,12 +91,12 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
 
     Raises SettingError for options that are of no use.
     """
-    from palpate import formats
+    from palpate import io as formats
     from palpate.errors import SettingError
-    from palpate.formats.bags.bag_recording import read_bag
-    from palpate.formats.bags.containers import container_of, existing_bag
-    from palpate.formats.outlines.load import load_shape
-    from palpate.recording.sensor import known_sensor
+    from palpate.io.bags.bag_recording import read_bag
+    from palpate.io.bags.containers import container_of, existing_bag
+    from palpate.io.outlines.load import load_shape
+    from palpate.types.sensor import known_sensor
 
     if options.shape is None:
         if options != BAG_DEFAULTS:
@@ -112,7 +112,7 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
 
 def read_to_convert(file: Path, options: BagOptions) -> tuple["Recording", list[str]]:
     """The recording in a file, and what a bag holds beyond it, in words."""
-    from palpate.recording.recording import Recording
+    from palpate.types.recording import Recording
 
     reading = read_with(file, options)
     if isinstance(reading, Recording):

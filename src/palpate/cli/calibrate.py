@@ -8,8 +8,8 @@ import tyro
 from palpate.cli.options import ForceOption, JsonOption, ModelOption, check_new
 
 if TYPE_CHECKING:
-    from palpate.recording.recording import Recording
-    from palpate.recording.sensor import SensorProfile
+    from palpate.types.recording import Recording
+    from palpate.types.sensor import SensorProfile
 
 
 def calibrate(
@@ -95,7 +95,7 @@ def calibrate(
 
 def _rested(file: Path, sensor: str | None) -> tuple[Any, dict[str, Any], str]:
     """Return the calibration, its numbers and words, of a recording's frames without contact."""
-    from palpate import formats
+    from palpate import io as formats
     from palpate.cli.console import progress_bar
     from palpate.touch.calibration import Calibration
     from palpate.touch.untouched import calibrate, untouched_frames
@@ -110,10 +110,10 @@ def _rested(file: Path, sensor: str | None) -> tuple[Any, dict[str, Any], str]:
 def _seen(untouched: tuple[Path, ...], sensor: str | None) -> tuple[Any, dict[str, Any], str]:
     """Return the calibration, its numbers and words, of images of the untouched gel."""
     from palpate.errors import FileError
-    from palpate.recording.sensor import known_sensor
     from palpate.touch.calibration import Calibration, misfit
     from palpate.touch.press_files import read_image
     from palpate.touch.untouched import background_of_stills
+    from palpate.types.sensor import known_sensor
 
     still = [read_image(each, grey=True) for each in untouched]
     (height, width), first = still[0].shape[:2], untouched[0]
@@ -133,7 +133,7 @@ def _sensor_of(recordings: "dict[Path, Recording]", named: str | None) -> "Senso
     Raises SettingError where two of them are not the same.
     """
     from palpate.errors import SettingError
-    from palpate.recording.sensor import DIGIT, known_sensor
+    from palpate.types.sensor import DIGIT, known_sensor
 
     sensors = {str(path): recording.sensor for path, recording in recordings.items()}
     if named is not None:
@@ -159,9 +159,10 @@ def _pressed(
     """Return the calibration, its numbers and words, of presses, and draw what they tell."""
     import math
 
-    from palpate import formats
+    from palpate import io as formats
     from palpate.errors import FileError
     from palpate.files import in_file, whole_file
+    from palpate.lab.train.presses_of import presses_of
     from palpate.touch.background import is_grey
     from palpate.touch.model import TouchModel, shipped_model
     from palpate.touch.modes import GREY
@@ -169,7 +170,6 @@ def _pressed(
     from palpate.touch.press_files import read_image, read_presses
     from palpate.touch.presses import learn_from_presses
     from palpate.touch.untouched import untouched_images
-    from palpate.training.presses_of import presses_of
 
     check_new(picture, force)
     is_table = presses.suffix.lower() == ".csv"

@@ -34,10 +34,10 @@ def convert(
     json: JsonOption = False,
 ) -> int:
     """Convert a recording or a trajectory from one format to another, or a bag to a recording."""
-    from palpate import formats
+    from palpate import io as formats
     from palpate.cli.console import busy, print_json, print_line
     from palpate.errors import SettingError
-    from palpate.recording.recording import Recording
+    from palpate.types.recording import Recording
 
     check_new(target, force)
     with busy(f"converting {source.name}"):

@@ -9,7 +9,7 @@ import tyro
 from palpate.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from palpate.recording.recording import Recording
+    from palpate.types.recording import Recording
 
 TACTILE: Final = "learnt"
 SHAPE: Final = "rectangle"
@@ -28,10 +28,10 @@ def demo(
     """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
-    from palpate.recording.sensor import DIGIT
-    from palpate.tracker_settings import TrackerSettings
-    from palpate.tracking.run import track
-    from palpate.tracking.run_folder import RECORDING, new_run, write_files
+    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.pipeline.run import track
+    from palpate.pipeline.run_folder import RECORDING, new_run, write_files
+    from palpate.types.sensor import DIGIT
 
     with new_run(out, force=True) as part:
         with progress_bar("simulating", round(SECONDS * DIGIT.rate)) as progress:
@@ -48,8 +48,8 @@ def demo(
 def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
     from palpate.geometry.objects import SHAPES
-    from palpate.simulation.folder import plan
-    from palpate.simulation.recordings import simulate_recording
+    from palpate.lab.simulate.folder import plan
+    from palpate.lab.simulate.recordings import simulate_recording
 
     (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)
     return simulate_recording(job.shape, job.kind, job.seed, SECONDS, progress=progress)

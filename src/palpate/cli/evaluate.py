@@ -31,7 +31,7 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from palpate.study.study import Study
+    from palpate.lab.study.study import Study
 
 TACTILES: tuple[Tactile, ...] = (
     "none",
@@ -120,16 +120,16 @@ def evaluate(
         }
         return evaluate_faults(folder, out, [option for option, value in given.items() if value], model, workers, json)
     from palpate.cli.console import busy, complain, print_json, progress_bar
+    from palpate.config.settings_file import noise_of
     from palpate.errors import SettingError
-    from palpate.estimation.settings_file import noise_of
+    from palpate.lab.study.comparison import check_common, compare, read_scores
+    from palpate.lab.study.files import find_recordings
+    from palpate.lab.study.job import StudySettings
+    from palpate.lab.study.report import write_report
+    from palpate.lab.study.results import results_of, write_results
+    from palpate.lab.study.study import run_study
+    from palpate.lab.study.trial import Method
     from palpate.shards import part_of_work
-    from palpate.study.comparison import check_common, compare, read_scores
-    from palpate.study.files import find_recordings
-    from palpate.study.job import StudySettings
-    from palpate.study.report import write_report
-    from palpate.study.results import results_of, write_results
-    from palpate.study.study import run_study
-    from palpate.study.trial import Method
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
 

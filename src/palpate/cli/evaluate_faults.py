@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.study.faults.table import FaultRow
+    from palpate.lab.study.faults.table import FaultRow
 
 
 def evaluate_faults(
@@ -18,10 +18,10 @@ def evaluate_faults(
     """
     from palpate.cli.console import print_json, print_line, progress_bar
     from palpate.errors import FileError, SettingError
+    from palpate.lab.study.faults.bench import run_faults
+    from palpate.lab.study.faults.table import TABLE, rows_of, write_table
+    from palpate.lab.study.files import find_recordings
     from palpate.locks import held_folder
-    from palpate.study.faults.bench import run_faults
-    from palpate.study.faults.table import TABLE, rows_of, write_table
-    from palpate.study.files import find_recordings
     from palpate.touch.model import TouchModel
 
     if other_options:

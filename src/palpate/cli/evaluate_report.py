@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from palpate.study.study import Study
+    from palpate.lab.study.study import Study
 
 COUNTS = ("trials", "kept", "skipped", "failed", "broken")
 """What is said of a study at its end."""
@@ -14,7 +14,7 @@ COUNTS = ("trials", "kept", "skipped", "failed", "broken")
 def report_shard(out: Path, study: "Study", json: bool) -> int:
     """Print how many trials there are of a shard, and return the exit code; tables and figures are of them all."""
     from palpate.cli.console import print_json, print_line
-    from palpate.study.results import counted
+    from palpate.lab.study.results import counted
 
     counts = counted(study)
     if json:
@@ -28,8 +28,8 @@ def report_shard(out: Path, study: "Study", json: bool) -> int:
 def report_study(out: Path, results: Mapping[str, Any]) -> None:
     """Print the tables of a study, from the content of its `results.json`, and where its report is."""
     from palpate.cli.console import number, percent, print_line, print_table
-    from palpate.study.comparison import COVERAGE
-    from palpate.study.results import ALL
+    from palpate.lab.study.comparison import COVERAGE
+    from palpate.lab.study.results import ALL
 
     finals = ("final_mm", "final_deg")
     shares = ("inside_95", "contact_inside_95", "rest_inside_95", "final_inside_95", "silently_wrong")
@@ -78,7 +78,7 @@ def report_study(out: Path, results: Mapping[str, Any]) -> None:
 def _show_knocks(methods: Mapping[str, Mapping[str, Any]]) -> None:
     """Tell what becomes of the estimate after knocks, by each method."""
     from palpate.cli.console import number, percent, print_table
-    from palpate.tracking.recovery import AFTER, FAR_DEG, FAR_MM
+    from palpate.pipeline.recovery import AFTER, FAR_DEG, FAR_MM
 
     rows = [
         [

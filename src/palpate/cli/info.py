@@ -8,8 +8,8 @@ import tyro
 from palpate.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from palpate.recording.recording import Recording
-    from palpate.tracking.inspection import Inspection
+    from palpate.pipeline.inspection import Inspection
+    from palpate.types.recording import Recording
 
 
 def info(
@@ -25,15 +25,15 @@ def info(
     Of a bag of ROS messages: its topics, rates, gaps and clocks, and what would be read from where. Of a calibration:
     its images, how they lie, and what is off in directions.
     """
-    from palpate import formats
+    from palpate import io as formats
     from palpate.cli.bag_info import show_bag
     from palpate.cli.calibration_info import show_calibration
     from palpate.cli.console import busy, print_json
-    from palpate.formats.bag import read_own
     from palpate.geometry.shapes import shape_to_dict
-    from palpate.recording.recording import Recording
-    from palpate.recording.sensor import sensor_to_dict
-    from palpate.tracking.inspection import inspect_recording
+    from palpate.io.bag import read_own
+    from palpate.pipeline.inspection import inspect_recording
+    from palpate.types.recording import Recording
+    from palpate.types.sensor import sensor_to_dict
 
     if formats.detect_format(file) is None and file.suffix.lower() == ".npz":
         show_calibration(file, json)
@@ -64,7 +64,7 @@ def info(
 def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     from palpate.cli.console import number, print_line, print_table
     from palpate.geometry.shapes import shape_to_dict
-    from palpate.tracking.findings import counted
+    from palpate.pipeline.findings import counted
 
     begin = recording.time[0]
     shape = shape_to_dict(recording.shape)

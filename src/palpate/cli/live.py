@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from palpate.live.state import LiveState
     from palpate.live.truth import TruePose
     from palpate.touch.calibration import Calibration
-    from palpate.view.live import LiveLog
+    from palpate.viewer.live import LiveLog
 
 LATENCIES = (("p50", "latency, median"), ("p99", "latency, 99 %"), ("max", "latency, largest"))
 
@@ -100,6 +100,7 @@ def live(
     counted.
     """
     from palpate.cli.console import busy, complain, print_json
+    from palpate.config.tracker_settings import TrackerSettings
     from palpate.errors import SettingError
     from palpate.live.ended import ended_by_signals
     from palpate.live.overhead import overhead_truth
@@ -110,7 +111,6 @@ def live(
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
     from palpate.tracker import Tracker
-    from palpate.tracker_settings import TrackerSettings
 
     check_model(model, [tactile])
     if tactile == "oracle":
@@ -139,7 +139,7 @@ def live(
         taking = record and stack.enter_context(recorder(record, shape, rig.recorded_sensor, force))
         log = None
         if view:
-            from palpate.view.live import live_view
+            from palpate.viewer.live import live_view
 
             log = stack.enter_context(live_view(rig.scene, rig.name, None, force, window=True))
         stop = stack.enter_context(ended_by_signals())
@@ -167,9 +167,9 @@ def _rig(
 ) -> "Rig":
     """What the options say is to be tracked by what. Raises SettingError where they do not go together."""
     from palpate.errors import SettingError
-    from palpate.formats.outlines.load import load_shape
+    from palpate.io.outlines.load import load_shape
     from palpate.live.rig import camera_rig, replay_rig
-    from palpate.recording.recording import Recording
+    from palpate.types.recording import Recording
 
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")

@@ -17,7 +17,7 @@ from palpate.cli.options import (
 
 if TYPE_CHECKING:
     from palpate.geometry.shapes import Shape
-    from palpate.recording.recording import Recording
+    from palpate.types.recording import Recording
 
 COUNT, SECONDS, SENSOR = 10, 15.0, "digit"
 
@@ -78,11 +78,11 @@ def simulate(
     import time
 
     from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
-    from palpate.recording.sensor import known_sensor
+    from palpate.lab.simulate.folder import plan, simulate_folder
+    from palpate.lab.simulate.objects import PAPER
+    from palpate.lab.simulate.replay import replay_folder
     from palpate.shards import part_of_work
-    from palpate.simulation.folder import plan, simulate_folder
-    from palpate.simulation.objects import PAPER
-    from palpate.simulation.replay import replay_folder
+    from palpate.types.sensor import known_sensor
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}
@@ -141,7 +141,7 @@ def _check_replay(
 def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[str, str]]:
     """Recordings by the names of their replays, and why others cannot be read; SettingError if two have one name."""
     from palpate.errors import FileError, SettingError
-    from palpate.formats import load_recording
+    from palpate.io import load_recording
 
     sources: dict[str, Path] = {}
     found: dict[str, Recording] = {}
@@ -161,7 +161,7 @@ def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[s
 def _shapes(names: tuple[str, ...], unit: ShapeUnit | None) -> dict[str, "Shape"]:
     """Shapes by name; SettingError if two have the same."""
     from palpate.errors import SettingError
-    from palpate.simulation.objects import find_shape
+    from palpate.lab.simulate.objects import find_shape
 
     found = {}
     for given in names:

@@ -30,10 +30,10 @@ from palpate.cli.options import (
 from palpate.cli.run_report import report_run, report_runs
 
 if TYPE_CHECKING:
-    from palpate.recording.recording import Recording
+    from palpate.config.tracker_settings import TrackerSettings
     from palpate.touch.calibration import Calibration
     from palpate.touch.model import TouchModel
-    from palpate.tracker_settings import TrackerSettings
+    from palpate.types.recording import Recording
 
 
 def track(
@@ -87,11 +87,11 @@ def track(
     from functools import partial
 
     from palpate.cli.console import complain, print_json
+    from palpate.config.settings_file import noise_of
+    from palpate.config.tracker_settings import TrackerSettings
     from palpate.errors import PalpateError, SettingError
-    from palpate.estimation.settings_file import noise_of
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel
-    from palpate.tracker_settings import TrackerSettings
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
@@ -169,10 +169,10 @@ def run_file(
     from contextlib import nullcontext
 
     from palpate.cli.console import busy, progress_bar
-    from palpate.recording.plane import flat
-    from palpate.recording.recording import Recording
-    from palpate.tracking.run import track
-    from palpate.tracking.run_folder import MCAP, PAGE, new_run, state_file, summary_of_whole, write_files
+    from palpate.pipeline.run import track
+    from palpate.pipeline.run_folder import MCAP, PAGE, new_run, state_file, summary_of_whole, write_files
+    from palpate.types.plane import flat
+    from palpate.types.recording import Recording
 
     asked = {
         "recording": _written(file),
@@ -194,7 +194,7 @@ def run_file(
         recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
         view = nullcontext()
         if window or rrd:
-            from palpate.view.live import live_view
+            from palpate.viewer.live import live_view
 
             view = live_view(recording, file.name, rrd, force, window)
         with view as log, progress_bar(file.name, len(recording)) as progress:
@@ -213,7 +213,7 @@ def run_file(
             )
         write_files(run, part, plane if mcap else None, asked)
         if html:
-            from palpate.view.page import write_page
+            from palpate.viewer.page import write_page
 
             write_page(run, file.name, part / PAGE)
     return run.summary
@@ -235,7 +235,7 @@ def _fitted_offset(
 ) -> float:
     """The time offset [s] that contacts tell, which is said; 0 where they cannot tell it from 0."""
     from palpate.cli.console import complain
-    from palpate.tracking.time_offset import time_offset
+    from palpate.pipeline.time_offset import time_offset
 
     pose_sigma = settings.noise.sensor_pose.calibration[0]
     if first_pose is not None:
@@ -253,7 +253,7 @@ def _fitted_offset(
 def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool, resume: bool) -> None:
     """Raise SettingError where a view is asked for that cannot be had, before the work and not after it."""
     from palpate.errors import SettingError
-    from palpate.view.viewer import check_rerun
+    from palpate.viewer.viewer import check_rerun
 
     if not view and save_rrd is None:
         return

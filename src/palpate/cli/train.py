@@ -8,7 +8,7 @@ import tyro
 from palpate.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from palpate.training.train import TrainSettings
+    from palpate.lab.train.train import TrainSettings
 
 
 def train(
@@ -85,9 +85,9 @@ def train(
         raise SettingError(
             f"training needs {error.name}, which is not installed: pip install palpate[train]"
         ) from error
+    from palpate.lab.train.train import TrainSettings
+    from palpate.lab.train.train import train as train_model
     from palpate.touch.calibration import load_calibration
-    from palpate.training.train import TrainSettings
-    from palpate.training.train import train as train_model
 
     begin = time.perf_counter()
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
@@ -130,8 +130,8 @@ def _train_on_presses(
     """Train on presses and return what the model is worth."""
     from palpate.cli.console import progress_bar
     from palpate.files import in_file
+    from palpate.lab.train.from_presses import train_on_presses
     from palpate.touch.press_files import read_image, read_presses
-    from palpate.training.from_presses import train_on_presses
 
     at_rest = [read_image(path, grey=True) for path in untouched]
     given = read_presses(presses, grey=True)

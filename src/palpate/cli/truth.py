@@ -21,8 +21,8 @@ def truth_print(
 ) -> int:
     """Write what to print for truth by a camera: tags for table, object and sensor, and a board to calibrate with."""
     from palpate.cli.console import print_line
-    from palpate.simulation.objects import find_shape
-    from palpate.truth.sheets import write_sheets
+    from palpate.lab.simulate.objects import find_shape
+    from palpate.lab.truth.sheets import write_sheets
 
     check_new(out, force)
     write_sheets(out, *find_shape(shape), paper, force)
@@ -39,8 +39,8 @@ def truth_camera(
 ) -> int:
     """Calibrate the overhead camera by a video of the printed board, held aslant all over the view."""
     from palpate.cli.console import busy, print_line
-    from palpate.truth.camera import calibrated, save_camera
-    from palpate.truth.video import pictures
+    from palpate.lab.truth.camera import calibrated, save_camera
+    from palpate.lab.truth.video import pictures
 
     check_new(out, force)
     with busy(f"looking for the board in {video.name}"):
@@ -65,14 +65,14 @@ def truth(
     """Put ground truth into a recording, from a video of the push with tags on table, object and sensor."""
     import numpy as np
 
-    from palpate import formats
+    from palpate import io as formats
     from palpate.cli.console import busy, number, print_json, print_table
     from palpate.errors import FileError
-    from palpate.truth.alignment import align
-    from palpate.truth.camera import load_camera
-    from palpate.truth.record import with_truth
-    from palpate.truth.video import pictures
-    from palpate.truth.watched import watch
+    from palpate.lab.truth.alignment import align
+    from palpate.lab.truth.camera import load_camera
+    from palpate.lab.truth.record import with_truth
+    from palpate.lab.truth.video import pictures
+    from palpate.lab.truth.watched import watch
 
     check_new(out, force)
     given, seen_by = formats.load_recording(recording), load_camera(camera)

@@ -20,8 +20,8 @@ from palpate.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from palpate.lab.tune.tuning import Judgement, Tuning
     from palpate.touch.calibration import DirectionCorrection
-    from palpate.tuning.tuning import Judgement, Tuning
 
 
 def tune(
@@ -66,16 +66,16 @@ def tune(
     import time
 
     from palpate.cli.console import complain, print_json, progress_bar
-    from palpate.estimation.settings_file import noise_of, write_noise
+    from palpate.config.settings_file import noise_of, write_noise
+    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.lab.study.files import find_recordings
+    from palpate.lab.tune.parameters import check_parameters
+    from palpate.lab.tune.recorded_touch import record_touch_of_files
+    from palpate.lab.tune.tuning import held_out
+    from palpate.lab.tune.tuning import tune as tune_settings
     from palpate.locks import only_writer
-    from palpate.study.files import find_recordings
     from palpate.touch.calibration import correction_of, load_calibration
     from palpate.touch.model import TouchModel
-    from palpate.tracker_settings import TrackerSettings
-    from palpate.tuning.parameters import check_parameters
-    from palpate.tuning.recorded_touch import record_touch_of_files
-    from palpate.tuning.tuning import held_out
-    from palpate.tuning.tuning import tune as tune_settings
 
     begin = time.perf_counter()
     check_model(model, ["learnt" if tactile == "auto" else tactile])

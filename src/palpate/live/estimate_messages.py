@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.estimate import Estimate
-from palpate.formats.bags.estimates_mcap import NOTHING, add_estimates
-from palpate.formats.bags.message_sink import MessageSink
+from palpate.io.bags.estimates_mcap import NOTHING, add_estimates
+from palpate.io.bags.message_sink import MessageSink
 from palpate.live.poses import SensorPlace
-from palpate.recording.plane import Plane
-from palpate.recording.trajectory import Trajectory
+from palpate.types.estimate import Estimate
+from palpate.types.plane import Plane
+from palpate.types.trajectory import Trajectory
 
 
 def add_estimate(

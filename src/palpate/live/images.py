@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.recording.images import Codec, decode_image, encode_image
+from palpate.types.images import Codec, decode_image, encode_image
 
 Image = NDArray[np.uint8]
 

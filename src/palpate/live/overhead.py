@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import SettingError
+from palpate.lab.truth.camera import load_camera
+from palpate.lab.truth.tags import Gray
+from palpate.lab.truth.video import pictures as pictures_of
 from palpate.live.camera import Camera
 from palpate.live.clock import Clock
 from palpate.live.devices import Device, V4l2Device, camera_path
 from palpate.live.truth import LiveTruth, Picture, PictureSource
-from palpate.truth.camera import load_camera
-from palpate.truth.tags import Gray
-from palpate.truth.video import pictures as pictures_of
 
 
 def overhead_truth(name: str, calibration: Path, open_device: Callable[..., Device] = V4l2Device) -> LiveTruth:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.recording.motion import LONGEST_GAP
+from palpate.types.motion import LONGEST_GAP
 
 Array = NDArray[np.float64]
 

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.estimate import Estimate
-from palpate.formats.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
-from palpate.formats.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
-from palpate.formats.bags.messages import COMPRESSED_IMAGE, POSE, POSE_WITH_COVARIANCE
-from palpate.formats.bags.recording_mcap import IMAGES, OBJECT_POSES, SENSOR_POSES
 from palpate.geometry.shapes import Shape
+from palpate.io.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
+from palpate.io.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
+from palpate.io.bags.messages import COMPRESSED_IMAGE, POSE, POSE_WITH_COVARIANCE
+from palpate.io.bags.recording_mcap import IMAGES, OBJECT_POSES, SENSOR_POSES
 from palpate.live.estimate_messages import add_estimate
 from palpate.live.images import TouchImage, encoded_of
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.truth import TruePose
-from palpate.recording.plane import flat, out_of_plane
-from palpate.recording.sensor import SensorProfile
+from palpate.types.estimate import Estimate
+from palpate.types.plane import flat, out_of_plane
+from palpate.types.sensor import SensorProfile
 
 _PLANE = flat()
 

@@ -7,7 +7,7 @@ from palpate.errors import SettingError
 from palpate.live.clock import Clock
 from palpate.live.images import TouchImage
 from palpate.live.poses import TimedPose
-from palpate.recording.recording import Recording
+from palpate.types.recording import Recording
 
 _LEAD = 0.05  # [s] before the first frame
 

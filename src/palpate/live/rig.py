@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.config.settings import NoiseSettings
 from palpate.errors import SettingError
-from palpate.estimation.settings import NoiseSettings
 from palpate.geometry.shapes import Shape
 from palpate.live.camera import Camera
 from palpate.live.clock import Clock
@@ -22,10 +22,10 @@ from palpate.live.replay import Replay
 from palpate.live.ros2_sources import ros2_poses
 from palpate.live.session import Sources
 from palpate.live.udp import UdpPoses
-from palpate.recording.recording import Recording
-from palpate.recording.sensor import DIGIT, SensorProfile
+from palpate.pipeline.prepared import first_pose_of
 from palpate.touch.calibration import Calibration, view_of
-from palpate.tracking.prepared import first_pose_of
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT, SensorProfile
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.formats.bags.choices import BagChoices
-from palpate.formats.bags.messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
+from palpate.io.bags.choices import BagChoices
+from palpate.io.bags.messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
 from palpate.live.clock import Clock
 from palpate.live.images import TouchImage
 from palpate.live.poses import PoseSource, Refused, TimedPose
 from palpate.live.ros2 import Ros2Node
 from palpate.live.udp import timely
-from palpate.recording.plane import STEEPEST, Plane, into_plane, plane_across
+from palpate.types.plane import STEEPEST, Plane, into_plane, plane_across
 
 OFF_PLANE = BagChoices().off_plane
 """[m] that poses may be off the plane."""

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FrameError
-from palpate.estimate import Estimate
 from palpate.live.clock import Clock
 from palpate.live.images import ImageSource, TouchImage, pixels_of
 from palpate.live.newest import Newest
 from palpate.live.poses import PoseSource, PoseTrack, Refused, SensorPlace, TimedPose
 from palpate.live.state import LiveEstimate, LiveState
 from palpate.live.truth import LiveTruth, Picture, TruePose
-from palpate.recording.frame import Frame
+from palpate.pipeline.run import Watch
 from palpate.tracker import Tracker
-from palpate.tracking.run import Watch
+from palpate.types.estimate import Estimate
+from palpate.types.frame import Frame
 
 Compared = Callable[[TruePose, NDArray[np.float64] | None], None]
 """Takes a true pose of the object and what was estimated for its time, (3,), or None."""

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate import Estimate
 from palpate.live.poses import SensorPlace, along
 from palpate.live.truth import TruePose
-from palpate.recording.seen_poses import LONGEST_GAP
-from palpate.tracking.metrics import rotation_errors, translation_errors
+from palpate.pipeline.metrics import rotation_errors, translation_errors
+from palpate.types.estimate import Estimate
+from palpate.types.seen_poses import LONGEST_GAP
 
 _RATED = 60  # images that the rate is measured by
 _NOTES = 3  # that are shown

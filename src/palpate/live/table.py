@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.table import Table
 
 from palpate.live.state import LiveState
-from palpate.tracking.poses import pose_words, world_sigma
+from palpate.pipeline.poses import pose_words, world_sigma
 
 _REFRESH = 5  # times a second
 _RECENT = 600  # estimates whose latency is shown

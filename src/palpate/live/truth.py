@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
+from palpate.lab.truth.alignment import Alignment, align
+from palpate.lab.truth.camera import Camera
+from palpate.lab.truth.record import in_world
+from palpate.lab.truth.table import Table
+from palpate.lab.truth.tags import OBJECT, SENSOR, Gray, corners_in
+from palpate.lab.truth.watched import Sightings, Watched
 from palpate.live.poses import TimedPose
-from palpate.truth.alignment import Alignment, align
-from palpate.truth.camera import Camera
-from palpate.truth.record import in_world
-from palpate.truth.table import Table
-from palpate.truth.tags import OBJECT, SENSOR, Gray, corners_in
-from palpate.truth.watched import Sightings, Watched
 
 Array = NDArray[np.float64]
 

@@ -5,20 +5,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from palpate.config.tracker_settings import TrackerSettings
 from palpate.errors import SettingError
+from palpate.lab.simulate.objects import find_shape
 from palpate.live.images import pixels_of
 from palpate.live.rig import check_size, size_of_images
 from palpate.live.ros2 import Ros2Clock, Ros2Node
 from palpate.live.ros2_sources import Ros2Images, Ros2Poses
 from palpate.live.session import Sources, track_live
 from palpate.live.state import LiveState
-from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.ros2.parameters import Parameters, parameters_of
 from palpate.ros2.publisher import Publisher
-from palpate.simulation.objects import find_shape
 from palpate.touch.calibration import load_calibration
 from palpate.tracker import Tracker
-from palpate.tracker_settings import TrackerSettings
+from palpate.types.sensor import DIGIT, SensorProfile
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that are subscribed to; a user remaps them."""

@@ -3,16 +3,16 @@
 from collections.abc import Callable
 from typing import Any
 
-from palpate.estimate import Estimate
-from palpate.formats.bags.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
-from palpate.formats.bags.message_sink import MessageSink
-from palpate.formats.bags.messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE
+from palpate.io.bags.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
+from palpate.io.bags.message_sink import MessageSink
+from palpate.io.bags.messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE
 from palpate.live.estimate_messages import add_estimate
 from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.ros2 import Ros2Node, message_type
 from palpate.live.state import LiveState
-from palpate.recording.plane import Plane
+from palpate.types.estimate import Estimate
+from palpate.types.plane import Plane
 
 CONTACT = "/palpate/contact"
 TOPICS = {

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.compiled import Records, compiled
+from palpate.graph.compiled import Records, compiled
 
 
 def area_means(image: NDArray[np.uint8] | NDArray[np.float32], rows: int, columns: int) -> NDArray[np.float32]:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from palpate.archives import read_arrays
 from palpate.errors import FileError
 from palpate.files import FLAGS, INTEGERS, NUMBERS, checked_array, existing_file, whole_file
-from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background
 from palpate.touch.light import Levels
 from palpate.touch.view import AS_IT_IS, CameraView
+from palpate.types.sensor import SensorProfile
 
 VERSION = 4
 """The first had mean and deviation only, the second no sigma of the scale, the third did not say whether the view is

@@ -7,9 +7,9 @@ which is why this says something and refuses nothing.
 
 import numpy as np
 
-from palpate.recording.sensor import DIGIT, SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import Image
+from palpate.types.sensor import DIGIT, SensorProfile
 
 _USUAL = {DIGIT.name: (0, 2, 1)}
 """Channels from left to right, by the name of the profile: as on 16 of 17 published DIGITs, docs/study/colours.json."""

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.recording.sensor import SensorProfile
 from palpate.touch.area import area_means
 from palpate.touch.background import SPARSE, Background, Image, check_colours, check_image, is_flat
 from palpate.touch.calibration import Calibration, misfit
@@ -16,6 +15,7 @@ from palpate.touch.left_behind import LeftBehind
 from palpate.touch.light import Levels, Light, cells_of, light_of, share_off, share_unlike, wide_cells_of
 from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.steady import SteadyImages, first_frames
+from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import ContactDirection, ContactPlace, Measurement, RelativePoses, Turn
 from palpate.touch.background import Background
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import Difference, difference_in_light, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.relative import BACK, Touch, compared_frames
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, RelativePoses, Turn
 
 Array = NDArray[np.float64]
 Features = NDArray[Any]

@@ -7,7 +7,7 @@ It is told by cells, the means over areas of an image, 30 across: they have less
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.compiled import Records, compiled, compiled_to_sum
+from palpate.graph.compiled import Records, compiled, compiled_to_sum
 from palpate.touch.area import area_means
 
 Levels = NDArray[np.float32]

@@ -7,7 +7,6 @@ import numpy as np
 
 from palpate.errors import SettingError
 from palpate.geometry.se2 import Sigmas
-from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Background, Image, is_grey
 from palpate.touch.calibration import AS_TOLD, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
@@ -15,6 +14,7 @@ from palpate.touch.learnt import DifferenceInput, ImageTouch, linear_touch, pair
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
 from palpate.touch.steady import is_dark
+from palpate.types.sensor import SensorProfile
 
 Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"

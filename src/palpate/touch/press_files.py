@@ -7,9 +7,9 @@ import numpy as np
 
 from palpate.errors import FileError
 from palpate.files import existing_file, read_csv
-from palpate.recording.images import image_size
 from palpate.touch.background import Image, is_grey
 from palpate.touch.presses import Presses
+from palpate.types.images import image_size
 
 
 def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Presses:

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.recording.sensor import SensorProfile
 from palpate.touch.background import Image
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.colours import unusual_colours
@@ -24,6 +23,7 @@ from palpate.touch.difference import COLUMNS, Difference, difference, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.untouched import background_of_stills
 from palpate.touch.view import CameraView, views
+from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.recording.frame import Frame
-from palpate.recording.measurements import FARTHEST_BACK, Measurement, RelativePoses
+from palpate.types.frame import Frame
+from palpate.types.measurements import FARTHEST_BACK, Measurement, RelativePoses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]

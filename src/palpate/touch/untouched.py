@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.recording.recording import Recording
 from palpate.touch.background import Background, Image, background_of, check_image
 from palpate.touch.detector import START, detector_for
+from palpate.types.recording import Recording
 
 NEEDED = 30
 """Frames without contact, one second at 30 Hz: from them a deviation is known to 13 %."""

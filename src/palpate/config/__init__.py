@@ -1,0 +1,1 @@
+"""Settings of the tracker: a group a factor or a stage."""

@@ -1,0 +1,279 @@
+"""What touches what: the object's outline and friction, and the round parts of the sensor.
+
+`touching` says how sensor and outline touch at given sensor poses, with derivatives. It is what contact, direction and
+pushing need of the outline, so that it is looked up once for all of them.
+
+A flat pad is a row of n round parts, and each finger of a hand is one. Part i is at the distance d_i from the outline,
+and where a part is nearer, it bears more of the load. Its share is w_i = exp(-d_i / s) / sum_j exp(-d_j / s), with s
+the depth to which gels are pressed in; point and normal are the means over these shares, and the gap is
+-s log(mean_i exp(-d_i / s)). So the centre of a contact moves from one edge of a pad to the other as an elastic
+foundation's centre of pressure does (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3), a finger that is off the
+object bears nothing, and all is smooth. Of one part all this is the part's own.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.shapes import Shape
+from palpate.graph.compiled import Array, Complex, Records, compiled
+from palpate.graph.se2_kernels import dot, position, rotation
+from palpate.types.sensor import SensorProfile
+
+Weights = tuple[float, float, float, float]
+_FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
+_WALK = 1e-3  # [m] at a time along an outline
+_SOFT = 2e-4  # [m] depth to which a flat gel is pressed in, and by which fingers give
+
+TOUCHING = np.dtype(
+    [
+        ("gap", np.float64),
+        ("gap_by_g", np.float64, (3,)),
+        ("point", np.complex128),
+        ("point_by_g", np.complex128, (3,)),
+        ("material", np.complex128),
+        ("material_by_g", np.complex128, (3,)),
+        ("normal", np.complex128),
+        ("normal_by_g", np.complex128, (3,)),
+    ],
+    align=True,
+)
+"""How sensor and outline touch at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.
+
+- gap [m]: distance between the sensor's surface and the outline, negative where they overlap.
+- point [m]: the point of the sensor's surface nearest to the outline, object frame.
+- material [m]: the same point in the sensor frame.
+- normal: the outline's outward normal there, object frame.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactModel:
+    """An object's outline and friction, and the round parts of a sensor."""
+
+    field: DistanceField
+    """Signed distance of the object's outline [m], object frame."""
+    parts: NDArray[np.complex128]
+    """Centre of curvature of each round part (n,) [m], sensor frame."""
+    radius: float
+    """Radius of curvature of the parts [m]; 0 is the paper's point."""
+    friction_radius: float
+    """c [m], the largest friction torque over the largest friction force between object and table."""
+    friction_center: complex = 0.0 + 0.0j
+    """Centre of the pressure distribution [m], object frame."""
+    span: float = 0.0
+    """Distance between the outermost tips of the sensor [m]; 0 for one tip."""
+
+    @cached_property
+    def center(self) -> complex:
+        """Middle of the parts [m], sensor frame."""
+        return complex(self.parts.mean())
+
+    def touching(self, g: Array) -> NDArray[np.void]:
+        """Return how the sensor touches the outline at poses g (B, N, 3): TOUCHING (B, N)."""
+        out = np.empty(g.shape[:2], TOUCHING)
+        grid = self.field.coefficients, self.field.origin[0], self.field.origin[1], self.field.cell
+        _touching(g, self.parts, self.radius, *grid, out)
+        return out
+
+    def touching_at(self, g: Array) -> np.void:
+        """Return how the sensor touches the outline at one pose g (3,): TOUCHING."""
+        return self.touching(g[None, None])[0, 0]
+
+    def moved_along(self, g: Array, lengths: Array) -> Array:
+        """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, in the same yaw.
+
+        The middle of the sensor's parts stays as near to the outline.
+        """
+        field, moved = self.field, g.copy()
+        grid = field.coefficients, field.origin[0], field.origin[1], field.cell
+        _move_along(moved, lengths, self.center, *grid)
+        return moved
+
+
+def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> ContactModel:
+    """Return what the sensor is to an object of this shape.
+
+    pressure is how the object presses on the table ("uniform", "rim" or "corner"), which gives c, or c itself [m].
+    """
+    field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
+    parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
+    c = shape.friction_radius(pressure)
+    tips = sensor.centers
+    span = float(np.linalg.norm(tips[:, None] - tips, axis=-1).max())
+    return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span)
+
+
+@compiled
+def _touching(
+    g: Array,
+    centers: Complex,
+    radius: float,
+    coefficients: Array,
+    x0: float,
+    y0: float,
+    cell: float,
+    out: Records,
+) -> None:
+    parts = np.empty(len(centers), TOUCHING)
+    for b in range(g.shape[0]):
+        for k in range(g.shape[1]):
+            for i in range(len(centers)):
+                _put_round(g[b, k], centers[i], radius, coefficients, x0, y0, cell, parts[i])
+            _put_mean(parts, out[b, k])
+
+
+@compiled
+def _put_round(
+    pose: Array, center: complex, radius: float, coefficients: Array, x0: float, y0: float, cell: float, touch: Records
+) -> None:
+    """Put how a round part with this centre in the sensor frame touches the outline."""
+    turn = rotation(pose[2])
+    placed = position(pose) + turn * center
+    distance, normal, bend_x, bend_y = _distance(placed, coefficients, x0, y0, cell)
+    normal_in_sensor = turn.conjugate() * normal
+    touch.gap = distance - radius
+    touch.point = placed - radius * normal
+    touch.material = center - radius * normal_in_sensor
+    touch.normal = normal
+    for c in range(3):
+        moved = turn if c == 0 else 1j * turn if c == 1 else 1j * turn * center
+        normal_by = bend_x * moved.real + bend_y * moved.imag
+        touch.gap_by_g[c] = dot(normal, moved)
+        touch.normal_by_g[c] = normal_by
+        touch.point_by_g[c] = moved - radius * normal_by
+        touch.material_by_g[c] = -radius * turn.conjugate() * normal_by
+    touch.material_by_g[2] += 1j * radius * normal_in_sensor
+
+
+@compiled
+def _put_mean(parts: Records, touch: Records) -> None:
+    """Put how a sensor touches of which the round parts touch like this."""
+    nearest = math.inf
+    for i in range(len(parts)):
+        nearest = min(nearest, parts[i].gap)
+    total = 0.0
+    touch.point = touch.material = touch.normal = 0.0
+    for c in range(3):
+        touch.gap_by_g[c] = 0.0
+        touch.point_by_g[c] = touch.material_by_g[c] = touch.normal_by_g[c] = 0.0
+    for i in range(len(parts)):
+        total += math.exp((nearest - parts[i].gap) / _SOFT)
+    for i in range(len(parts)):
+        part, share = parts[i], math.exp((nearest - parts[i].gap) / _SOFT) / total
+        touch.point += share * part.point
+        touch.material += share * part.material
+        touch.normal += share * part.normal
+        for c in range(3):
+            touch.gap_by_g[c] += share * part.gap_by_g[c]
+    touch.gap = nearest - _SOFT * math.log(total / len(parts))
+    for i in range(len(parts)):
+        part, share = parts[i], math.exp((nearest - parts[i].gap) / _SOFT) / total
+        for c in range(3):
+            grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / _SOFT  # the share, relative to what it is
+            touch.point_by_g[c] += share * (part.point_by_g[c] + grows * part.point)
+            touch.material_by_g[c] += share * (part.material_by_g[c] + grows * part.material)
+            touch.normal_by_g[c] += share * (part.normal_by_g[c] + grows * part.normal)
+
+
+@compiled
+def _move_along(
+    g: Array, lengths: Array, center: complex, coefficients: Array, x0: float, y0: float, cell: float
+) -> None:
+    for k in range(len(g)):
+        place, arm = position(g[k]), rotation(g[k, 2]) * center
+        near = _distance(place + arm, coefficients, x0, y0, cell)[0]
+        count = math.ceil(abs(lengths[k]) / _WALK)
+        for _ in range(count):
+            normal = _distance(place + arm, coefficients, x0, y0, cell)[1]
+            place += 1j * normal * lengths[k] / count
+            distance, normal, _bend_x, _bend_y = _distance(place + arm, coefficients, x0, y0, cell)
+            place += (near - distance) * normal
+        g[k, 0], g[k, 1] = place.real, place.imag
+
+
+@compiled
+def _distance(
+    point: complex, coefficients: Array, x0: float, y0: float, cell: float
+) -> tuple[float, complex, complex, complex]:
+    """Signed distance, its gradient, and how the gradient changes along x and along y.
+
+    It is `DistanceField.value_gradient_hessian` of one point: a cubic B-spline inside the grid; outside, the value at
+    the nearest point of the border plus the way to there.
+    """
+    rows, columns = coefficients.shape[0] - 3, coefficients.shape[1] - 3
+    x, y = (point.real - x0) / cell, (point.imag - y0) / cell
+    at_x, at_y = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
+    column, row = int(at_x), int(at_y)
+    wx, wy = _weights(at_x - column), _weights(at_y - row)
+    value = by_x = by_y = by_xx = by_xy = by_yy = 0.0
+    for i in range(4):
+        along = along_1 = along_2 = 0.0
+        for j in range(4):
+            coefficient = coefficients[row + i, column + j]
+            along += coefficient * wx[0][j]
+            along_1 += coefficient * wx[1][j]
+            along_2 += coefficient * wx[2][j]
+        value += wy[0][i] * along
+        by_x += wy[0][i] * along_1
+        by_xx += wy[0][i] * along_2
+        by_y += wy[1][i] * along
+        by_xy += wy[1][i] * along_1
+        by_yy += wy[2][i] * along
+    gradient = complex(by_x, by_y) / cell
+    bend_x, bend_y = complex(by_xx, by_xy) / cell**2, complex(by_xy, by_yy) / cell**2
+    if x == at_x and y == at_y:
+        return value, gradient, bend_x, bend_y
+    beyond = complex(x - at_x, y - at_y) * cell
+    length = abs(beyond)
+    out_x, out_y = 1.0 if x != at_x else 0.0, 1.0 if y != at_y else 0.0
+    way = beyond / length
+    gradient = complex(by_x / cell * (1.0 - out_x), by_y / cell * (1.0 - out_y)) + way
+    both_inside = (1.0 - out_x) * (1.0 - out_y)
+    across = bend_x.imag * both_inside - way.real * way.imag / length
+    bend_x = complex(bend_x.real * (1.0 - out_x) + (out_x - way.real**2) / length, across)
+    bend_y = complex(across, bend_y.imag * (1.0 - out_y) + (out_y - way.imag**2) / length)
+    return value + length, gradient, bend_x, bend_y
+
+
+@compiled
+def _weights(f: float) -> tuple[Weights, Weights, Weights]:
+    """Weights of the four nearby spline coefficients at the place f in a cell: value, first and second derivative."""
+    rest = 1.0 - f
+    value = (
+        rest**3 / 6.0,
+        (4.0 - 6.0 * f**2 + 3.0 * f**3) / 6.0,
+        (1.0 + 3.0 * f + 3.0 * f**2 - 3.0 * f**3) / 6.0,
+        f**3 / 6.0,
+    )
+    first = (-0.5 * rest**2, 1.5 * f**2 - 2.0 * f, 0.5 + f - 1.5 * f**2, 0.5 * f**2)
+    return value, first, (rest, 3.0 * f - 2.0, 1.0 - 3.0 * f, f)
+
+
+@compiled
+def pushing_angles(
+    g: Array, e: Array, touch: Records, c: float, center: complex, friction_center: Array, reach: int, out: Array
+) -> None:
+    """Put the angle of the pushing force from the outline's inward normal, counter-clockwise, into out (B, N).
+
+    On the limit surface the force points along the motion of the centre of friction, which is taken over the `reach`
+    steps nearby, for one step of it is mostly noise. At the first step it is 0, for nothing has moved. g and e are
+    (B, N, 3), touch (B, N) is how they touch at g, c [m] and center [m] are the model's and friction_center
+    (2, B) is where the centre is besides, in c.
+    """
+    steps = g.shape[1]
+    centers, turns = np.empty(steps, np.complex128), np.empty(steps, np.complex128)
+    for b in range(g.shape[0]):
+        in_object = center + c * complex(friction_center[0, b], friction_center[1, b])
+        for k in range(steps):
+            turns[k] = rotation(e[b, k, 2] - g[b, k, 2])
+            centers[k] = position(e[b, k]) + turns[k] * (in_object - position(g[b, k]))
+        out[b, 0] = 0.0
+        for k in range(1, steps):
+            moved = centers[min(k + reach - 1, steps - 1)] - centers[max(k - reach, 0)]
+            along = moved * (-touch[b, k].normal * turns[k]).conjugate()
+            out[b, k] = math.atan2(along.imag, along.real)

@@ -1,0 +1,117 @@
+"""Planar motion in compiled code: a vector is a complex number, so `exp(i theta)` turns it and `i` by 90 degrees.
+
+A pose is three numbers x [m], y [m], theta [rad] of an array; perturbations are on the right (body frame), in that
+order. Formulas: J. Sola et al., "A micro Lie theory for state estimation in robotics", 2018, with half angles; see
+`geometry.se2`, which says the same of arrays.
+"""
+
+import math
+
+import numpy as np
+
+from palpate.graph.compiled import Array, compiled
+
+_SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the closed form loses three digits
+
+
+@compiled
+def wrap(angle: float) -> float:
+    """Return the same angle in (-pi, pi]."""
+    rest = np.fmod(angle, 2.0 * math.pi)
+    if rest > math.pi:
+        return rest - 2.0 * math.pi
+    if rest <= -math.pi:
+        return rest + 2.0 * math.pi
+    return rest
+
+
+@compiled
+def rotation(theta: float) -> complex:
+    """Return exp(i theta)."""
+    return complex(math.cos(theta), math.sin(theta))
+
+
+@compiled
+def position(pose: Array) -> complex:
+    """Return where a pose (3,) is, as a complex number [m]."""
+    return complex(pose[0], pose[1])
+
+
+@compiled
+def cross(a: complex, b: complex) -> float:
+    """Return the cross product of planar vectors."""
+    return a.real * b.imag - a.imag * b.real
+
+
+@compiled
+def dot(a: complex, b: complex) -> float:
+    """Return the scalar product of planar vectors."""
+    return a.real * b.real + a.imag * b.imag
+
+
+@compiled
+def between(a: Array, b: Array, out: Array) -> None:
+    """Put the pose b (3,) as seen from a (3,) into out (3,)."""
+    seen = (position(b) - position(a)) * rotation(-a[2])
+    out[0], out[1], out[2] = seen.real, seen.imag, wrap(b[2] - a[2])
+
+
+@compiled
+def exp_onto(pose: Array, change: Array, out: Array) -> None:
+    """Put the pose (3,) perturbed by a tangent vector (3,) into out (3,): pose exp(change)."""
+    half = 0.5 * change[2]
+    chord = math.sin(half) / half if half != 0.0 else 1.0
+    moved = position(pose) + rotation(pose[2] + half) * chord * complex(change[0], change[1])
+    out[0], out[1], out[2] = moved.real, moved.imag, wrap(pose[2] + change[2])
+
+
+@compiled
+def log(pose: Array, out: Array) -> None:
+    """Put the tangent vector of a pose (3,) into out (3,): exp(out) = pose."""
+    theta = wrap(pose[2])
+    half = 0.5 * theta
+    cot = half / math.tan(half) if half != 0.0 else 1.0
+    x, y = pose[0], pose[1]
+    out[0], out[1], out[2] = cot * x + half * y, cot * y - half * x, theta
+
+
+@compiled
+def log_by_pose(tangent: Array, out: Array) -> None:
+    """Put J (3, 3) with log(T exp(d)) = log(T) + J d at tangent (3,) = log(T) into out: inverse right Jacobian."""
+    vx, vy, omega = tangent[0], tangent[1], tangent[2]
+    half = 0.5 * omega
+    cot = half / math.tan(half) if half != 0.0 else 1.0
+    if abs(omega) < _SERIES_BELOW:
+        square = half * half
+        e = half / 6.0 * (1.0 + square / 15.0 * (1.0 + square * (2.0 / 21.0) * (1.0 + square / 10.0)))
+    else:
+        e = (1.0 - cot) / omega
+    out[0, 0], out[0, 1], out[0, 2] = cot, -half, e * vx + 0.5 * vy
+    out[1, 0], out[1, 1], out[1, 2] = half, cot, e * vy - 0.5 * vx
+    out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, 1.0
+
+
+@compiled
+def adjoint(pose: Array, out: Array) -> None:
+    """Put Ad (3, 3) with T exp(d) T^-1 = exp(Ad d) of a pose T (3,) into out."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    out[0, 0], out[0, 1], out[0, 2] = cos, -sin, pose[1]
+    out[1, 0], out[1, 1], out[1, 2] = sin, cos, -pose[0]
+    out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, 1.0
+
+
+@compiled
+def cauchy(squared_error: float, scale: float) -> float:
+    """Return the weight that the Cauchy kernel leaves to whitened rows of this squared length; inf is no kernel."""
+    return 1.0 / (1.0 + squared_error / (scale * scale))
+
+
+@compiled
+def whiten(root: Array, error: Array, derivative: Array, residual: Array, jacobian: Array) -> None:
+    """Put root (3, 3) times an error (3,) into residual (3,), and times its derivative (3, C) into jacobian (3, C)."""
+    for r in range(3):
+        residual[r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
+        for k in range(derivative.shape[1]):
+            jacobian[r, k] = (
+                root[r, 0] * derivative[0, k] + root[r, 1] * derivative[1, k] + root[r, 2] * derivative[2, k]
+            )

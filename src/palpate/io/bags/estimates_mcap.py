@@ -1,0 +1,139 @@
+"""palpate's estimates as MCAP, and back without loss.
+
+Each estimate is a `PoseStamped`, which viewers draw; with a covariance also a `PoseWithCovarianceStamped`, whose
+covariance is about the axes of the header's frame as ROS has it, not the object's; with a status also a
+`DiagnosticArray`. palpate's own `estimates.csv`, which holds all of it to the last bit, comes along as an attachment.
+
+Where answers are known, all poses that may be the object's are a `PoseArray`, the best first, and the diagnosis of the
+same stamp tells their weights and sigmas in the same order. No message that every ROS 2 has holds poses with weights:
+`nav2_msgs/ParticleCloud` and `vision_msgs/Detection3D` are in packages that have to be installed, and few viewers draw
+them. The attachment holds the best answer only.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.io.bags.mcap_file import leading_attachments
+from palpate.io.bags.mcap_writer import nanoseconds, new_mcap
+from palpate.io.bags.message_sink import MessageSink
+from palpate.io.bags.messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE
+from palpate.io.estimates_csv import trajectory_from_text, trajectory_to_text
+from palpate.types.answer import Answer, Answers
+from palpate.types.plane import Plane, flat, out_of_plane, spatial_covariance
+from palpate.types.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
+POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
+ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
+
+NOTHING: Mapping[str, str] = MappingProxyType({})
+
+OK, WARN, ERROR = 0, 1, 2
+LEVELS = {"resting": OK, "tracking": OK, "indeterminate": ERROR, "faulty": ERROR}
+"""How bad a status is to ROS; any other is a warning."""
+
+
+def write_estimates_mcap(
+    trajectory: Trajectory,
+    path: Path,
+    overwrite: bool = False,
+    plane: Plane | None = None,
+    answers: Answers | None = None,
+) -> None:
+    """Write estimates, by default in the plane z = 0 of the frame "world", and all answers where these are known.
+
+    Raises FileError if the file exists and `overwrite` is not set, or times cannot be stamps.
+    """
+    stamps = nanoseconds(path, trajectory.time)
+    with new_mcap(path, overwrite) as file:
+        file.attach(ATTACHMENT, MEDIA_TYPE, trajectory_to_text(trajectory).encode())
+        add_estimates(file, trajectory, stamps, plane or flat(), answers)
+
+
+def add_estimates(
+    sink: MessageSink,
+    trajectory: Trajectory,
+    stamps: Sequence[int],
+    plane: Plane,
+    answers: Answers | None = None,
+    said: Mapping[str, str] = NOTHING,
+) -> None:
+    """Add the messages of estimates with their stamps [ns]; `said` is more that each diagnosis is to tell.
+
+    Where answers are given, estimates have covariances.
+    """
+    position, rotation = out_of_plane(plane, trajectory.pose)
+    spatial = (
+        None if trajectory.covariance is None else spatial_covariance(plane, trajectory.pose, trajectory.covariance)
+    )
+    for index, stamp in enumerate(stamps):
+        header, pose = sink.header(stamp, plane.frame), sink.pose(position[index], rotation[index])
+        sink.add(POSES, POSE, stamp, header=header, pose=pose)
+        if spatial is not None:
+            both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36))
+            sink.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
+        values = _values(trajectory, index)
+        if answers is not None:
+            several = answers[index] or (_only_answer(trajectory, index),)
+            _add_answers(sink, several, stamp, plane)
+            values |= _values_of_answers(several)
+        if trajectory.status is not None:
+            _add_diagnostics(sink, trajectory.status[index], {**values, **said}, stamp, plane.frame)
+
+
+def read_estimates_mcap(path: Path) -> Trajectory | None:
+    """The estimates in an MCAP that palpate wrote, or None."""
+    text = leading_attachments(path).get(ATTACHMENT)
+    return None if text is None else trajectory_from_text(text.decode("utf-8", errors="replace"), path)
+
+
+def _only_answer(trajectory: Trajectory, index: int) -> Answer:
+    assert trajectory.covariance is not None
+    return Answer(trajectory.pose[index], trajectory.covariance[index], 1.0)
+
+
+def _add_answers(sink: MessageSink, answers: Sequence[Answer], stamp: int, plane: Plane) -> None:
+    position, rotation = out_of_plane(plane, np.array([one.pose for one in answers]))
+    poses = [sink.pose(*placed) for placed in zip(position, rotation, strict=True)]
+    sink.add(ANSWERS, POSE_ARRAY, stamp, header=sink.header(stamp, plane.frame), poses=poses)
+
+
+def _values(trajectory: Trajectory, index: int) -> dict[str, str]:
+    values: dict[str, str] = {}
+    if trajectory.contact is not None:
+        values["contact"] = str(bool(trajectory.contact[index])).lower()
+    if trajectory.covariance is not None:
+        values |= _sigmas("sigma", trajectory.covariance[index : index + 1])
+    return values
+
+
+def _values_of_answers(answers: Sequence[Answer]) -> dict[str, str]:
+    weights = " ".join(f"{one.weight:.4f}" for one in answers)
+    return {"answer weights": weights, **_sigmas("answer sigmas", np.array([one.covariance for one in answers]))}
+
+
+def _sigmas(name: str, covariance: Array) -> dict[str, str]:
+    """Standard deviations of covariances (N, 3, 3), N numbers each."""
+    x, y, yaw = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
+    units = {"x [mm]": 1e3 * x, "y [mm]": 1e3 * y, "yaw [deg]": np.degrees(yaw)}
+    return {f"{name} {unit}": " ".join(f"{one:.2f}" for one in sigma) for unit, sigma in units.items()}
+
+
+def _add_diagnostics(sink: MessageSink, status: str, values: Mapping[str, str], stamp: int, frame: str) -> None:
+    diagnosis = sink.make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=LEVELS.get(status, WARN),
+        name="palpate: object pose",
+        message=status,
+        hardware_id="palpate",
+        values=[sink.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+    )
+    sink.add(
+        DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=sink.header(stamp, frame), status=[diagnosis]
+    )

@@ -1,0 +1,62 @@
+"""The chain of transforms that leads from one frame to another."""
+
+from collections.abc import Callable, Mapping
+
+from palpate.errors import FileError
+from palpate.types.motion import Placed
+
+
+def chain(parents: Mapping[str, str], parent: str, child: str) -> tuple[list[str], list[str]]:
+    """The frames whose transforms lead from `parent` to `child`, from each up to the frame where they meet.
+
+    `parents` has the parent of each frame. Returns the frames on the way up from `parent` and those on the way up
+    from `child`, each in that order, without the one where they meet. Raises FileError where there is a hole.
+    """
+    if parent == child:
+        raise FileError(f"{parent}:{child} is one frame, expected two")
+    known = {*parents, *parents.values()}
+    for name in (parent, child):
+        if name not in known:
+            raise FileError(f"no transform knows frame {name!r}; known are {', '.join(sorted(known)) or 'none'}")
+    up_parent, up_child = _ancestors(parents, parent), _ancestors(parents, child)
+    meeting = next((name for name in up_child if name in up_parent), None)
+    if meeting is None:
+        raise FileError(
+            f"no chain of transforms leads from {parent!r} to {child!r}: {' < '.join(up_parent)} ends at "
+            f"{up_parent[-1]!r}, {' < '.join(up_child)} at {up_child[-1]!r}"
+        )
+    return up_parent[: up_parent.index(meeting)], up_child[: up_child.index(meeting)]
+
+
+def compose_chain(up_parent: list[str], up_child: list[str], placed: Callable[[str], Placed]) -> Placed:
+    """parent_T_child of a `chain`; `placed` says where a frame is in its parent."""
+
+    def product(names: list[str]) -> Placed | None:
+        found: Placed | None = None
+        for name in names:
+            found = placed(name) if found is None else placed(name) @ found
+        return found
+
+    meeting_T_parent, meeting_T_child = product(up_parent), product(up_child)
+    if meeting_T_parent is None:
+        assert meeting_T_child is not None, "a chain has at least one transform"
+        return meeting_T_child
+    back = meeting_T_parent.inverse()
+    return back if meeting_T_child is None else back @ meeting_T_child
+
+
+def single_chain(parents: Mapping[str, str]) -> tuple[str, str] | None:
+    """The first and the last frame, if all transforms are one chain without a branch; None if not."""
+    roots = set(parents.values()) - set(parents)
+    leaves = set(parents) - set(parents.values())
+    return (roots.pop(), leaves.pop()) if len(roots) == len(leaves) == 1 else None
+
+
+def _ancestors(parents: Mapping[str, str], name: str) -> list[str]:
+    """The frame, its parent, the parent of that, and so on."""
+    names = [name]
+    while (above := parents.get(names[-1])) is not None:
+        if above in names:
+            raise FileError(f"transforms run in a circle: {' < '.join([*names, above])}")
+        names.append(above)
+    return names

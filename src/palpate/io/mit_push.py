@@ -1,0 +1,121 @@
+"""Pushes of a square by a round tip, MIT (mcubelab/cpush): JSON, plain or gzipped, at 1 kHz.
+
+World frame and units are the file's: metres and radians, motion capture and robot in one frame. The tip has
+no orientation. Its heading is taken as constant over a run, along the net displacement of the tip's centre
+(along world x if that is under 1 cm), and the sensor pose as the tip's apex, centre + R(heading) (radius, 0):
+the centre of curvature, all that a round tip's contact depends on, is then exactly the measured centre.
+
+Recordings are read down to 30 Hz. Ground truth is judged before that, at the file's own rate, and is NaN
+where motion capture drops out, jumps and comes back, or lags so far that the tip would be inside the square.
+In most undisturbed runs it ends about 0.1 s before the robot does, so the last 2 to 4 frames have none.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.files import NUMBERS, check_increasing, check_rows, checked_array, is_near, read_json
+from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle
+from palpate.io.sniff import text_start
+from palpate.limits import FARTHEST
+from palpate.types import derived
+from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
+
+NAME = "mit-push"
+DESCRIPTION = "point pushes of a square, MIT cpush JSON (.json, .json.gz)"
+
+SQUARE = Rectangle(0.09, 0.09)
+TIP = SensorProfile(name="MIT point tip", radius=0.00475, rate=30.0)
+
+LONGEST_HOLD = 0.020
+"""[s] A pose that is older is a drop-out: motion capture delivers one every 4 ms, and in undisturbed runs the
+99th percentile of the holds is 8 ms."""
+
+TOUCH, RELEASE = 1.5e-3, 2.0e-3
+"""[m] Gaps at which contact begins and ends. In undisturbed runs the gap wanders slowly between 1.0 and
+-1.4 mm, for motion capture and robot agree no better across the table; the noise on top is 0.1 mm."""
+
+KEYS = ("timeJSON", "q_sliderJSON", "q_pusher_sensedJSON")
+
+
+def detect(path: Path) -> bool:
+    """Whether the file looks like one of these."""
+    return re.match(r'\s*\{\s*"(q_slider|q_pusher_\w+|time|u_control|vipi)JSON"\s*:', text_start(path)) is not None
+
+
+def read(path: Path) -> Recording:
+    """Read one run. Raises FileError."""
+    data = read_json(path)
+    try:
+        return _read(data, Path(path))
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def _read(data: dict[str, Any], path: Path) -> Recording:
+    if missing := [key for key in KEYS if key not in data]:
+        raise FileError(f"lacks {', '.join(missing)}; an MIT push has {', '.join(KEYS)}")
+    time = checked_array("timeJSON", data["timeJSON"], NUMBERS, ("N",)).astype(np.float64)
+    n = len(time)
+    pose = checked_array("q_sliderJSON", data["q_sliderJSON"], NUMBERS, (3, n)).T.astype(np.float64)
+    center = checked_array("q_pusher_sensedJSON", data["q_pusher_sensedJSON"], NUMBERS, (2, n)).T
+    if not n:
+        raise FileError("timeJSON: found no frames")
+    check_rows("timeJSON", time, np.isfinite(time), "a finite time [s]")
+    check_rows("q_pusher_sensedJSON", center, is_near(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
+
+    # The clock sometimes repeats or steps back; only samples that are later than all before them count.
+    later = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
+    check_increasing(time[later])
+    time, pose, center = time[later] - time[0], pose[later], center[later].astype(np.float64)
+    sensor_pose = _sensor_pose(center)
+
+    pose[~is_near(pose).all(axis=1)] = np.nan
+    gap = derived.gaps(sensor_pose, pose, SQUARE, TIP)
+    untrusted = (
+        derived.impossible(gap)
+        | derived.held(time, pose, center, derived.contact_flags(gap, TOUCH, RELEASE), LONGEST_HOLD)
+        | derived.spikes(pose)
+    )
+    pose[untrusted] = np.nan
+    gap[untrusted] = np.nan
+
+    keep = _nearest(time, TIP.rate)
+    return Recording(
+        time=time[keep],
+        sensor_pose=sensor_pose[keep],
+        shape=SQUARE,
+        sensor=TIP,
+        object_pose=pose[keep],
+        contact=derived.contact_flags(gap[keep], TOUCH, RELEASE),
+        contact_derived=True,
+        source=f"MIT cpush, {path.name}, read at {TIP.rate:g} Hz",
+        frames={
+            "sensor_pose": "robot; apex of the tip, heading along the net displacement of the run",
+            "object_pose": "motion capture; NaN in drop-outs and where it lags behind the tip by over 3 mm",
+            "contact": "gap between tip and square by motion capture",
+        },
+        file=path,
+    )
+
+
+def _sensor_pose(center: NDArray[np.float64]) -> NDArray[np.float64]:
+    """world_T_sensor (N, 3) from the tip's centre (N, 2)."""
+    x, y = center[-1] - center[0]
+    heading = np.arctan2(y, x) if np.hypot(x, y) >= 0.01 else 0.0
+    center_pose = np.column_stack([center, np.full(len(center), heading)])
+    return se2.compose(center_pose, np.array([[TIP.radius, 0.0, 0.0]]))
+
+
+def _nearest(time: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
+    """Indices of the times (N,), increasing from 0, each of which is the nearest to some whole number of periods."""
+    # A sample is the nearest to all that is between the middles to its neighbours; no list of all periods is made,
+    # for a damaged time would make it endless.
+    ends = np.floor(np.append((time[1:] + time[:-1]) / 2, time[-1] + 1e-9) * rate)
+    return np.flatnonzero(np.diff(ends, prepend=-1.0) > 0)

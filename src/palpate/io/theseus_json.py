@@ -1,0 +1,192 @@
+"""Planar pushes with a DIGIT as the original authors and the Theseus example keep them: JSON.
+
+Keys: `obj_poses_2d` and `ee_poses_2d` [m, rad], `contact_flag`, `contact_episode`, `img_feats`, and `params`
+with the object's size. Either one list of frames, or a list of episodes that each are a list of frames; flags
+may be numbers or lists of one number. There is no time: frames are taken as 30 Hz, with a second between
+episodes.
+
+Their sensor frame has its origin at the contact point and the push along +y, so our theta is theirs + pi/2,
+and the sensor is a point. Each episode was cut out of a longer run. As in the published evaluation, both
+poses of an episode are moved so that the object goes on from where it was at the end of the last one. The
+image features `img_feats` are not images and are left out.
+"""
+
+import json
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.files import NUMBERS, check_rows, checked_array, is_near, read_json, whole_file
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc, Rectangle, Shape
+from palpate.io.held import present
+from palpate.io.sniff import text_start
+from palpate.limits import FARTHEST
+from palpate.types.recording import Recording, episode_numbers
+from palpate.types.sensor import POINT
+from palpate.types.trajectory import Trajectory
+
+NAME = "theseus-json"
+DESCRIPTION = "DIGIT pushes of the Theseus example (.json)"
+
+POSES = ("obj_poses_2d", "ee_poses_2d")
+FLAGS = ("contact_flag", "contact_episode")
+RATE = 30.0
+PAUSE = 1.0
+"""[s] between episodes; how long it really was is not in the file."""
+
+QUARTER_TURN = np.array([0.0, 0.0, np.pi / 2])
+FIRST_KEY = re.compile(r'\s*\{\s*"(obj_poses_2d|ee_poses_2d|img_feats|contact_flag|contact_episode|params)"\s*:')
+
+
+def detect(path: Path) -> bool:
+    """Whether the file looks like one of these: a JSON object that begins with one of their keys."""
+    start = text_start(path)
+    if not (found := FIRST_KEY.match(start)):
+        return False
+    # "params" alone could begin many files; what follows it settles it if it is in reach.
+    return found[1] != "params" or "obj_radius" in start or "block_size" in start or '"obj_poses_2d"' in start
+
+
+def read(path: Path, shape: Shape | None = None) -> Recording:
+    """Read a file; `shape` is the object's outline for files that do not tell it. Raises FileError."""
+    data = read_json(path)
+    try:
+        return _read(data, Path(path), shape)
+    except PalpateError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
+    """Write the frames of a recording that are in contact, as one list. There will be no `img_feats`.
+
+    Needs ground truth and contact flags and a disc or a rectangle; FileError if not.
+    """
+    if not isinstance(data, Recording):
+        raise SettingError(f"{path}: a {NAME} file holds a recording, not a trajectory")
+    if data.object_pose is None or data.contact is None:
+        raise FileError(f"{path}: {NAME} needs object_pose and contact, the recording lacks one of them")
+    if isinstance(data.shape, Disc):
+        params = {"obj_radius": data.shape.radius}
+    elif isinstance(data.shape, Rectangle):
+        params = {"block_size_x": data.shape.size_x, "block_size_y": data.shape.size_y}
+    else:
+        raise FileError(f"{path}: {NAME} knows a disc or a rectangle, not a {type(data.shape).__name__}")
+    episode, keep = _episodes(data.object_pose, data.contact, data.episode)
+    if not keep.any():
+        raise FileError(f"{path}: the recording has no frames in contact with known ground truth")
+    content = {
+        "params": params,
+        "obj_poses_2d": data.object_pose[keep].tolist(),
+        "ee_poses_2d": se2.compose(data.sensor_pose[keep], -QUARTER_TURN[None]).tolist(),
+        "contact_flag": [1] * int(keep.sum()),
+        "contact_episode": episode[keep].tolist(),
+    }
+    with whole_file(path, overwrite) as temporary:
+        temporary.write_text(json.dumps(content), encoding="utf-8")
+
+
+def lost(data: Recording | Trajectory) -> list[str]:
+    """What the file cannot hold."""
+    if not isinstance(data, Recording) or data.object_pose is None or data.contact is None:
+        return []  # `write` says that it cannot be written at all
+    _, keep = _episodes(data.object_pose, data.contact, data.episode)
+    count = int(np.count_nonzero(~keep))
+    frames = [f"{count} of {len(keep)} frames (out of contact or without ground truth)"] if count else []
+    return [*frames, "times", "the sensor", *present(data, "image", "extra")]
+
+
+def _episodes(
+    object_pose: NDArray[np.float64], contact: NDArray[np.bool_], episode: NDArray[np.int64] | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The contact episode (N,) of each frame, and which frames (N,) the file can hold."""
+    number = episode_numbers(contact) if episode is None else episode
+    return number, contact & (number >= 0) & ~np.isnan(object_pose).any(axis=1)
+
+
+def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
+    if missing := [key for key in (*POSES, *FLAGS) if key not in data]:
+        raise FileError(f"lacks {', '.join(missing)}")
+    shape = shape or _shape(data.get("params"))
+    nested = _is_nested(data["obj_poses_2d"])
+    truth = _rows(data, "obj_poses_2d", nested, 3)
+    hand = _rows(data, "ee_poses_2d", nested, 3)
+    flag = _rows(data, "contact_flag", nested, 1)[:, 0]
+    number = _rows(data, "contact_episode", nested, 1)[:, 0]
+    lengths = {"obj_poses_2d": len(truth), "ee_poses_2d": len(hand), "contact_flag": len(flag)}
+    if {len(number)} != set(lengths.values()):
+        found = ", ".join(f"{key} {length}" for key, length in lengths.items())
+        raise FileError(f"lengths differ: {found}, contact_episode {len(number)}")
+    for name, rows in (("obj_poses_2d", truth), ("ee_poses_2d", hand)):
+        check_rows(name, rows, is_near(rows).all(axis=1), f"three numbers up to {FARTHEST:g}")
+    sensor = se2.compose(hand, QUARTER_TURN[None])
+
+    anew = number[1:] != number[:-1]
+    if nested:
+        ends = np.cumsum([len(episode) for episode in data["obj_poses_2d"]])
+        anew[ends[ends < len(number)] - 1] = True  # the last one, and empty ones after it, end with the frames
+    bounds = [0, *(np.flatnonzero(anew) + 1).tolist(), len(number)]
+    for start, end in pairwise(bounds[1:]):
+        move = se2.compose(truth[start - 1], se2.inverse(truth[start]))
+        truth[start:end] = se2.compose(move[None], truth[start:end])
+        sensor[start:end] = se2.compose(move[None], sensor[start:end])
+    episode = np.append(0, np.cumsum(anew))
+    contact = flag > 0.5
+    step = np.where(anew, PAUSE, 1.0 / RATE)
+    return Recording(
+        time=np.append(0.0, np.cumsum(step)),
+        sensor_pose=sensor,
+        shape=shape,
+        sensor=POINT,
+        object_pose=truth,
+        contact=contact,
+        episode=np.where(contact, episode, -1),
+        source=f"Theseus tactile pushing data, {path.name}; its image features are left out",
+        frames={
+            "sensor_pose": "motion capture, contact point; episodes moved to where the object was left",
+            "object_pose": "motion capture; episodes moved to where the object was left",
+            "time": "no time in the file: 30 Hz, 1 s between episodes",
+        },
+        file=path,
+    )
+
+
+def _is_nested(poses: Any) -> bool:
+    """Whether poses are a list of episodes, which are lists of frames, rather than a list of frames."""
+    if not isinstance(poses, list) or not poses or not isinstance(poses[0], list) or not poses[0]:
+        raise FileError("obj_poses_2d: found no frames, expected a list of poses or of episodes")
+    return isinstance(poses[0][0], list)
+
+
+def _rows(data: dict[str, Any], name: str, nested: bool, width: int) -> NDArray[np.float64]:
+    """The field as (N, width), all episodes one after the other."""
+    value = data[name]
+    if nested:
+        if not isinstance(value, list) or not all(isinstance(episode, list) for episode in value):
+            raise FileError(f"{name}: expected a list of episodes, as obj_poses_2d is")
+        value = [frame for episode in value for frame in episode]
+    if width == 1 and isinstance(value, list):
+        value = [frame if isinstance(frame, list) else [frame] for frame in value]
+    rows = checked_array(name, value, ("fiub", "numbers"), ("N", width))
+    return rows.astype(np.float64)
+
+
+def _shape(params: Any) -> Shape:
+    params = params if isinstance(params, dict) else {}
+    if "obj_radius" in params:
+        return Disc(_size(params, "obj_radius"))
+    if "block_size_x" in params and "block_size_y" in params:
+        return Rectangle(_size(params, "block_size_x"), _size(params, "block_size_y"))
+    raise FileError(
+        "params tells no shape: expected obj_radius, or block_size_x and block_size_y; "
+        f"found {', '.join(params) or 'nothing'}"
+    )
+
+
+def _size(params: dict[str, Any], name: str) -> float:
+    return float(checked_array(f"params.{name}", params[name], NUMBERS, ()))

@@ -1,0 +1,93 @@
+"""TUM trajectories: lines `t x y z qx qy qz qw` [s, m]; '#' starts a comment. Planar ones only."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import FileError
+from palpate.files import read_text, whole_file
+from palpate.io.held import present
+from palpate.io.sniff import NUMBER, text_start
+from palpate.types.recording import Recording
+from palpate.types.trajectory import Trajectory
+
+NAME = "tum"
+DESCRIPTION = "TUM trajectory (.tum, .txt)"
+
+TOLERANCE = 1e-6
+"""Largest |z| [m] and |qx|, |qy| of a pose in the plane."""
+
+ROW = re.compile(rf"({NUMBER}\s+){{7}}{NUMBER}")
+
+
+def detect(path: Path) -> bool:
+    """Whether the file looks like one of these."""
+    lines = text_start(path).splitlines()
+    rows = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")][:5]
+    # The last row may be cut off by the end of what was read.
+    return bool(rows) and all(ROW.fullmatch(row) and _is_unit(row) for row in rows[:-1] or rows)
+
+
+def read(path: Path) -> Trajectory:
+    """Read a trajectory. Raises FileError that names the line, also for a pose out of the plane."""
+    table = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        row = line.split("#")[0].strip()
+        if not row:
+            continue
+        if not ROW.fullmatch(row):
+            raise FileError(f"{path}: line {number}: found {row[:80]!r}, expected 8 numbers with blanks between")
+        values = [float(value) for value in row.split()]
+        _, _, _, z, qx, qy, qz, qw = values
+        if not _is_unit(row):
+            raise FileError(
+                f"{path}: line {number}: the quaternion {qx:g} {qy:g} {qz:g} {qw:g} has length "
+                f"{math.hypot(*values[4:]):.6g}, expected 1"
+            )
+        if max(abs(z), abs(qx), abs(qy)) > TOLERANCE:
+            raise FileError(
+                f"{path}: line {number}: the pose is out of the plane (z = {z:g}, qx = {qx:g}, qy = {qy:g}), "
+                f"allowed are absolute values up to {TOLERANCE:g}"
+            )
+        table.append(values)
+    if not table:
+        raise FileError(f"{path}: holds no poses")
+    time, x, y, _, _, _, qz, qw = np.array(table).T
+    # q and -q are one rotation: folding qw to positive keeps the angle in [-pi, pi].
+    angle = 2.0 * np.arctan2(np.where(qw < 0, -qz, qz), np.abs(qw))
+    try:
+        return Trajectory(time, np.column_stack([x, y, angle]))
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
+    """Write poses of the object, 9 decimals: a trajectory, or ground truth of a recording where known."""
+    if isinstance(data, Recording):
+        if data.object_pose is None:
+            raise FileError(f"{path}: the recording has no object poses to write")
+        known = ~np.isnan(data.object_pose).any(axis=1)
+        time, pose = data.time[known], data.object_pose[known]
+    else:
+        time, pose = data.time, data.pose
+    zero = np.zeros(len(time))
+    half = pose[:, 2] / 2
+    table = np.column_stack([time, pose[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
+    lines = (" ".join(f"{value:.9f}" for value in row) + "\n" for row in table)
+    with whole_file(path, overwrite) as temporary:
+        temporary.write_text("".join(lines), encoding="utf-8")
+
+
+def lost(data: Recording | Trajectory) -> list[str]:
+    """What a file of poses cannot hold."""
+    if isinstance(data, Recording):
+        unknown = 0 if data.object_pose is None else int(np.isnan(data.object_pose).any(axis=1).sum())
+        frames = [f"{unknown} of {len(data)} frames (without ground truth)"] if unknown else []
+        return [*frames, "sensor poses", "outline and sensor", *present(data, "image", "contact", "episode", "extra")]
+    return present(data, "covariance", "contact", "status")
+
+
+def _is_unit(row: str) -> bool:
+    return abs(math.hypot(*(float(value) for value in row.split()[4:])) - 1.0) < 1e-3

@@ -1,0 +1,1 @@
+"""The laboratory: it simulates, trains and studies; nothing in the product imports from it."""

@@ -1,0 +1,138 @@
+"""What a simulated sensor sees without contact: three coloured lights on a gel, drawn anew for each unit.
+
+Seventeen real DIGITs were the guide: red glows on the upper left, green on the upper right and blue below, each as a
+soft cone or one with a sharp, curved border, some broken into streaks; a dim band at the top, vignette, tint and
+specks. White balance keeps the mean of each channel near 95 and leaves its spread to the unit.
+
+A flat gel is lit evenly from its sides: real ones of a GelSight Mini and a GelSlim are soft all over.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.lab.simulate.marks import GRAIN_LEVELS, GRAIN_RADIUS, grain
+
+Image = NDArray[np.float32]
+
+Colours = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """What the untouched gels of a kind of sensor have in common."""
+
+    mean: tuple[Colours, Colours]
+    """Of red, green and blue over the image, from and to [grey levels]."""
+    spread: tuple[Colours, Colours]
+    """Standard deviation over the image, from and to [grey levels]."""
+    sharpest: float
+    """How sharp the borders and streaks of a light may be, 0 to 1."""
+    has_band: bool
+    """Whether the light does not reach a band at the top."""
+
+
+ROUND = Backdrop(
+    ((93.0, 97.0, 89.0), (101.0, 107.0, 99.0)), ((26.0, 15.0, 15.0), (58.0, 30.0, 30.0)), sharpest=1.0, has_band=True
+)
+FLAT = Backdrop(
+    ((70.0, 75.0, 70.0), (125.0, 125.0, 125.0)), ((10.0, 8.0, 10.0), (38.0, 28.0, 38.0)), sharpest=0.1, has_band=False
+)
+
+
+def draw_illumination(
+    glow: NDArray[np.float64], height: int, width: int, rng: np.random.Generator, kind: Backdrop = ROUND
+) -> Image:
+    """Draw how strongly each of three lights reaches each pixel, (3, height, width), about 1 in the mean.
+
+    glow (3,) [rad] says on which side of the image each makes the gel glow, counter-clockwise from its right.
+    """
+    right, up = _grid(height, width)
+    horizon = up[0, 0] * rng.uniform(0.55, 0.95)
+    dim = _step((horizon - up + rng.uniform(-0.25, 0.25) * right) / rng.uniform(0.06, 0.3))
+    dim = dim if kind.has_band else np.ones_like(dim)
+    sharpness = rng.uniform(0.0, 1.0) * kind.sharpest
+    lights = [_cone(bearing, right, up, sharpness, rng) for bearing in glow]
+    dimmed = [light * (0.25 + 0.75 * dim) for light in lights[:2]]
+    return np.stack([light / light.mean() for light in (*dimmed, lights[2])]).astype(np.float32)
+
+
+def draw_no_contact(
+    illumination: Image, colours: NDArray[np.float64], rng: np.random.Generator, kind: Backdrop = ROUND
+) -> NDArray[np.uint8]:
+    """Draw the image (height, width, 3) of the gel at rest in lights of these colours (3 lights, 3 channels)."""
+    _, height, width = illumination.shape
+    right, up = _grid(height, width)
+    strengths = rng.uniform((0.8, 0.7, 0.1), (1.3, 1.2, 0.45))
+    image = np.tensordot(illumination, strengths[:, None] * colours, axes=(0, 0))
+    tint = rng.uniform(0.0, 0.25, (3, 3)) * ((1.0, 1.0, 1.3), (-0.5, -0.1, 1.6), (1.0, 1.0, 1.0))
+    image += tint[0] + tint[1] * up[..., None] / up[0, 0] + (tint[2] - 0.12) * right[..., None]
+    image += rng.uniform(0.03, 0.12) * np.stack([_cloud((height, width), 5, rng) for _ in range(3)], axis=-1)
+    image *= (1.0 - rng.uniform(0.05, 0.25) * (right**2 + up**2) / (1.0 + up[0, 0] ** 2))[..., None]
+    mean, spread = rng.uniform(*kind.mean), rng.uniform(*kind.spread)
+    image = mean + spread * (image - image.mean(axis=(0, 1))) / image.std(axis=(0, 1))
+    image = np.maximum(image, 28.0 + 0.15 * image)  # stray light: nothing is black
+    _add_specks(image, rng)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def _grid(height: int, width: int) -> tuple[Image, Image]:
+    """Places to the right and up from the image's middle, in half widths."""
+    right = np.linspace(-1.0, 1.0, width, dtype=np.float32)
+    up = np.linspace(1.0, -1.0, height, dtype=np.float32) * np.float32(height / width)
+    return np.broadcast_to(right, (height, width)), np.broadcast_to(up[:, None], (height, width))
+
+
+def _cone(bearing: float, right: Image, up: Image, sharpness: float, rng: np.random.Generator) -> Image:
+    """One light: a soft glow on its side and a cone with a curved border, both in streaks away from the light."""
+    side = np.array([np.cos(bearing), np.sin(bearing)]) * (1.0, up[0, 0])
+    distance = np.hypot(right - 1.2 * side[0], up - 1.2 * side[1])
+    glow = np.exp(-((distance / rng.uniform(0.9, 1.5)) ** 2))
+    centre = side * (0.95, 0.3) + rng.uniform(-0.2, 0.2, 2)
+    axes = rng.uniform((0.75, 0.85), (1.2, 1.5))
+    turn = rng.uniform(-0.6, 0.6)
+    along = np.cos(turn) * (right - centre[0]) + np.sin(turn) * (up - centre[1])
+    across = np.cos(turn) * (up - centre[1]) - np.sin(turn) * (right - centre[0])
+    border = 1.0 - np.hypot(along / axes[0], across / axes[1])
+    border += rng.uniform(0.0, 0.12) * sharpness * _cloud(right.shape, 4, rng)
+    cone = _step(border / (0.04 + 0.4 * (1.0 - sharpness) * rng.uniform(0.3, 1.0)))
+    source = side * rng.uniform(1.5, 2.6) + rng.uniform(-0.4, 0.4, 2)
+    fan = np.arctan2(up - source[1], right - source[0]) - np.arctan2(-source[1], -source[0])
+    streaks = _streaks(fan, rng) * _step(2.5 * _cloud(right.shape, 4, rng) - 0.5)
+    amount = rng.uniform(0.1, 0.9) * sharpness
+    share = rng.uniform(0.3, 1.2) * (abs(side[0]) + 0.2)  # the light from below stands too far back for a cone
+    return (0.6 * glow + share * cone * (0.3 + glow)) * np.maximum(1.0 + amount * streaks, 0.3)
+
+
+def _streaks(fan: Image, rng: np.random.Generator) -> Image:
+    """Random stripes, about 1 in height, over the angle [rad] at the light, 0 towards the image's middle."""
+    turned = np.mod(fan + np.pi, 2.0 * np.pi)
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)
+    fine = np.convolve(rng.normal(size=721 + 12), np.hanning(13) / 2.1, mode="valid")
+    coarse = np.convolve(rng.normal(size=721 + 34), np.hanning(35) / 3.6, mode="valid")
+    return np.interp(turned, angle, 0.4 * fine + 0.7 * coarse).astype(np.float32)
+
+
+def _cloud(size: tuple[int, ...], cells: int, rng: np.random.Generator) -> Image:
+    """Smooth random values, about 1 in height, with about this many cells across."""
+    import cv2
+
+    height, width = size
+    coarse = rng.normal(size=(round(cells * height / width) + 1, cells + 1)).astype(np.float32)
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)
+
+
+def _step(values: Any) -> Any:
+    """From 0 to 1 around values of 0."""
+    return 0.5 + 0.5 * np.tanh(values)
+
+
+def _add_specks(image: NDArray[np.floating], rng: np.random.Generator) -> None:
+    """Add a few dots of dust and dents, bright or dark."""
+    height, width, _ = image.shape
+    least, most = GRAIN_RADIUS
+    for _ in range(rng.poisson(1.5)):
+        row, column, radius = rng.uniform((0, 0, least), (height, width, most))
+        image += grain((height, width), (row, column), radius)[..., None] * rng.uniform(*GRAIN_LEVELS, 3)

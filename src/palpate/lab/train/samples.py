@@ -1,0 +1,233 @@
+"""What is learned from: the touched frames of recordings, with what their ground truth says they should tell."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.geometry import se2
+from palpate.geometry.polygon import sharp_corners
+from palpate.geometry.shapes import Disc, Ellipse, Shape
+from palpate.graph.contact_geometry import contact_model
+from palpate.io import load_recording
+from palpate.parallel import spread
+from palpate.touch.background import Background, Image, background_of
+from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
+from palpate.touch.difference import difference, reduced
+from palpate.touch.ellipse import ellipse_features
+from palpate.touch.markers import AnyImage, has_markers, without_markers
+from palpate.touch.model import KINDS
+from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
+
+SHOWN = "shown_angle"
+"""Field of a recording's `extra`: the angle of the contact on the tip as its images show it (N,) [rad]."""
+CUT, SHORTEST = 2, 5
+"""Frames left out at both ends of a contact, where it is half made, and the fewest left that are worth it."""
+UNTOUCHED = 30
+"""Most untouched frames that a background is taken from."""
+_AT_CORNER, _NEAR_CORNER = 0.001, 0.008  # [m] from a corner; a patch is about 5 mm to either side of its middle
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Touched frames, N of them, in the order of recordings and time."""
+
+    difference: NDArray[np.float16]
+    """What the networks see, (N, ROWS, COLUMNS, 3)."""
+    recording: Indices
+    """Number of the recording, (N,)."""
+    episode: Indices
+    """Number of the contact, counted through all recordings, (N,)."""
+    frame: Indices
+    """Number of the frame in its recording, (N,)."""
+    yaw: Array
+    """Yaw of the sensor in the object frame, (N,) [rad], but for an offset of each contact as images show it."""
+    direction: Array
+    """Angle of the contact on the tip as images show it, (N,) [rad]; see `measurements.ContactDirection`."""
+    place: Array
+    """Where along y the pad is touched, (N,) [m]; see `measurements.ContactPlace`."""
+    kind: Indices
+    """Kind of contact, (N,), place in KINDS."""
+    ellipse: Array
+    """Engineered features, (N, 6), see `touch.ellipse`; NaN where there is no patch."""
+
+    def __len__(self) -> int:
+        return len(self.yaw)
+
+    def of(self, chosen: NDArray[np.bool_] | Indices) -> "Samples":
+        """Return some of the samples."""
+        return Samples(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def read_samples(
+    files: Sequence[Path],
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+    calibration: Calibration | None = None,
+) -> tuple[Samples, SensorProfile, dict[Path, str]]:
+    """Return the samples of recordings, their sensor, and of those that have none to give the reason.
+
+    `calibration` is of the unit that they are all of.
+
+    Raises FileError where none is left, or where the sensors of two differ.
+    """
+    parts: dict[int, tuple[Samples, SensorProfile]] = {}
+    failed: dict[Path, str] = {}
+    read = partial(_read, calibration=calibration)
+    for done, (index, part) in enumerate(spread(read, list(enumerate(files)), workers)):
+        if isinstance(part, str):
+            failed[files[index]] = part
+        else:
+            parts[index] = part
+        if progress:
+            progress(done + 1)
+    if not parts:
+        raise FileError(f"no recording can be learned from; the first: {next(iter(failed.values()), 'there is none')}")
+    first, *others = sorted(parts)
+    sensor = parts[first][1]
+    for index in others:
+        if parts[index][1] != sensor:
+            found = f"{files[index]}: sensor {parts[index][1].name!r} is not the {sensor.name!r} of {files[first]}"
+            raise FileError(f"{found}; a model is of one sensor profile")
+    return _joined([parts[index][0] for index in sorted(parts)]), sensor, failed
+
+
+def samples_of(recording: Recording, number: int = 0, calibration: Calibration | None = None) -> Samples:
+    """Return the samples of one recording; raises FileError where it lacks what is needed.
+
+    With the calibration of its unit, images are seen as it says they lie, directions and turns are what its correction
+    makes the true ones of, and a recording without untouched frames is compared with its untouched gel. A simulated
+    recording says itself at which angles its images show contacts: what a unit has of its own no image tells.
+    """
+    name = recording.file or "the recording"
+    if lacks := lacking(recording):
+        raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
+    assert recording.object_pose is not None and recording.contact is not None
+    view = view_of(calibration)
+
+    def image(index: int) -> Image:
+        found = recording[index].image
+        assert found is not None
+        return view.of(found)
+
+    background, is_marked = _at_rest(recording, image, calibration)
+    mean = reduced(background.mean)
+    g = se2.between(recording.object_pose, recording.sensor_pose)
+    episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
+    images = [_without(is_marked, image(index)) for index in frame.tolist()]
+    direction, place, kind = geometry_of(recording, g[frame])
+    yaw = g[frame, 2]
+    if calibration:
+        direction = calibration.direction.told(direction)
+        for each in np.unique(episode):  # each without a leap at half a turn
+            yaw[episode == each] = calibration.direction.scale * np.unwrap(yaw[episode == each])
+    elif SHOWN in recording.extra:
+        direction = np.asarray(recording.extra[SHOWN][frame], dtype=np.float64)
+        if direction.ndim != 1 or not (np.abs(direction) <= np.pi).all():
+            raise FileError(f"{name}: extra/{SHOWN} must be an angle [rad] in each frame of a contact, or not there")
+    return Samples(
+        np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
+        np.full(len(frame), number),
+        episode,
+        frame,
+        yaw,
+        direction,
+        place,
+        kind,
+        np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
+    )
+
+
+def lacking(recording: Recording) -> list[str]:
+    """Return which of images, poses of the object and contact flags a recording has not."""
+    return [field for field in ("image", "object_pose", "contact") if getattr(recording, field) is None]
+
+
+def _at_rest(
+    recording: Recording, image: Callable[[int], Image], calibration: Calibration | None
+) -> tuple[Background, bool]:
+    """The untouched gel without markers, and whether it has some.
+
+    It is that of a recording, whose images are had by number, or of the unit where that shows none.
+    """
+    name = recording.file or "the recording"
+    known, sensor = calibration and calibration.background, turned_as(recording.sensor, calibration)
+    if calibration and (wrong := misfit(calibration, sensor)):
+        raise FileError(f"{name}: {wrong}")
+    assert recording.contact is not None
+    untouched = np.flatnonzero(~recording.contact)
+    if len(untouched) < 2 and known:
+        is_marked = has_markers(known.mean)
+        return replace(known, mean=_without(is_marked, known.mean)), is_marked
+    if len(untouched) < 2:
+        raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
+    chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
+    images = [image(index) for index in chosen.tolist()]
+    is_marked = has_markers(images[0])
+    return background_of([_without(is_marked, each) for each in images]), is_marked
+
+
+def _without(is_marked: bool, image: AnyImage) -> AnyImage:
+    return without_markers(image) if is_marked else image
+
+
+def _read(
+    numbered: tuple[int, Path], calibration: Calibration | None
+) -> tuple[int, tuple[Samples, SensorProfile] | str]:
+    number, file = numbered
+    try:
+        recording = load_recording(file)
+        return number, (samples_of(recording, number, calibration), turned_as(recording.sensor, calibration))
+    except FileError as error:
+        return number, str(error)
+
+
+def contact_frames(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
+    """Return number of the contact and of the frame of each frame that is well within a contact, from flags (N,)."""
+    edges = np.flatnonzero(np.diff(touched, prepend=False, append=False))
+    spans = [np.arange(first + CUT, last - CUT) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    spans = [span for span in spans if len(span) >= SHORTEST]
+    if not spans:
+        return np.empty(0, int), np.empty(0, int)
+    return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)
+
+
+def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
+    """Return angle of the contact on the tip, its place along y and its kind, (N,) each, from the outline.
+
+    g is object_T_sensor, (N, 3).
+    """
+    touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0]
+    touched = touch["point"] - touch["gap"] * touch["normal"]
+    kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
+    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds
+
+
+def _kinds(shape: Shape, touched: Array) -> Indices:
+    if isinstance(shape, Disc | Ellipse):
+        return np.full(len(touched), KINDS.index("disc" if isinstance(shape, Disc) else "ellipse"))
+    corners = shape.corners
+    sharp = sharp_corners(corners)
+    if not len(sharp):
+        return np.full(len(touched), KINDS.index("edge"))
+    away = np.linalg.norm(touched[:, None] - corners[sharp], axis=2).min(axis=1)
+    names = [KINDS.index(name) for name in ("corner", "near-corner", "edge")]
+    return np.select([away < _AT_CORNER, away < _NEAR_CORNER], names[:2], names[2])
+
+
+def _joined(parts: Sequence[Samples]) -> Samples:
+    """All samples, with episodes numbered through."""
+    counts = [int(part.episode[-1]) + 1 if len(part) else 0 for part in parts]
+    first = np.cumsum([0, *counts[:-1]])
+    episodes = [part.episode + start for part, start in zip(parts, first, strict=True)]
+    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(Samples)}
+    columns["episode"] = episodes
+    return Samples(**{name: np.concatenate(column) for name, column in columns.items()})

@@ -1,0 +1,295 @@
+"""What can be wrong with a recording, each kind found by a function of its own.
+
+Limits follow from physics and from how well robot and motion capture agree in undisturbed real runs.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.gate.quality import too_often
+from palpate.geometry import se2
+from palpate.pipeline.knocks import FASTER, knocked_frames
+from palpate.pipeline.time_gaps import time_gaps
+from palpate.pipeline.truth import flag_runs, trusted_truth
+from palpate.types import derived
+from palpate.types.recording import Recording
+from palpate.types.units import check_metres, other_time_unit, wrong_width
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Kind = Literal[
+    "time gap",
+    "rate",
+    "unit",
+    "drop-out",
+    "jump",
+    "knock",
+    "untouched motion",
+    "contact lost",
+    "overlap",
+    "stand-off",
+    "image",
+]
+
+RATE = 0.05
+"""Share by which the median rate may differ from the sensor profile's."""
+EDGE = 0.2
+"""[s] at either end of a recording where unknown truth breaks nothing: systems do not start and stop
+together."""
+MERGE = 0.2
+"""[s] between two findings of a kind below which they are one: as long as a hand acts or a marker
+flickers."""
+NOISE = 1e-3
+"""[m] more than that in one interval of a knock count as part of it; a camera makes less than 0.9 mm of an object
+at rest."""
+MOVED = 3e-3
+"""[m] Motion without cause that something else must have made: twice the 1.4 mm by which robot and motion
+capture disagree in undisturbed runs."""
+LOST = 1.0
+"""[s] An untouched stretch that is shorter, and in which the sensor goes on forwards, is within a push."""
+RETREAT = 1e-3
+"""[m] Motion against the sensor's x axis that counts as letting go."""
+MISFIT = 2e-3
+"""[m] Gap or overlap in contact that is worth a word: undisturbed runs keep within 1.4 mm."""
+MISFIT_FRAMES = 3
+LISTED = 5
+"""Findings of a kind that are told one by one; more are counted."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a recording."""
+
+    kind: Kind
+    start: float
+    """Time of the first frame that shows it [s]."""
+    end: float
+    """Time of the last one [s]."""
+    sentence: str
+    """What it is, for people."""
+    breaks: bool = False
+    """Whether motion capture or contact is broken by it."""
+
+
+def contact_runs(recording: Recording) -> list[tuple[int, int]]:
+    """First and last frame of each unbroken contact; one also ends where the episode number changes."""
+    if recording.contact is None:
+        return []
+    number = np.zeros(len(recording), np.int64) if recording.episode is None else recording.episode
+    change = np.append(True, (np.diff(recording.contact) != 0) | (np.diff(number) != 0))
+    first = np.flatnonzero(change)
+    last = np.append(first[1:], len(recording)) - 1
+    return [(int(a), int(b)) for a, b in zip(first, last, strict=True) if recording.contact[a]]
+
+
+def find_all(recording: Recording) -> list[Finding]:
+    """Everything that is wrong with a recording, in order of time."""
+    searches = (
+        _rate,
+        _units,
+        _time_gaps,
+        _images,
+        _drop_outs,
+        _jumps,
+        _knocks,
+        _untouched_motion,
+        _contact_lost,
+        _misfits,
+    )
+    found = [finding for search in searches for finding in search(recording)]
+    return sorted(found, key=_when)
+
+
+def counted(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings as people read them: where there are more of a kind than LISTED, one that counts them."""
+    told: list[Finding] = []
+    for kind, number in Counter(finding.kind for finding in findings).items():
+        several = [finding for finding in findings if finding.kind == kind]
+        if number > LISTED:
+            end = max(finding.end for finding in several)
+            sentence = f"{number} times; first: {several[0].sentence}"
+            breaks = any(finding.breaks for finding in several)
+            several = [replace(several[0], end=end, sentence=sentence, breaks=breaks)]
+        told += several
+    return sorted(told, key=_when)
+
+
+def _rate(recording: Recording) -> Iterator[Finding]:
+    if len(recording) < 3:
+        return
+    rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
+    if abs(rate / wanted - 1.0) > RATE:
+        asked = other_time_unit(1.0 / rate, wanted)
+        sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{asked and ': '}{asked}"
+        yield _finding(recording, "rate", 0, -1, sentence)
+    if sentence := too_often(rate):
+        yield _finding(recording, "rate", 0, -1, sentence)
+
+
+def _units(recording: Recording) -> Iterator[Finding]:
+    """What is of a length or an angle that nothing has: it is rather in another unit."""
+    if wrong := wrong_width(recording.shape):
+        yield _finding(recording, "unit", 0, -1, wrong)
+    for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
+        try:
+            check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
+        except FileError as error:
+            yield _finding(recording, "unit", 0, -1, str(error))
+
+
+def _time_gaps(recording: Recording) -> Iterator[Finding]:
+    step = np.diff(recording.time)
+    touching = {frame for first, last in contact_runs(recording) for frame in range(first, last)}
+    for frame in time_gaps(recording.time).tolist():
+        held = frame in touching
+        sentence = f"no frames for {step[frame]:.2f} s" + (" during contact" if held else "")
+        yield _finding(recording, "time gap", frame, frame + 1, sentence, breaks=held)
+
+
+def _images(recording: Recording) -> Iterator[Finding]:
+    for frame in range(len(recording)) if recording.image is not None else ():
+        try:
+            recording[frame]
+        except FileError as error:
+            yield _finding(recording, "image", frame, frame, str(error))
+
+
+def _drop_outs(recording: Recording) -> Iterator[Finding]:
+    time, truth = recording.time, recording.object_pose
+    if truth is None or np.isnan(truth).all():
+        return
+    unknown = np.isnan(truth[:, 0])
+    for first, last in _merged(time, flag_runs(unknown)):
+        count = int(unknown[first : last + 1].sum())
+        frames = "1 frame" if count == 1 else f"{count} frames within {_seconds(recording, first, last)}"
+        sentence = f"ground truth is unknown in {frames}"
+        inner = time[last] > time[0] + EDGE and time[first] < time[-1] - EDGE
+        yield _finding(recording, "drop-out", first, last, sentence, breaks=bool(inner))
+
+
+def _jumps(recording: Recording) -> Iterator[Finding]:
+    """Poses that are away and back; a jump that stays is found with the knocks."""
+    if recording.object_pose is None:
+        return
+    for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
+        sentence = "ground truth jumps away and back; these frames are not scored"
+        yield _finding(recording, "jump", first, last, sentence, breaks=True)
+
+
+def _knocks(recording: Recording) -> Iterator[Finding]:
+    """Motion in contact that pushing does not explain, by `knocked_frames`.
+
+    A hand takes several frames to move an object: that is a knock. All of it between two neighbouring frames
+    is a jump of the motion capture.
+    """
+    if recording.contact is None or recording.object_pose is None:
+        return
+    known = np.flatnonzero(trusted_truth(recording))
+    if len(known) < 2:
+        return
+    touched = recording.contact[known][:-1] | recording.contact[known][1:]
+    motion = _step_lengths(recording.object_pose[known], recording.shape.outline(40))
+    tips = np.array(recording.sensor.tips)
+    path = np.append(0.0, np.cumsum(_step_lengths(recording.sensor_pose, tips)))
+    excess = motion - FASTER * np.diff(path[known])
+    for start, end in flag_runs(knocked_frames(recording)):
+        steps = np.flatnonzero(touched & (known[1:] >= start) & (known[:-1] <= end))
+        fast = steps[excess[steps] > NOISE]
+        if not len(steps):
+            continue
+        first, last = (fast if len(fast) else steps)[[0, -1]]
+        before, after = int(known[first]), int(known[last + 1])
+        moved = _motion(recording.object_pose[before], recording.object_pose[after])
+        pushed = f"while the sensor moves {(path[after] - path[before]) * 1e3:.1f} mm"
+        if after == before + 1:
+            sentence = f"ground truth jumps by {moved} between two frames {pushed}"
+            yield _finding(recording, "jump", before, after, sentence, breaks=True)
+        else:
+            seconds = _seconds(recording, before, after)
+            sentence = f"something else moves the object: by {moved} in {seconds} {pushed}"
+            yield _finding(recording, "knock", before, after, sentence)
+
+
+def _untouched_motion(recording: Recording) -> Iterator[Finding]:
+    if recording.contact is None or recording.object_pose is None:
+        return
+    trusted, outline = trusted_truth(recording), recording.shape.outline(40)
+    for first, last in flag_runs(~recording.contact):
+        known = first + np.flatnonzero(trusted[first : last + 1])
+        if not len(known):
+            continue
+        points = se2.transform(recording.object_pose[known][:, None], outline)
+        away = np.linalg.norm(points - points[0], axis=-1).max(axis=-1)
+        if away.max() > MOVED:
+            moved = _motion(recording.object_pose[known[0]], recording.object_pose[known[np.argmax(away)]])
+            sentence = f"the object moves by {moved} while nothing touches it"
+            yield _finding(recording, "untouched motion", first, last, sentence, breaks=True)
+
+
+def _contact_lost(recording: Recording) -> Iterator[Finding]:
+    number = recording.episode
+    for (_, lost), (found, _) in pairwise(contact_runs(recording)):
+        if found == lost + 1 or (number is not None and number[lost] != number[found]):
+            continue
+        seconds = recording.time[found] - recording.time[lost]
+        ahead = se2.between(recording.sensor_pose[lost], recording.sensor_pose[lost : found + 1])[:, 0]
+        if seconds < LOST and ahead.min() > -RETREAT:
+            sentence = f"contact is lost for {seconds:.2f} s in a push, the sensor does not retreat"
+            yield _finding(recording, "contact lost", lost, found, sentence, breaks=True)
+
+
+def _misfits(recording: Recording) -> Iterator[Finding]:
+    if recording.contact is None or recording.object_pose is None:
+        return
+    gap = derived.gaps(recording.sensor_pose, recording.object_pose, recording.shape, recording.sensor)
+    gap[~(trusted_truth(recording) & recording.contact)] = np.nan
+    kinds: tuple[tuple[Kind, str, Flags], ...] = (
+        ("overlap", "the sensor overlaps the true outline by up to", gap < -MISFIT),
+        ("stand-off", "the sensor touches but stands off the true outline by up to", gap > MISFIT),
+    )
+    for kind, words, wrong in kinds:
+        for first, last in _merged(recording.time, flag_runs(wrong)):
+            inside = wrong[first : last + 1]
+            if inside.sum() >= MISFIT_FRAMES:
+                worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
+                yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
+
+
+def _when(finding: Finding) -> tuple[float, float]:
+    return finding.start, finding.end
+
+
+def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
+    return Finding(kind, float(recording.time[first]), float(recording.time[last]), sentence, breaks)
+
+
+def _merged(time: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The runs, those less than MERGE apart as one."""
+    merged: list[tuple[int, int]] = []
+    for first, last in runs:
+        if merged and time[first] - time[merged[-1][1]] < MERGE:
+            first = merged.pop()[0]
+        merged.append((first, last))
+    return merged
+
+
+def _step_lengths(pose: Array, points: Array) -> Array:
+    """The farthest (N-1,) [m] that any of points (P, 2) [m] on a body of poses (N, 3) moves in each step."""
+    steps = np.diff(se2.transform(pose[:, None], points), axis=0)
+    return np.linalg.norm(steps, axis=-1).max(axis=-1)
+
+
+def _motion(before: Array, after: Array) -> str:
+    x, y, theta = se2.between(before, after)
+    return f"{np.hypot(x, y) * 1e3:.1f} mm and {abs(np.degrees(theta)):.1f} degrees"
+
+
+def _seconds(recording: Recording, first: int, last: int) -> str:
+    return f"{recording.time[last] - recording.time[first]:.2f} s"

@@ -1,0 +1,185 @@
+"""What can be measured of object and sensor at one frame: by touch, by a camera, by whatever a user has."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Real
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import EstimationError
+
+FARTHEST_BACK = 39
+"""How many frames ago the earliest frame is that touch compares a frame with, as in the published system. A sliding
+window holds so many steps and the last one."""
+
+
+_LEAST_VARIANCE = 1e-18  # [m^2], [rad^2]; nothing is measured better, and less cannot be inverted
+
+
+class Measurement:
+    """What is said of one frame; the factors of `palpate.graph` take it by its type."""
+
+
+@dataclass(frozen=True)
+class RelativePoses(Measurement):
+    """How the sensor has moved on the object since P earlier frames of the same contact (paper Eq. 6).
+
+    Raises EstimationError on arrays that cannot be used.
+    """
+
+    back: NDArray[np.int_]
+    """How many frames ago the earlier frame was, (P,) int, at least 1."""
+    pose: NDArray[np.float64]
+    """`g_earlier^-1 g_now`, (P, 3) [m, m, rad], where g is the sensor's pose in the object frame, `object_T_sensor`."""
+    covariance: NDArray[np.float64]
+    """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is told."""
+
+    def __post_init__(self) -> None:
+        back = np.asarray(self.back)
+        count = len(back) if back.ndim == 1 else 0
+        pose, covariance = finite_numbers(self.pose, (count, 3)), finite_numbers(self.covariance, (count, 3, 3))
+        if back.ndim != 1 or not np.issubdtype(back.dtype, np.integer) or (back < 1).any():
+            found = _shown(self.back)
+            raise EstimationError(f"relative poses are of {found} frames ago; they must be (P,) integers from 1 on")
+        if pose is None or covariance is None:
+            wanted = f"poses ({count}, 3) and covariances ({count}, 3, 3)"
+            raise EstimationError(f"relative poses of {count} earlier frames must have finite {wanted}")
+        object.__setattr__(self, "back", back)
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "covariance", covariance)
+
+
+@dataclass(frozen=True)
+class ContactDirection(Measurement):
+    """Direction in which a round tip is touched: that of the outline's inward normal at the touched point.
+
+    It is absolute, so it does not drift: it tells the yaw on a straight edge, and the place along a round one. Raises
+    EstimationError on an angle or variance that cannot be used.
+    """
+
+    angle: float
+    """Seen from the tip's centre of curvature in the sensor frame [rad]: 0 at the apex (+x), positive towards +y."""
+    variance: float
+    """[rad^2]"""
+
+    def __post_init__(self) -> None:
+        _check("contact direction", self.angle, self.variance)
+
+
+@dataclass(frozen=True)
+class ContactPlace(Measurement):
+    """Place along y at which a flat pad is touched: the middle of the part that bears the load.
+
+    Raises EstimationError on a place or variance that cannot be used.
+    """
+
+    place: float
+    """y in the sensor frame [m]."""
+    variance: float
+    """[m^2]"""
+
+    def __post_init__(self) -> None:
+        _check("contact place", self.place, self.variance, "place")
+
+
+@dataclass(frozen=True)
+class Turn(Measurement):
+    """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact.
+
+    Raises EstimationError on an angle or variance that cannot be used.
+    """
+
+    angle: float
+    """That yaw less the offset [rad]."""
+    variance: float
+    """[rad^2]"""
+
+    def __post_init__(self) -> None:
+        _check("turn", self.angle, self.variance)
+
+
+@dataclass(frozen=True)
+class ObjectPose(Measurement):
+    """The object's pose as another source sees it: a camera, a tag, a person.
+
+    Raises EstimationError on a pose or covariance that cannot be used.
+    """
+
+    pose: NDArray[np.float64]
+    """world_T_object, (3,) [m, m, rad]."""
+    covariance: NDArray[np.float64]
+    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    time: float | None = None
+    """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
+
+    def __post_init__(self) -> None:
+        pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
+        check_time("ObjectPose", self.time)
+        if pose is None:
+            raise EstimationError(
+                f"object pose is {_shown(self.pose)}; it must be three finite numbers x [m], y [m], theta [rad]"
+            )
+        if covariance is None or not _is_symmetric(covariance):
+            raise EstimationError(
+                f"object pose has covariance {_shown(self.covariance)}; it must be a symmetric (3, 3) of finite numbers"
+            )
+        if not (np.linalg.eigvalsh(covariance) > _LEAST_VARIANCE).all():
+            raise EstimationError(
+                f"object pose has covariance {_shown(covariance)}; it must be positive definite, deviations above 1 nm"
+            )
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "covariance", covariance)
+
+
+class OwnMeasurement(Measurement):
+    """Base of a measurement that brings its own residual: derive from it to measure what palpate does not know of."""
+
+    on: ClassVar[tuple[str, ...]]
+    """The names of the unknowns that it is of: "object_pose", "sensor", or others of `palpate.graph.variables`."""
+    time: float | None = None
+    """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
+
+    linearise: Callable[..., tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """A method of yours that takes the values of these unknowns, in this order, and returns the residual (R,) and its
+    Jacobian (R, C) there.
+
+    Both are divided by the standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad]) and
+    has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. One that raises or
+    returns something else is named in a warning and left out.
+    """
+
+
+def check_time(what: str, time: object) -> None:
+    """Raise EstimationError unless a measurement's time is a number [s] or None."""
+    if time is not None and (not isinstance(time, Real) or isinstance(time, bool)):
+        raise EstimationError(f"measurement {what} is of time {time!r}; it must be a number [s], or None")
+
+
+def _check(what: str, value: float, variance: float, name: str = "angle") -> None:
+    if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
+        raise EstimationError(
+            f"{what} has {name} {value!r} and variance {variance!r}; they must be finite, the variance above 0"
+        )
+
+
+def _is_symmetric(covariance: NDArray[np.float64]) -> bool:
+    least = 1e-6 * np.abs(np.diag(covariance)).min()  # a covariance of metres is small as a whole
+    return np.allclose(covariance, covariance.T, atol=least)
+
+
+def _shown(given: object) -> str:
+    """What was given, in one line."""
+    return repr(given.tolist() if isinstance(given, np.ndarray) else given)
+
+
+def finite_numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
+    try:
+        if np.asarray(given).dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
+            return None
+        numbers = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None

@@ -1,0 +1,536 @@
+"""Residuals of the factors against values worked out by hand, and against the paper's own form."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import (
+    RADIUS,
+    SHAPES,
+    Shared,
+    model_of,
+    pushing_angles,
+    pushing_residuals,
+    rows_of,
+    sensor,
+    terms_of,
+    values_at,
+)
+
+from palpate.filter.belief import Prior
+from palpate.geometry import se2
+from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.shapes import Disc, Rectangle
+from palpate.graph.contact_geometry import ContactModel, contact_model
+from palpate.graph.factors.balance import Balance, BalanceSettings
+from palpate.graph.factors.contact import Contact, ContactSettings
+from palpate.graph.factors.direction import Direction, DirectionSettings
+from palpate.graph.factors.first_pose import FirstPose
+from palpate.graph.factors.friction_cone import FrictionCone, FrictionConeSettings
+from palpate.graph.factors.object_pose import ObjectPose
+from palpate.graph.factors.relative_pose import RelativePose
+from palpate.graph.factors.sensor_pose import SensorPose, SensorPoseSettings
+from palpate.graph.factors.turn import Turn, TurnSettings
+from palpate.graph.variables import (
+    DEPTH,
+    DIRECTION_BIAS,
+    DIRECTION_SCALE,
+    FRICTION_CENTER,
+    FRICTION_RATIO,
+    GRIP,
+    OBJECT_SIZE,
+    OUTLINE_SCALE,
+    PLACE_BIAS,
+    TURN_OFFSET,
+)
+from palpate.types import measurements as said
+from palpate.types.measurements import ContactDirection, RelativePoses
+
+Array = np.ndarray
+ANY = model_of("disc")
+
+
+def relative(i: Array, j: Array, measured: Any) -> tuple[Array, Array]:
+    """Residual (3,) and Jacobian (3, 6) by i and j of a relative pose."""
+    pair = RelativePoses(np.array([1]), np.array([measured], np.float64), np.eye(3)[None])
+    rows = rows_of(RelativePose(), values_at(ANY, [[i, j]]), [pair])
+    return rows.residual[0, 0], rows.jacobian[0, 0]
+
+
+def object_pose(g: Array, e: Array, measured: Any, covariance: Array | None = None) -> tuple[Array, Array]:
+    """Residual (3,) and Jacobian (3, 6) by g and e of a measured object pose."""
+    seen = said.ObjectPose(np.array(measured), np.eye(3) if covariance is None else covariance)
+    rows = rows_of(ObjectPose(), values_at(ANY, [[g]], [[e]]), [seen])
+    return rows.residual[0, 0], rows.jacobian[0, 0]
+
+
+def contact(g: Any, depth: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
+    """Residual (1,) and Jacobian (1, 5) by g, the depth and the scale."""
+    shared = {DEPTH: depth, OUTLINE_SCALE: scale}
+    rows = rows_of(Contact(ContactSettings()), values_at(model, [[g]], shared=shared))
+    return rows.residual[0, 0], rows.jacobian[0, 0]
+
+
+def direction(g: Any, angle: float, bias: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
+    """Residual (1,) and Jacobian (1, 5) by g, the bias and the scale."""
+    factor, shared = Direction(DirectionSettings()), {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale}
+    rows = rows_of(factor, values_at(model, [[g]], shared=shared), [ContactDirection(angle, 1.0)])
+    return rows.residual[0, 0], rows.jacobian[0, 0]
+
+
+def balance(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared: Shared) -> tuple[float, Array]:
+    """Residual and Jacobian (15,) by g0, e0, g1, e1, the ratio and the centre of friction."""
+    rows = rows_of(Balance(BalanceSettings(), model), values_at(model, [[g0, g1]], [[e0, e1]], shared))
+    return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0]
+
+
+def cone(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared: Shared) -> tuple[float, Array]:
+    """Residual and Jacobian (15,) by g0, e0, g1, e1, the centre of friction and the grip."""
+    rows = rows_of(FrictionCone(FrictionConeSettings()), values_at(model, [[g0, g1]], [[e0, e1]], shared))
+    return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0]
+
+
+def test_relative_pose_by_hand():
+    # Across the seam: from 3.1 to -3.1 is 2 pi - 6.2 = 0.0831853 rad, 0.0031853 more than the measured 0.08.
+    residual, _ = relative(np.array([0, 0, 3.1]), np.array([0, 0, -3.1]), [0, 0, 0.08])
+    np.testing.assert_allclose(residual, [0, 0, 2 * math.pi - 6.28], atol=1e-15)
+    # i looks along +y; j lies 2 m ahead of it, measured 1.5 m ahead.
+    i, j = np.array([1.0, 1.0, math.pi / 2]), np.array([1.0, 3.0, math.pi / 2])
+    residual, jacobian = relative(i, j, np.array([1.5, 0.0, 0.0]))
+    np.testing.assert_allclose(residual, [0.5, 0, 0], atol=1e-15)
+    # Measured right. Turning i by d swings j, 2 m ahead, by -2 d to the left.
+    residual, jacobian = relative(i, j, np.array([2.0, 0.0, 0.0]))
+    np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, 0, 0], [0, -1, -2, 0, 1, 0], [0, 0, -1, 0, 0, 1]], atol=1e-15)
+
+
+def test_sensor_pose_by_hand():
+    # Looks along +y and is 0.2 m further along +x than measured: to its right. By a good 2 pi it has turned by 0.1.
+    rows = rows_of(
+        SensorPose(SensorPoseSettings(deviation=(0.1, 0.5, 2.0))),
+        values_at(ANY, [[[1.2, 1.0, math.pi / 2]]]),
+        pose=[1.0, 1.0, math.pi / 2],
+    )
+    np.testing.assert_allclose(rows.residual[0, 0], [0, -0.2, 0], atol=1e-15)
+    np.testing.assert_allclose(rows.jacobian[0, 0], np.array([[1, 0, -0.1], [0, 1, 0], [0, 0, 1]]) * 1.0, atol=1e-15)
+    np.testing.assert_allclose(rows.information[0, 0], [100.0, 4.0, 0.25])
+    np.testing.assert_allclose(rows.weight, rows.information)
+
+
+def test_object_pose_by_hand():
+    # Sensor at x = 1.1, 0.1 in front of the object's origin: o = (1, 0, 0), seen at (0.9, 0, 0).
+    g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
+    residual, jacobian = object_pose(g, e, [0.9, 0.0, 0.0])
+    np.testing.assert_allclose(residual, [0.1, 0, 0], atol=1e-15)
+    # Seen where it is. Turning the sensor by d about itself swings the object's origin, 0.1 behind it, by -0.1 d in y.
+    residual, jacobian = object_pose(g, e, [1.0, 0.0, 0.0])
+    by_e = np.array([[1, 0, 0], [0, 1, -0.1], [0, 0, 1]])
+    np.testing.assert_allclose(jacobian, np.hstack([-by_e, by_e]), atol=1e-15)
+    # In standard deviations: of 0.05 m along x, 0.1 m are two.
+    residual, _ = object_pose(g, e, [0.9, 0.0, 0.0], np.diag(np.square([0.05, 1.0, 1.0])))
+    np.testing.assert_allclose(residual, [2.0, 0, 0], atol=1e-15)
+
+
+def test_first_pose_by_hand():
+    # As above, the pose is 0.1 m from where it is known to be; what belongs to the object is off by the difference, in
+    # its order, each in standard deviations.
+    g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
+    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 2e-3, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
+    known = Prior(
+        np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2)
+    )
+    shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, PLACE_BIAS: 5e-3, DEPTH: 2e-4}
+    shared |= {OUTLINE_SCALE: 0.02, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
+    factor = FirstPose([known])
+    rows = rows_of(factor, values_at(ANY, [[g]], [[e]], shared))
+    wanted = [2.0, 0, 0, 4.0, -1.0, 2.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0]
+    np.testing.assert_allclose(rows.residual[0, 0], wanted, atol=1e-12)
+    jacobian = rows.jacobian[0, 0] * deviation[:, None]
+    np.testing.assert_allclose(jacobian[3:], np.eye(OBJECT_SIZE, 6 + OBJECT_SIZE, 6), atol=1e-15)
+    np.testing.assert_allclose(jacobian[:3, 6:], 0.0, atol=1e-15)
+    np.testing.assert_allclose(jacobian[:3, :6], object_pose(g, e, [0.9, 0, 0])[1], atol=1e-15)
+
+
+def model_with(field: DistanceField, center: complex, radius: float, c: float, friction: complex = 0j) -> ContactModel:
+    """A sensor with one tip."""
+    return ContactModel(field, np.array([center]), radius, c, friction)
+
+
+def square(radius: float) -> ContactModel:
+    return model_with(DistanceField.of(Rectangle(0.2, 0.2), margin=0.08), complex(-radius, 0.0), radius, 0.05)
+
+
+def test_contact_by_hand():
+    model = square(RADIUS)
+    # The apex 3 mm off the left side: the centre is at -0.103 - 0.021, 0.024 from the side, less the radius.
+    residual, jacobian = contact(np.array([-0.103, 0.02, 0.0]), 0.0, model)
+    np.testing.assert_allclose(residual, [0.003], atol=1e-9)
+    np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, -0.1]], atol=1e-9)
+    # Turned to the left by 90 degrees the apex at (-0.13, 0.021) has its centre at (-0.13, 0), 0.03 - 0.021 off. The
+    # side's normal is now the sensor's +y. Turning further moves the centre, 0.021 below, to the right: closer by
+    # 0.021.
+    residual, jacobian = contact(np.array([-0.13, 0.021, math.pi / 2]), 0.0, model)
+    np.testing.assert_allclose(residual, [0.009], atol=1e-9)
+    np.testing.assert_allclose(jacobian, [[0, 1, -0.021, 1, -0.1]], atol=1e-9)
+    # The centre 30 mm left of and 40 mm above a corner: 50 mm from it, less the radius. The spline is good to
+    # micrometres.
+    residual, _ = contact(np.array([-0.109, 0.14, 0.0]), 0.0, model)
+    np.testing.assert_allclose(residual, [0.029], atol=2e-6)
+    # Two-sided: 2 mm inside is -2 mm.
+    residual, _ = contact(np.array([-0.098, 0.0, 0.0]), 0.0, model)
+    np.testing.assert_allclose(residual, [-0.002], atol=1e-9)
+    # In contact they overlap by the depth: 0.3 mm. 2 mm apart is 2.3 mm too far, 0.5 mm inside 0.2 mm too deep.
+    for x, wanted in ((-0.0997, 0.0), (-0.102, 2.3e-3), (-0.0995, -2e-4)):
+        residual, jacobian = contact(np.array([x, 0.02, 0.0]), 3e-4, model)
+        np.testing.assert_allclose(residual, [wanted], atol=1e-9)
+        np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, -0.1]], atol=1e-9)
+
+
+def test_contact_with_an_object_that_is_larger_than_its_outline_by_hand():
+    # 2 % larger than the square its left side is at -0.102: 1 mm off the outline is 1 mm in the object.
+    model = square(RADIUS)
+    assert contact(np.array([-0.101, 0.02, 0.0]), 0.0, model, 0.02)[0] == pytest.approx(-1e-3, abs=1e-9)
+    # Its corner is at (-0.102, 0.102), so that the centre 30 mm left of and 40 mm above that of the outline is
+    # hypot(28, 38) = 47.2 mm away.
+    assert contact(np.array([-0.109, 0.14, 0.0]), 0.0, model, 0.02)[0] == pytest.approx(0.0472 - RADIUS, abs=2e-5)
+    # It grows about its centroid, wherever the outline's frame is: 0.19 m from it this is 0.1 m.
+    aside = model_with(DistanceField.of(Rectangle(0.2, 0.2), margin=0.08), 0j, 0.0, 0.05, 0.09 + 0j)
+    assert contact(np.array([-0.1, 0.02, 0.0]), 0.0, aside, 0.02)[0] == pytest.approx(-0.02 * 0.19, abs=1e-9)
+
+
+def test_direction_by_hand():
+    model = square(RADIUS)
+    # The left side lies straight ahead: the tip is touched at its apex, and 0.1 to the left of that says an error of
+    # -0.1. Turned by +0.3 the sensor is touched at -0.3. Moving along or across the side changes nothing.
+    residual, jacobian = direction(np.array([-0.1, 0.02, 0.0]), 0.0, 0.0, model)
+    np.testing.assert_allclose(residual, [0.0], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0]], atol=1e-6)
+    assert direction(np.array([-0.1, 0.02, 0.0]), 0.1, 0.0, model)[0] == pytest.approx(-0.1, abs=1e-6)
+    assert direction(np.array([-0.1, 0.02, 0.3]), 0.0, 0.0, model)[0] == pytest.approx(-0.3, abs=1e-6)
+    # Turned by 3.1 it is touched at -3.1; 3.1 is measured, 6.2 more, which is 2 pi - 6.2 = 0.0831853 the other way.
+    residual, _ = direction(np.array([-0.1, 0.02, 3.1]), 3.1, 0.0, model)
+    np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
+    # The centre 15 mm left of and 20 mm above the corner (-0.1, 0.1): the corner lies 15 ahead and 20 to the right,
+    # atan2(-20, 15) = -0.9273. Seen from 25 mm, 1 mm across, (0.8, 0.6), turns it by 1/25 rad per mm to the left.
+    residual, jacobian = direction(np.array([-0.115 + RADIUS, 0.12, 0.0]), 0.0, 0.0, model)
+    np.testing.assert_allclose(residual, [-0.927295218], atol=1e-4)
+    # Turning by d about the apex carries the centre, 0.021 behind it, by -0.021 d in y: -0.021 * 0.6 / 0.025 - 1.
+    np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0, 0.0]], rtol=1e-2)
+
+
+def test_a_bias_is_what_directions_are_too_large_by():
+    # Touched at 0.1, measured 0.3 by a sensor that adds 0.15: 0.05 too much. And so across the seam: touched at -3.1,
+    # measured 3.0 with a bias of -0.1, which makes 3.1, 6.2 more, 2 pi - 6.2 the other way.
+    model = square(RADIUS)
+    residual, jacobian = direction(np.array([-0.1, 0.02, -0.1]), 0.3, 0.15, model)
+    np.testing.assert_allclose(residual, [-0.05], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0.3]], atol=1e-6)
+    residual, _ = direction(np.array([-0.1, 0.02, 3.1]), 3.0, -0.1, model)
+    np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
+
+
+def test_a_scale_is_the_share_that_directions_are_too_large_by():
+    # Touched at 0.1, measured 0.4 by a sensor of which a fifth is too much: 0.32, which is 0.22 too much.
+    residual, jacobian = direction(np.array([-0.1, 0.02, -0.1]), 0.4, 0.0, square(RADIUS), scale=0.2)
+    np.testing.assert_allclose(residual, [-0.22], atol=1e-6)
+    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0.4]], atol=1e-6)
+
+
+def test_direction_on_a_disc_by_hand():
+    # Centre of the tip at bearing b from the disc's centre: touched at b + pi, less the sensor's yaw. 0.1 m away a move
+    # by 1 mm round the disc turns it by 0.01.
+    model = model_with(DistanceField.of(Disc(0.08)), 0j, 0.02, 0.05)
+    for bearing in (2.9, -2.9, 0.4):
+        g = np.array([0.1 * math.cos(bearing), 0.1 * math.sin(bearing), -0.7])
+        residual, jacobian = direction(g, 0.0, 0.0, model)
+        assert se2.wrap(float(residual[0]) - (bearing + math.pi + 0.7)) == pytest.approx(0.0, abs=1e-6)
+        round_it = np.array([-math.sin(bearing + 0.7), math.cos(bearing + 0.7), 0.0])  # in the sensor's frame
+        assert (jacobian[:, :3] @ round_it)[0] == pytest.approx(10.0, rel=1e-4)
+    # A point on the outline is touched along the normal as well.
+    point = model_with(model.field, 0j, 0.0, 0.05)
+    residual, _ = direction(np.array([-0.08, 0.0, 0.2]), 0.0, 0.0, point)
+    np.testing.assert_allclose(residual, [-0.2], atol=1e-6)
+
+
+def test_turn_by_hand():
+    # 3.1 less an offset of -3.0 is 6.1, which is -0.1831853; measured -0.2.
+    factor = Turn(TurnSettings())
+    rows = rows_of(factor, values_at(ANY, [[[0.4, 0.5, 3.1]]], shared={TURN_OFFSET: -3.0}), [said.Turn(-0.2, 1.0)])
+    np.testing.assert_allclose(rows.residual[0, 0], [6.1 - 2 * math.pi + 0.2], atol=1e-12)
+    assert rows.jacobian[0, 0].tolist() == [[0.0, 0.0, 1.0, -1.0]]
+
+
+def test_the_first_turn_of_a_contact_gives_its_offset():
+    # Two smoothers at two steps; the turns 3.0 and 1.0 are of the last one, whose yaws are -3.1 and 0.2. The first of
+    # them counts: -6.1 is 0.1831853, and -2.8.
+    factor = Turn(TurnSettings())
+    at = values_at(ANY, [[[0, 0, 9.0], [0, 0, -3.1]], [[0, 0, 9.0], [0, 0, 0.2]]], shared={TURN_OFFSET: 5.0})
+    guess = factor.first_guess(at, terms_of(factor, at, [said.Turn(3.0, 1.0), said.Turn(1.0, 1.0)]))
+    assert list(guess) == [TURN_OFFSET]
+    np.testing.assert_allclose(guess[TURN_OFFSET], [[2 * math.pi - 6.1, -2.8]], atol=1e-12)
+
+
+def test_paper_point_pushes_a_disc_through_its_centre():
+    disc = Disc(0.088)
+    model = model_with(DistanceField.of(disc), 0j, 0.0, disc.friction_radius())
+    start, moved = np.array([-0.088, 0.0, 0.0]), np.array([-0.087, 0.0, 0.0])
+    # Sensor and object both go 1 mm in x: p = (-0.088, 0), v = (1, 0) mm, so that p x v = 0 and the disc does not turn.
+    np.testing.assert_allclose(pushing_residuals(start, start, start, moved, model), np.zeros(3), atol=1e-15)
+    # The object stays while the sensor goes 1 mm in x: V = 0, Vp = (1, 0) mm, so that V - Vp = (-1, 0) mm.
+    np.testing.assert_allclose(pushing_residuals(start, start, moved, moved, model), [-1e-3, 0, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
+def test_paper_point_pushes_off_centre(share):
+    # p = (-0.08, 0.03) and v = (1, 0) mm give p x v = px vy - py vx = -3e-5 m^2. With c^2 = 0.0036 the disc turns by
+    # omega = -3e-5 / 0.0036 = -1/120 rad. With only a share of that turn the row is -3e-5 (1 - share).
+    model = model_with(DistanceField.of(Disc(0.088)), 0j, 0.0, 0.06)
+    omega = -share / 120
+    object0, object1 = np.array([-1e-3, 0.0, -omega]), np.zeros(3)  # the frame at step 1 is the world's
+    g = np.array([-0.08, 0.03, 0.4])  # the point sticks where it is
+    residual = pushing_residuals(g, se2.compose(object0, g), g, se2.compose(object1, g), model)
+    np.testing.assert_allclose(residual, [0, 0, -3e-5 * (1 - share)], atol=1e-15)
+
+
+def test_torque_is_taken_about_the_centre_of_friction():
+    # v = (1, 0) mm without turning and p = (-0.08, 0.03). About (0, 0.01) the arm is (-0.08, 0.02): row 3 is -2e-5 m^2.
+    field = DistanceField.of(Disc(0.088))
+    g, before = np.array([-0.08, 0.03, 0.0]), np.array([-0.081, 0.03, 0.0])
+    model = model_with(field, 0j, 0.0, 0.06, 0.01j)
+    np.testing.assert_allclose(pushing_residuals(g, before, g, g, model), [0, 0, -2e-5], atol=1e-15)
+    # Turning by omega = 0.01 rad about a centre of friction at (0.02, 0.01) moves that centre nowhere: v = 0,
+    # although the object's origin moves. Row 3 is -c^2 omega = -0.0036 * 0.01.
+    model = model_with(field, 0j, 0.0, 0.06, 0.02 + 0.01j)
+    there = np.array([0.02, 0.01, 0.0])
+    before = se2.compose(se2.compose(there, [0.0, 0.0, -0.01]), se2.inverse(there))
+    residual = pushing_residuals(g, se2.compose(before, g), g, g, model)
+    np.testing.assert_allclose(residual, [0, 0, -3.6e-5], atol=1e-15)
+
+
+def test_balance_with_another_c_and_another_centre():
+    # v = (1, 0) mm, omega = -1/120 rad of the origin, p = (-0.08, 0.03). With c = 0.06 and ln 1.5 as the ratio, c^2 is
+    # 0.0054 and row 3 is -3e-5 + 0.0054 / 120 = 1.5e-5 m^2.
+    model = model_with(DistanceField.of(Disc(0.088)), 0j, 0.0, 0.06)
+    omega = -1 / 120
+    g, before = np.array([-0.08, 0.03, 0.4]), np.array([-1e-3, 0.0, -omega])
+
+    def found(ratio: float = 0.0, center: Any = (0.0, 0.0), of: ContactModel = model) -> tuple[float, Array]:
+        return balance(g, se2.compose(before, g), g, g, of, {FRICTION_RATIO: ratio, FRICTION_CENTER: center})
+
+    residual, jacobian = found(math.log(1.5))
+    assert residual == pytest.approx(1.5e-5, abs=1e-14)
+    assert jacobian[12] == pytest.approx(0.0054 / 120)  # twice the c^2 is twice the torque
+    # A centre aside by (0.5, -0.25) c = (0.03, -0.015). At step 0 the object stood at (-0.001, 0), turned by 1/120 rad,
+    # and the centre at (-0.001 + 0.03 cos + 0.015 sin, 0.03 sin - 0.015 cos). The arm is (-0.11, 0.045).
+    s, c = math.sin(1 / 120), math.cos(1 / 120)
+    vx, vy = 0.001 + 0.03 * (1 - c) - 0.015 * s, -0.03 * s - 0.015 * (1 - c)
+    residual, _ = found(center=(0.5, -0.25))
+    assert residual == pytest.approx(-0.11 * vy - 0.045 * vx + 0.0036 / 120, abs=1e-14)
+    # That is the same as a model whose centre is there.
+    there = model_with(model.field, 0j, 0.0, 0.06, 0.03 - 0.015j)
+    assert found(of=there)[0] == pytest.approx(residual, abs=1e-15)
+
+
+def test_how_sure_the_balance_is_by_hand():
+    # c is 50 mm, of which a step of 2 mm has a share of 1.3 %; fingers 30 mm apart add eight tenths of that.
+    two = replace(square(0.0), parts=np.array([0.015j, -0.015j]), span=0.03)
+    for model, lever in ((square(0.0), 0.0), (two, 0.8 * 0.03)):
+        g = np.tile([-0.1, 0.0, 0.0], (1, 2, 1))
+        rows = rows_of(Balance(BalanceSettings(), model), values_at(model, g), moved=2e-3)
+        variance = 2e-7**2 + (0.013 * 2e-3 * 0.05) ** 2 + (lever * 2e-3) ** 2
+        np.testing.assert_allclose(rows.information[0, 0], 1.0 / variance, rtol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_friction_cone_by_hand(side):
+    # Left of a flat side, whose inward normal is +x; counter-clockwise of it is +y. With a grip of 0.5 the edges of the
+    # cone are (1, 0.5) and (1, -0.5); what counts is the edge on the side of the motion.
+    model, g = square(RADIUS), np.array([-0.1, 0.02, 0.3])
+    for v, wanted in (
+        ((1e-3, side * 1e-5), -4.9e-4),  # nearly straight in: 0.5 mm from the edge, along the outline
+        ((1e-3, side * 5e-4), 0.0),  # on the edge
+        ((1e-3, side * 2e-3), 1.5e-3),  # 1.5 mm outside
+        ((0.0, side * 1e-3), 1e-3),  # along the outline, where any force is outside
+        ((-1e-3, side * 1e-5), 5.1e-4),  # away from the sensor, which cannot pull
+    ):
+        before = np.array([-v[0], -v[1], 0.0])
+        residual, jacobian = cone(g, se2.compose(before, g), g, g, model, {GRIP: 0.5})
+        assert residual == pytest.approx(wanted, abs=1e-9)
+        # More grip, more room: by what goes into the object.
+        assert jacobian[14] == pytest.approx(-v[0], abs=1e-9)
+    # It is the centre of friction whose motion counts. Turning by 0.01 rad about the origin carries a centre at (0.02,
+    # 0) by (1 - cos, sin) 0.02 = (1e-6, 2e-4).
+    before = np.array([0.0, 0.0, -0.01 * side])
+    aside = {FRICTION_CENTER: (0.4, 0.0), GRIP: 0.5}  # in c, which is 0.05
+    residual, _ = cone(g, se2.compose(before, g), g, g, model, aside)
+    assert residual == pytest.approx(0.02 * math.sin(0.01) - 0.5 * 0.02 * (1 - math.cos(0.01)), abs=1e-9)
+
+
+def straight_path(v: Array, turn: float, steps: int) -> Array:
+    """Poses of an object (steps + 1, 3) that goes by v a step while it turns by so much."""
+    t = np.arange(steps + 1)[:, None]
+    return np.hstack([t * v, turn * t])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, -0.3, 1.5, 3.1, -3.1])
+@pytest.mark.parametrize("yaw", [0.0, 3.1, -2.0])
+def test_pushing_angle_of_a_straight_motion(angle, yaw):
+    # The object goes straight, by 1 mm a step at this angle from the inward normal of its left side, its own +x.
+    heading = yaw + angle
+    o = straight_path(1e-3 * np.array([math.cos(heading), math.sin(heading)]), 0.0, 10)
+    o += np.array([0.3, -0.2, yaw])
+    g = np.tile([-0.1, 0.02, 0.3], (11, 1))
+    found = pushing_angles(g, se2.compose(o, g), square(RADIUS))
+    assert found.shape == (10,)
+    np.testing.assert_allclose(found, angle, atol=1e-6)
+    # One step alone is enough to tell it.
+    np.testing.assert_allclose(pushing_angles(g[:2], se2.compose(o, g)[:2], square(RADIUS)), angle, atol=1e-6)
+
+
+def test_pushing_angle_across_the_seam():
+    # The object turns by 0.02 rad a step about a centre of friction that goes straight along the world's x: seen from
+    # its inward normal the motion is at -yaw, at each step, and jumps from -pi to pi where that passes pi.
+    model = model_with(square(RADIUS).field, complex(-RADIUS, 0.0), RADIUS, 0.05, -0.01j)
+    aside = {FRICTION_CENTER: (0.2, -0.2)}  # by (0.2, -0.2) c: the centre is at (0.01, -0.02)
+    way, yaw = straight_path(np.array([1e-3, 0.0]), 0.0, 14), 3.0 + 0.02 * np.arange(15)
+    center = np.tile([0.01, -0.02, 0.0], (15, 1))
+    o = se2.compose(way + np.outer(yaw, [0.0, 0.0, 1.0]), se2.inverse(center))
+    g = np.tile([-0.1, 0.03, -0.4], (15, 1))
+    found = pushing_angles(g, se2.compose(o, g), model, aside)
+    np.testing.assert_allclose(se2.wrap(found + yaw[1:]), 0.0, atol=1e-6)
+    assert found.min() < -3.0 and found.max() > 3.0
+
+
+def test_pushing_angle_on_a_disc():
+    # A disc of 0.08 touched at bearing b is pushed towards b + pi. It goes along +x: at -b - pi from that.
+    model = model_with(DistanceField.of(Disc(0.08)), 0j, 0.02, 0.05)
+    bearing = 2.0 + 0.3 * np.arange(8)
+    g = np.stack([0.1 * np.cos(bearing), 0.1 * np.sin(bearing), 0.5 * bearing], axis=-1, dtype=np.float64)
+    o = straight_path(np.array([1e-3, 0.0]), 0.0, 7)
+    found = pushing_angles(g, se2.compose(o, g), model)
+    np.testing.assert_allclose(se2.wrap(found + bearing[1:] + math.pi), 0.0, atol=1e-6)
+
+
+def test_pushing_angle_is_taken_over_the_steps_nearby():
+    # To and fro by 1 mm across a way of 1 mm a step. At step k the motion is that from k - 3 to k + 2, cut at the ends.
+    across = np.array([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) * 1e-3
+    o = np.column_stack([1e-3 * np.arange(9), across, np.zeros(9)])
+    g = np.tile([-0.1, 0.02, 0.0], (9, 1))
+    found = pushing_angles(g, se2.compose(o, g), square(RADIUS))
+    # From and to: 0-3, 0-4, 0-5, 1-6, 2-7, 3-8, 4-8, 5-8.
+    wanted = [(-1, 3), (0, 4), (0, 5), (0, 5), (0, 5), (1, 5), (0, 4), (0, 3)]
+    np.testing.assert_allclose(found, [math.atan2(y, x) for y, x in wanted], atol=1e-6)
+
+
+@pytest.mark.parametrize("angle", [0.001, 0.02, -0.02, 0.1])
+def test_rolling_on_a_flat_side_is_no_sliding(angle):
+    # Left of a flat side at x = -0.1 a tip that turns by +angle rolls down by 0.021 angle. The material point that
+    # touches at the end was, on its cycloid, r (1 - cos angle) off the side and r (angle - sin angle) above: of
+    # second and third order. At 0.02 rad, a fast turn, that is 4.2e-6 m and 2.8e-8 m.
+    model, r = square(RADIUS), RADIUS
+    start = np.array([-0.1 - r, 0.01, 0.0])  # of the centre
+    end = start + np.array([0.0, -r * angle, angle])
+    to_origin = np.array([r, 0.0, 0.0])  # the sensor's origin is its apex
+    g0, g1 = se2.compose(start, to_origin), se2.compose(end, to_origin)
+    residual = pushing_residuals(g0, g0, g1, g1, model)
+    wanted = [-r * (1 - math.cos(angle)), r * (angle - math.sin(angle)), 0.0]
+    np.testing.assert_allclose(residual, wanted, atol=1e-9)
+    # The same turn on the spot is a slide by 0.021 angle, less than 0.2 % of which is hidden by the curvature.
+    spot = se2.compose(start + np.array([0, 0, angle]), to_origin)
+    residual = pushing_residuals(g0, g0, spot, spot, model)
+    assert residual[1] == pytest.approx(-r * angle, rel=2e-3)
+
+
+def test_sliding_by_1_mm_is_1_mm():
+    model = square(RADIUS)
+    g0, g1 = np.array([-0.1, 0.01, 0.0]), np.array([-0.1, 0.011, 0.0])
+    np.testing.assert_allclose(pushing_residuals(g0, g0, g1, g1, model), [0, -1e-3, 0], atol=1e-9)
+    # A 1 mm deeper overlap is 1 mm along the normal.
+    g1 = np.array([-0.099, 0.01, 0.0])
+    np.testing.assert_allclose(pushing_residuals(g0, g0, g1, g1, model), [-1e-3, 0, 0], atol=1e-9)
+
+
+def paper_rows(o0: Array, e0: Array, o1: Array, e1: Array, c: float) -> Array:
+    """D V - Vp in the object frame of step 1 (facts: Lynch 1992, Zhou 2017), for a point sensor."""
+    turn = se2.rotation(o1[2]).T
+    vx, vy = turn @ (o1 - o0)[:2]
+    omega = o1[2] - o0[2]
+    px, py = turn @ (e1 - o1)[:2]
+    contact_velocity = turn @ (e1 - e0)[:2]
+    d = np.array([[1, 0, -py], [0, 1, px], [-py, px, -(c**2)]])
+    return d @ [vx, vy, omega] - [*contact_velocity, 0.0]
+
+
+def test_pushing_agrees_with_the_paper_to_first_order():
+    model = model_with(DistanceField.of(Disc(0.088)), 0j, 0.0, 0.06)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        o1, e1 = np.array([0.3, -0.2, 0.7]), np.array([0.25, -0.13, 1.9])
+        by_object, by_sensor = rng.normal(size=(2, 3)) * [2e-3, 2e-3, 2e-2]
+        off = []
+        for scale in (1.0, 0.1):
+            o0, e0 = o1 - scale * by_object, e1 - scale * by_sensor
+            g0, g1 = se2.between(o0, e0), se2.between(o1, e1)
+            ours = pushing_residuals(g0, e0, g1, e1, model)
+            paper = paper_rows(o0, e0, o1, e1, 0.06)
+            off.append(np.abs(ours - paper).max())
+            # What the paper linearises away in a step turns the ways by omega: the object's, the sensor's and the
+            # arm's.
+            ways = np.hypot(*by_object[:2]) + np.hypot(*by_sensor[:2]) + abs(by_object[2]) * np.hypot(*(e1 - o1)[:2])
+            assert off[-1] < scale**2 * abs(by_object[2]) * ways
+        assert off[1] < 0.02 * off[0]  # a tenth of the motion, a hundredth of the difference
+
+
+def test_rest_marginalised_is_a_first_pose_with_summed_covariance():
+    # Unknowns: the object's pose before, and g and e after. The last marginal N(m, P) on the one and the paper's rest
+    # factor Log(o_before^-1 o_now), N(0, Q), between them; the first is then eliminated.
+    rng = np.random.default_rng(7)
+    e, g = rng.normal(size=(2, 3))
+    now = se2.compose(e, se2.inverse(g))
+    last, rest = (0.1 * np.eye(3) + root @ root.T for root in rng.normal(size=(2, 3, 3)))
+    _, between = relative(now, now, np.zeros(3))
+    _, by_both = object_pose(g, e, now)  # at zero error that is how o moves with g and e
+    known = np.hstack([np.eye(3), np.zeros((3, 6))])
+    resting = np.hstack([between[:, :3], between[:, 3:] @ by_both])
+    information = known.T @ np.linalg.inv(last) @ known + resting.T @ np.linalg.inv(rest) @ resting
+    left = information[3:, 3:] - information[3:, :3] @ np.linalg.solve(information[:3, :3], information[:3, 3:])
+    covariance = np.eye(3 + OBJECT_SIZE)
+    covariance[:3, :3] = last
+    rows = rows_of(
+        FirstPose([Prior(now, np.zeros(OBJECT_SIZE), covariance).loosened(rest)]), values_at(ANY, [[g]], [[e]])
+    )
+    jacobian = rows.jacobian[0, 0, :, :6]
+    np.testing.assert_allclose(left, jacobian.T @ jacobian, atol=1e-12)
+
+
+def test_contact_model_of_a_sensor():
+    model = contact_model(SHAPES["concave"], sensor(0.004, ((0.0, 0.03), (0.001, -0.03))), 0.05)
+    np.testing.assert_allclose(model.parts, [-0.004 + 0.03j, -0.003 - 0.03j])
+    # The L is 0.16 x 0.06 about (-0.01, -0.03) and 0.07 x 0.07 about (-0.055, 0.035): areas 0.0096 and 0.0049.
+    # x = (0.0096 * -0.01 + 0.0049 * -0.055) / 0.0145, y = (0.0096 * -0.03 + 0.0049 * 0.035) / 0.0145
+    assert model.friction_center == pytest.approx(-0.02520690 - 0.00803448j, abs=1e-8)
+    assert model.friction_radius == 0.05
+    alone = contact_model(Disc(0.09), sensor())
+    assert alone.parts.tolist() == [-RADIUS]
+    assert (model.span, alone.span) == (pytest.approx(math.hypot(0.06, 0.001)), 0.0)
+    assert alone.friction_radius == pytest.approx(0.06)  # 2 r / 3 for uniform pressure
+    # The centre of a tip of radius r stands r off the outline: the grid reaches further.
+    wide = contact_model(Disc(0.09), sensor(0.1)).field
+    assert wide.origin[0] < -0.09 - 0.1
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_how_a_tip_touches_is_what_the_distance_field_says(name):
+    # Inside the grid and beyond it.
+    model, rng = model_of(name), np.random.default_rng(3)
+    g = np.column_stack([rng.uniform(-0.3, 0.3, (400, 2)), rng.uniform(-math.pi, math.pi, 400)])
+    touch = model.touching(g[None])[0]
+    center = se2.transform(g, np.array([model.parts[0].real, model.parts[0].imag]))
+    distance, normal, _ = model.field.value_gradient_hessian(center)
+    np.testing.assert_allclose(touch["gap"], distance - model.radius, atol=1e-14)
+    np.testing.assert_allclose(touch["normal"], normal[:, 0] + 1j * normal[:, 1], atol=1e-12)
+    point = center - model.radius * normal
+    np.testing.assert_allclose(touch["point"], point[:, 0] + 1j * point[:, 1], atol=1e-13)
+    material = se2.transform(se2.inverse(g), point)
+    np.testing.assert_allclose(touch["material"], material[:, 0] + 1j * material[:, 1], atol=1e-13)

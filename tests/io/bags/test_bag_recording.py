@@ -1,0 +1,358 @@
+"""Bags as recordings: what is read right, what is warned of, and what is refused in one sentence."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_samples import (
+    CONTAINERS,
+    ROS2,
+    START,
+    Message,
+    build_message,
+    compressed_message,
+    header,
+    image_message,
+    image_times,
+    pose_content,
+    pose_message,
+    pose_times,
+    push_messages,
+    touch_images,
+    transform_message,
+    true_pose,
+    write_bag,
+)
+from mcap.writer import Writer
+from scipy.spatial.transform import Rotation
+
+from palpate.errors import FileError, SettingError
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc
+from palpate.io.bags.bag_recording import read_bag
+from palpate.io.bags.choices import BagChoices
+from palpate.types.sensor import DIGIT
+
+SHAPE = Disc(0.05)
+
+
+def read(tmp_path: Any, messages: list[Message], container: str = "mcap", **choices: Any) -> Any:
+    """The recording in a bag of these messages."""
+    path = write_bag(tmp_path / "bag", container, sorted(messages, key=lambda message: message.log_time))
+    return read_bag(path, SHAPE, BagChoices(**choices)).recording
+
+
+def few_images(count: int = 6) -> list[Message]:
+    return [compressed_message(*each) for each in zip(image_times(count), touch_images(count), strict=True)]
+
+
+def poses(topic: str = "/ee_pose", **settings: Any) -> list[Message]:
+    times = pose_times()
+    return [pose_message(time, pose, topic, **settings) for time, pose in zip(times, true_pose(times), strict=True)]
+
+
+def same_poses(found: Any, wanted: Any, within: float = 1e-9) -> None:
+    assert np.abs(found[:, :2] - wanted[:, :2]).max() < within
+    assert np.abs(se2.wrap(found[:, 2] - wanted[:, 2])).max() < within
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_a_bag_that_another_program_wrote(tmp_path, container, compressed):
+    path = write_bag(tmp_path / "bag", container, push_messages(compressed))
+    recording, plane, _ = read_bag(path, SHAPE)
+    assert (recording.shape, recording.sensor, recording.file) == (SHAPE, DIGIT, path)
+    assert recording.time.tolist() == (image_times() / 1e9).tolist()
+    same_poses(recording.sensor_pose, true_pose(image_times()))
+    assert (plane.frame, plane.tilt, plane.height) == ("world", 0.0, pytest.approx(0.1))
+    assert recording.codec == ("jpeg" if compressed else "png")
+    for frame, pixels in zip(recording, touch_images(), strict=True):
+        assert frame.image is not None
+        off = np.abs(frame.image.astype(int) - pixels)
+        assert off.mean() < 2.0 if compressed else off.max() == 0
+    assert recording.contact is None
+    assert recording.object_pose is None
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "8UC3"])
+def test_colours_of_raw_images(tmp_path, caplog, encoding):
+    pixels = touch_images(3)
+    images = [image_message(time, each, encoding, padding=5) for time, each in zip(image_times(3), pixels, strict=True)]
+    recording = read(tmp_path, images + poses())
+    assert np.array_equal([frame.image for frame in recording], pixels)
+    words = [record.getMessage() for record in caplog.records]
+    assert len(words) == (encoding == "8UC3")
+    assert all("does not say which colour comes first; it is taken as blue" in line for line in words)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"encoding": "mono8"}, "images are encoded as 'mono8', allowed are rgb8, bgr8, 8UC3"),
+        ({"encoding": "bayer_rggb8"}, "'bayer_rggb8'"),
+        ({"step": 10}, "in rows of 10, expected 3 a column"),
+        ({"height": 400}, "an image of 400 rows and 240 columns has 230400 bytes"),
+    ],
+)
+def test_raw_images_that_are_refused(tmp_path, changes, message):
+    images = [image_message(image_times()[0], touch_images(1)[0], **changes)]
+    with pytest.raises(FileError, match=message):
+        read(tmp_path, images + poses())
+
+
+def test_channels_of_another_type_on_a_topic_are_left_alone(tmp_path):
+    path = tmp_path / "a.mcap"
+    messages = [*few_images(), *poses()]
+    strangers = [replace(each, topic="/ee_pose") for each in few_images(2)]
+    strangers += [replace(each, topic="/digit/image/compressed") for each in poses()[:2]]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        channels: dict[tuple[str, str], int] = {}
+        for each in [*messages, *strangers]:
+            if (each.topic, each.type) not in channels:
+                schema = writer.register_schema(each.type, "ros2msg", b"")
+                channels[each.topic, each.type] = writer.register_channel(each.topic, "cdr", schema)
+            data = bytes(ROS2.serialize_cdr(build_message(ROS2, each.type, each.content), each.type))
+            writer.add_message(channels[each.topic, each.type], each.log_time, data, each.log_time)
+        writer.finish()
+    choices = BagChoices(images="/digit/image/compressed", sensor_poses="/ee_pose")
+    assert len(read_bag(path, SHAPE, choices).recording) == 6
+
+
+def test_compressed_images_that_are_refused(tmp_path):
+    good = compressed_message(image_times()[0], touch_images(1)[0])
+    rubbish = replace(good, content=good.content | {"data": np.arange(30, dtype=np.uint8), "format": "webp"})
+    with pytest.raises(FileError, match="compressed images are 'webp', whose bytes are neither a PNG nor a JPEG"):
+        read(tmp_path / "a", [rubbish, *poses()])
+    grey = replace(good, content=good.content | {"format": "mono8; jpeg compressed "})
+    with pytest.raises(FileError, match="allowed are colour images"):
+        read(tmp_path / "b", [grey, *poses()])
+    mixed = [good, compressed_message(image_times()[1], touch_images(1)[0], "png")]
+    with pytest.raises(FileError, match="some images are jpeg, others png"):
+        read(tmp_path / "c", mixed + poses())
+    small = [compressed_message(image_times()[0], touch_images(1)[0].transpose(1, 0, 2))]
+    with pytest.raises(FileError, match=r"found \(240, 320\) rows and columns, the sensor has \(320, 240\)"):
+        read(tmp_path / "d", small + poses())
+
+
+def test_poses_with_covariance(tmp_path):
+    with_covariance = [
+        Message(
+            pose.topic,
+            pose.log_time,
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            {
+                "header": pose.content["header"],
+                "pose": {"pose": pose.content["pose"], "covariance": np.zeros(36)},
+            },
+        )
+        for pose in poses()
+    ]
+    recording = read(tmp_path, few_images() + with_covariance)
+    same_poses(recording.sensor_pose, true_pose(image_times(6)))
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_transforms_along_a_chain(tmp_path, container):
+    """The arm moves at 50 Hz; how it holds the sensor, turned about x and moved on, stands in a static transform."""
+    held = Rotation.from_euler("x", 0.4)
+    apex = np.array([0.05, 0.0, 0.01])
+    messages = [transform_message(START, "tool", "digit", apex, held, static=True)]
+    messages.append(
+        transform_message(START, "world", "base", [1.0, 2.0, 0.0], Rotation.from_euler("z", 0.5), static=True)
+    )
+    for time, pose in zip(pose_times(), true_pose(pose_times()), strict=True):
+        messages.append(transform_message(time, "base", "tool", [*pose[:2], 0.2], Rotation.from_euler("z", pose[2])))
+    recording = read(tmp_path, few_images() + messages, container)
+    wanted = se2.compose(se2.compose([1.0, 2.0, 0.5], true_pose(image_times(6))), [0.05, 0.0, 0.0])
+    same_poses(recording.sensor_pose, wanted)
+    named = read(tmp_path / "named", few_images() + messages, container, sensor_poses="base:digit")
+    same_poses(named.sensor_pose, se2.compose(true_pose(image_times(6)), [0.05, 0.0, 0.0]))
+    both = read(
+        tmp_path / "both", few_images() + messages, container, sensor_poses="base:digit", object_poses="base:tool"
+    )
+    same_poses(both.object_pose, true_pose(image_times(6)))
+    with pytest.raises(FileError, match="base:base is one frame, expected two"):
+        read(tmp_path / "one", few_images() + messages, container, sensor_poses="base:base")
+
+
+def test_ground_truth_is_named_and_the_sensor_is_what_is_left(tmp_path):
+    truth = [message for message in poses("/object", height=0.02) if not 4 <= (message.log_time - START) // 2e7 <= 40]
+    truth = [replace(message, content=message.content) for message in truth]
+    recording = read(tmp_path, few_images(20) + poses() + truth, object_poses="/object")
+    same_poses(recording.sensor_pose, true_pose(image_times(20)))
+    known = ~np.isnan(recording.object_pose[:, 0])
+    assert known.tolist() == [time <= 3 * 2e7 for time in image_times(20) - START]
+    same_poses(recording.object_pose[known], true_pose(image_times(20))[known])
+    other = poses("/object", frame="map")
+    with pytest.raises(FileError, match="sensor are given in frame 'world', those of the object in 'map'"):
+        read(tmp_path / "map", few_images() + poses() + other, object_poses="/object")
+
+
+def test_what_is_ambiguous_is_listed(tmp_path):
+    two_images = few_images() + [replace(message, topic="/other") for message in few_images()]
+    with pytest.raises(
+        FileError, match="more than one image topic: /digit/image/compressed, /other; name one by --imag"
+    ):
+        read(tmp_path / "a", two_images + poses())
+    assert len(read(tmp_path / "b", two_images + poses(), images="/other")) == 6
+    two_poses = few_images() + poses() + poses("/object")
+    with pytest.raises(FileError, match="more than one source of poses: /ee_pose, /object; name one by --sensor-poses"):
+        read(tmp_path / "c", two_poses)
+    with pytest.raises(FileError, match="has no poses in /ee; pose topics are /ee_pose, /object; there are no frames"):
+        read(tmp_path / "d", two_poses, sensor_poses="/ee")
+    with pytest.raises(FileError, match="has no images in /camera; image topics are /digit/image/compressed"):
+        read(tmp_path / "e", two_poses, images="/camera")
+    with pytest.raises(FileError, match="has no image topic of a type that is read"):
+        read(tmp_path / "f", poses())
+    with pytest.raises(FileError, match="has no source of poses of a type that is read"):
+        read(tmp_path / "g", few_images())
+    level = Rotation.identity()
+    forked = [transform_message(START, "base", name, [0, 0, 0], level, static=True) for name in ("left", "right")]
+    with pytest.raises(FileError, match=r"frames of transforms are base, left, right; .* --sensor-poses PARENT:CHILD"):
+        read(tmp_path / "h", few_images() + forked)
+    with pytest.raises(FileError, match="no transform knows frame 'gel'"):
+        read(tmp_path / "i", few_images() + forked, sensor_poses="base:gel")
+    with pytest.raises(FileError, match="frame x has two parents, a and b"):
+        read(tmp_path / "j", few_images() + [transform_message(START, name, "x", [0, 0, 0], level) for name in "ab"])
+
+
+def test_images_without_a_pose_are_left_out_and_counted(tmp_path, caplog):
+    late = [message for message in poses() if message.content["header"]["stamp"]["nanosec"] > 90_000_000]
+    recording = read(tmp_path, few_images() + late)
+    assert recording.time.tolist() == (image_times(6)[3:] / 1e9).tolist()
+    assert "3 of 6 images have no sensor pose at their time and are left out" in caplog.text
+    far = [pose_message(START - 500_000_000 + time, [0, 0, 0]) for time in (0, 10)]
+    with pytest.raises(FileError, match=r"no sensor pose is known at the time of any image, 1700000000\.020 to"):
+        read(tmp_path / "far", few_images() + far)
+
+
+def test_time_offset_is_added_to_images(tmp_path):
+    recording = read(tmp_path, few_images() + poses(), time_offset=0.015)
+    assert recording.time.tolist() == ((image_times(6) + 15_000_000) / 1e9).tolist()
+    same_poses(recording.sensor_pose, true_pose(image_times(6) + 15_000_000))
+
+
+def restamped(messages: list[Message], stamp: Any) -> list[Message]:
+    """The messages with stamps that follow from the old ones [ns]."""
+
+    def new(message: Message) -> Message:
+        old = message.content["header"]
+        time = old["stamp"]["sec"] * 10**9 + old["stamp"]["nanosec"]
+        return replace(message, content=message.content | {"header": header(stamp(time), old["frame_id"])})
+
+    return [new(message) for message in messages]
+
+
+@pytest.mark.parametrize(
+    ("stamp", "message"),
+    [
+        (lambda time: 0, "6 headers in /digit/image/compressed have a stamp of zero; --clock log takes"),
+        (
+            lambda time: time - 40 * 10**9,
+            r"-40\.003 s off .* in /digit/image/compressed, -0\.001 s in /ee_pose; --clock",
+        ),
+        (
+            lambda time: time + (time > START + 10**8) * 5 * 10**9,
+            "in /digit/image/compressed leap by 5.0 s against the",
+        ),
+        (
+            lambda time: time - (time > START + 10**8) * 5 * 10**9,
+            "in /digit/image/compressed leap by 5.0 s against the",
+        ),
+    ],
+)
+def test_clocks_that_do_not_go_together(tmp_path, stamp, message):
+    messages = restamped(few_images(), stamp) + poses()
+    with pytest.raises(FileError, match=message):
+        read(tmp_path / "header", messages)
+    recording = read(tmp_path / "log", messages, clock="log")
+    assert recording.time.tolist() == ((image_times(6) + 3_000_000) / 1e9).tolist()
+    same_poses(recording.sensor_pose, true_pose(image_times(6) + 2_000_000))  # poses are logged 1 ms late themselves
+
+
+def test_images_of_one_time_are_counted(tmp_path, caplog):
+    messages = restamped(few_images(), lambda time: min(time, int(image_times(6)[3])))
+    assert len(read(tmp_path, messages + poses())) == 4
+    assert "2 images have the time of another one and are left out" in caplog.text
+
+
+def lifted(height: Any, turn: Any = None) -> list[Message]:
+    """Poses whose height [m] and turn follow from the seconds since the start."""
+    found = []
+    for time, pose in zip(pose_times(), true_pose(pose_times()), strict=True):
+        seconds = (time - START) * 1e-9
+        rotation = Rotation.from_euler("z", pose[2]) * (Rotation.identity() if turn is None else turn(seconds))
+        content = {"header": header(time), "pose": pose_content([*pose[:2], height(seconds)], rotation)}
+        found.append(Message("/ee_pose", int(time), "geometry_msgs/msg/PoseStamped", content))
+    return found
+
+
+def test_poses_of_one_topic_in_several_frames_are_refused(tmp_path):
+    times = pose_times()
+    poses = [pose_message(stamp, pose) for stamp, pose in zip(times, true_pose(times), strict=True)]
+    poses[5] = pose_message(times[5], true_pose(times)[5], frame="map")
+    with pytest.raises(FileError, match="/ee_pose: poses are given in several frames, 'world' and 'map'"):
+        read(tmp_path / "a", few_images(3) + poses)
+
+
+def test_poses_in_millimetres_are_asked_about(tmp_path):
+    times = pose_times()
+    in_millimetres = true_pose(times) * np.array([1e3, 1e3, 1.0])
+    poses = [pose_message(stamp, pose, height=100.0) for stamp, pose in zip(times, in_millimetres, strict=True)]
+    with pytest.raises(FileError, match=r"/ee_pose.: found positions that span .* are these millimetres"):
+        read(tmp_path / "a", few_images(24) + poses)
+
+
+def test_poses_off_the_plane_are_refused_unless_they_are_allowed(tmp_path):
+    rising = lifted(lambda seconds: 0.1 + 0.05 * max(0.0, seconds - 0.5))
+    with pytest.raises(
+        FileError, match=r"/ee_pose\) is 11\.0 mm off the plane at 17.* allowed are 10 mm; .*--off-plane"
+    ):
+        read(tmp_path / "a", few_images(24) + rising)
+    same_poses(read(tmp_path / "b", few_images(24) + rising, off_plane=0.05).sensor_pose, true_pose(image_times()))
+
+
+def test_tilt_is_told_and_refused_where_it_is_steep(tmp_path, caplog):
+    gently = lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("y", np.radians(5.0)))
+    same_poses(read(tmp_path / "a", few_images() + gently).sensor_pose, true_pose(image_times(6)))
+    assert "the sensor (/ee_pose) is tilted out of the plane by up to 5.0 degrees" in caplog.text
+    steeply = lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("y", np.radians(90.0)))
+    with pytest.raises(FileError, match=r"has its x axis -90\.0 degrees out of the plane .* allowed are 20"):
+        read(tmp_path / "b", few_images() + steeply)
+    caplog.clear()
+    read(tmp_path / "c", few_images() + lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("x", np.pi)))
+    assert "the sensor's z axis points against the plane's normal" in caplog.text
+
+
+def test_a_wall_as_the_plane(tmp_path, caplog):
+    """A push along a wall, in the plane of y and z: given by its normal, or fitted."""
+    turn = Rotation.from_matrix(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))  # x to y, y to z, z to x
+    messages = []
+    for time in pose_times():
+        seconds = (time - START) * 1e-9
+        pose = np.array([0.1 * np.sin(4 * seconds), 0.1 * np.cos(4 * seconds), 0.3 * seconds])
+        content = pose_content(turn.apply([*pose[:2], 0.4]), turn * Rotation.from_euler("z", pose[2]))
+        message = {"header": header(time), "pose": content}
+        messages.append(Message("/ee_pose", int(time), "geometry_msgs/msg/PoseStamped", message))
+    with pytest.raises(FileError, match="off the plane"):
+        read(tmp_path / "level", few_images(24) + messages)
+    given = read(tmp_path / "given", few_images(24) + messages, plane=(1.0, 0.0, 0.0))
+    fitted = read(tmp_path / "fit", few_images(24) + messages, plane="fit")
+    seconds = (image_times() - START) * 1e-9
+    wanted = np.column_stack([0.1 * np.sin(4 * seconds), 0.1 * np.cos(4 * seconds), 0.3 * seconds])
+    same_poses(given.sensor_pose, wanted, within=3e-4)  # poses between messages lie on chords
+    # The fitted normal is plus or minus that of the wall; how far frames are apart does not depend on it.
+    between = [se2.between(each.sensor_pose[0], each.sensor_pose[-1]) for each in (given, fitted)]
+    assert np.abs(between[0]) == pytest.approx(np.abs(between[1]), abs=1e-6)
+    assert "the sensor moves in the plane 90.0 degrees off its xy plane at" in caplog.text
+    assert "plane 90.0 degrees off its xy plane" in given.frames["sensor_pose"]
+
+
+def test_choices_that_are_none():
+    wrongs: Any = ({"clock": "mine"}, {"plane": "flat"}, {"plane": (1.0, 2.0)}, {"off_plane": 0.0})
+    for wrong in wrongs:
+        with pytest.raises(SettingError, match="; allowed "):
+            BagChoices(**wrong)

@@ -1,0 +1,232 @@
+"""Outlines from whatever a user has of one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from ezdxf.filemanagement import new
+
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import Disc, Polygon, Rectangle
+from palpate.io.outlines.load import load_shape
+from palpate.io.outlines.scan import shape_of_scan
+from palpate.lab.simulate.objects import find_shape
+from palpate.types.units import extent_of
+
+BOX = [(0.0, 0.0), (0.09, 0.0), (0.09, 0.06), (0.0, 0.06)]
+ELL = np.array([(0, 0), (90, 0), (90, 30), (40, 30), (40, 60), (0, 60)])
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def apart(shape, corners):
+    """How much of the two areas is not shared, as a share of one of them."""
+    found, wanted = shapely.Polygon(shape.corners), shapely.Polygon(corners)
+    return found.symmetric_difference(wanted).area / wanted.area
+
+
+def test_names_and_lengths():
+    assert load_shape("disc") == SHAPES["disc"]
+    assert load_shape("0.09x0.06") == Rectangle(0.09, 0.06)
+    assert load_shape("90x60", unit="mm") == Rectangle(0.09, 0.06)
+    assert find_shape("90x60", "mm") == ("90x60", Rectangle(0.09, 0.06))
+
+
+@pytest.mark.parametrize(
+    "text", ["0 0\n90 0\n90 60\n0 60\n", "x,y\n0,0\n90,0\n90,60\n0,60\n", "# mm\n0;0\n90;0\n90;60\n0;60"]
+)
+def test_tables(text):
+    Path("box.csv").write_text(text)
+    assert apart(load_shape("box.csv", unit="mm"), BOX) < 1e-12
+
+
+def test_json():
+    Path("box.json").write_text(json.dumps({"vertices": BOX}))
+    assert load_shape(Path("box.json")) == Polygon(BOX)
+    Path("can.json").write_text('{"type": "disc", "radius": 33}')
+    assert load_shape("can.json", unit="mm") == Disc(0.033)
+
+
+def svg(content, page='width="100mm" height="50mm" viewBox="0 0 200 100"'):
+    Path("a.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {page}>{content}</svg>')
+    return "a.svg"
+
+
+def test_svg_is_as_large_as_its_page_says_and_y_is_up():
+    path = "M0 0 H180 V60 H80 V120 H0 Z"  # an L, its foot above, in half millimetres
+    found = load_shape(svg(f'<g transform="translate(7 9)"><path d="{path}"/></g><text x="3" y="4">L</text>'))
+    drawn = ELL * (1e-3, -1e-3)
+    assert apart(found, drawn - Polygon(drawn).centroid) < 1e-5
+    assert found.centroid == pytest.approx([0.0, 0.0], abs=1e-12)
+    # A unit that is given counts for the numbers in the drawing, whatever its page says.
+    assert extent_of(load_shape(svg(f'<path d="{path}"/>'), unit="mm")) == pytest.approx(0.18)
+
+
+def test_svg_curves_and_holes(caplog):
+    page = 'width="90" height="90" viewBox="-45 -45 90 90"'
+    circle = svg('<circle r="40"/><circle r="5"/>', page)
+    with pytest.raises(FileError, match=r"a.svg: .* not say how large it is, its width is '90'.*--shape-unit"):
+        load_shape(circle)
+    found = load_shape(circle, unit="mm")
+    assert found.signed_distance(Disc(0.04).outline(500)) == pytest.approx(0.0, abs=3e-5)
+    assert "1 outlines within the largest are holes" in caplog.text
+    assert len(found.outline(10)) < 150
+
+
+def test_lines_that_meet_are_an_outline():
+    parts = '<polyline points="0,0 90,0 90,60" fill="none"/><line x1="90" y1="60" x2="0" y2="0"/>'
+    assert load_shape(svg(parts, 'width="90mm" height="60mm" viewBox="0 0 90 60"')).area == pytest.approx(
+        0.09 * 0.03, rel=1e-3
+    )
+
+
+def drawing(unit, draw):
+    made = new(units=unit)
+    draw(made.modelspace())
+    made.saveas("a.dxf")
+    return "a.dxf"
+
+
+def draw_l(space):
+    for start, end in zip(ELL, np.roll(ELL, -1, axis=0), strict=True):
+        space.add_line(start, end)
+    space.add_text("a bracket")
+    space.add_circle((20, 20), 5)
+
+
+def test_dxf():
+    found = load_shape(drawing(4, draw_l))
+    assert apart(found, ELL * 1e-3) < 1e-6
+    assert extent_of(load_shape(drawing(1, lambda space: space.add_circle((0, 0), 2)))) == pytest.approx(
+        0.1016, rel=1e-3
+    )
+    with pytest.raises(FileError, match="does not say its unit"):
+        load_shape(drawing(0, draw_l))
+    assert apart(load_shape("a.dxf", unit="mm"), ELL * 1e-3) < 1e-6
+    rounded = [(0, 0, 0), (60, 0, 1.0), (60, 40, 0), (0, 40, 0)]  # a half circle at the right end
+    drawing(4, lambda space: space.add_lwpolyline(rounded, format="xyb", close=True))
+    assert load_shape("a.dxf").area == pytest.approx(1e-6 * (60 * 40 + np.pi * 20**2 / 2), rel=1e-3)
+
+
+def scanned(corners, count, noise, seed=0):
+    along = shapely.Polygon(corners).exterior
+    points = shapely.get_coordinates(along.interpolate(np.linspace(0.0, 1.0, count, endpoint=False), normalized=True))
+    return points + np.random.default_rng(seed).normal(scale=noise, size=points.shape)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 3e-4, 6e-4])
+def test_a_scan_is_simplified_and_its_noise_told(noise, caplog):
+    points = scanned(ELL * 1e-3, 600, noise)
+    np.savetxt("scan.csv", points * 1e3, delimiter=",")
+    found = load_shape("scan.csv", unit="mm")
+    assert isinstance(found, Polygon)
+    assert len(found.vertices) == 6
+    assert apart(found, ELL * 1e-3) < 10.0 * noise
+    assert "600 points are taken as a scan" in caplog.text and "one standard deviation" in caplog.text
+    assert shape_of_scan(points).noise == pytest.approx(noise, rel=0.15)
+
+
+def test_a_scan_of_points_in_any_order():
+    points = np.random.default_rng(1).permutation(scanned(BOX, 400, 2e-4))
+    found = shape_of_scan(points)
+    assert len(found.shape.vertices) == 4 and apart(found.shape, BOX) < 0.005
+    assert found.noise == pytest.approx(2e-4, rel=0.15)
+    round_ = scanned(Disc(0.05).outline(300), 300, 2e-4)
+    found = shape_of_scan(round_)
+    assert np.abs(found.shape.signed_distance(Disc(0.05).outline(200))).max() < 6e-4
+    with pytest.raises(PalpateError, match="50 or more points"):
+        shape_of_scan(points[:30])
+    points[70, 1] = 1e200
+    with pytest.raises(PalpateError, match=r"a scan's point 70 is \(.*, 1e\+200\); it must be finite, up to 1e\+06 m"):
+        shape_of_scan(points)
+
+
+@pytest.mark.parametrize("name", ["butterfly", "rounded-square"])
+def test_corners_that_are_exact_stay_as_they_are(name):
+    shape = SHAPES[name]
+    assert isinstance(shape, Polygon)
+    np.savetxt("exact.txt", shape.corners)
+    assert np.allclose(load_shape("exact.txt").corners, shape.corners)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_of_many_corners_those_that_a_curve_needs_are_kept(tmp_path):
+    angle = np.arange(3000) / 3000 * 2 * np.pi
+    corners = 0.05 * np.column_stack([np.cos(angle), np.sin(angle)])
+    np.savetxt(tmp_path / "disc.csv", corners, delimiter=",")
+    (tmp_path / "disc.json").write_text(json.dumps({"vertices": corners.tolist()}))
+    for name in ("disc.csv", "disc.json"):
+        found = load_shape(tmp_path / name)
+        assert isinstance(found, Polygon) and 50 < len(found.vertices) <= 256
+        assert np.abs(found.signed_distance(corners)).max() <= 2e-5
+
+
+def test_a_gear_is_no_scan():
+    angle = np.arange(120) * (np.pi / 60)
+    gear = np.where(np.arange(120) % 2, 0.045, 0.05)[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
+    np.savetxt("gear.csv", gear)
+    assert len(load_shape("gear.csv").vertices) == 120  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "0 0\n90 0\n90 60\n0 60\n",
+            r"is 90 m wide, .* to 2 m: are these millimetres or centimetres\? unit='mm' .* 0.09 m, unit='cm' .* 0.9 m",
+        ),
+        ("0 0\n3.5 0\n3.5 2\n0 2\n", r"is 3.5 m wide.* are these centimetres or inches\?.* makes it 0.035 m"),
+        ("0 0\n2e5 0\n2e5 2\n", "is 200000 m wide, allowed are 0.005 to 2 m$"),
+        ("0 0 0\n1 0 0\n", "line 1 has 3 numbers, expected x y"),
+        ("0,0\n90,\n90,25\n", "line 2 has 1 number, expected x y"),
+        ("0 0\n1 a\n", "is no table of numbers x y: line 2 is '1 a'"),
+        ("x y\n", "is no table of numbers x y: it holds none"),
+        ("a b\nc d\n", "is no table of numbers x y"),
+        ("0 0\n.1 .1\n.1 0\n0 .1\n", "crosses or touches itself"),
+    ],
+)
+def test_tables_that_are_no_outline(text, words):
+    Path("bad.csv").write_text(text)
+    with pytest.raises(FileError, match=f"bad.csv: .*{words}"):
+        load_shape("bad.csv")
+
+
+def test_what_is_no_outline_is_said():
+    with pytest.raises(SettingError, match=r"shape is 'brick'; allowed are disc, .* 0.09x0.06"):
+        load_shape("brick")
+    for gone in ("gone.svg", "./gone", "/tmp/none.csv"):
+        with pytest.raises(FileError, match=f"^{gone}: no such file"):
+            load_shape(gone)
+    Path("outlines").mkdir()
+    with pytest.raises(FileError, match="outlines: is a folder, expected a file"):
+        load_shape("outlines")
+    with pytest.raises(SettingError, match="unit is 'furlong'; allowed are mm, cm, in, m"):
+        load_shape("disc", unit="furlong")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SettingError, match="disc is an object of a known size"):
+        load_shape("disc", unit="mm")
+    with pytest.raises(FileError, match="are these millimetres"):
+        load_shape("90x60")
+    page = 'width="100mm" height="100mm"'
+    for content, words in (
+        ('<rect width="90" height="60"/><rect x="200" width="90" height="60"/>', "2 outlines side by side"),
+        ('<polyline points="0,0 90,0 90,60"/>', "holds no closed outline"),
+        ("<text>nothing</text>", "holds no lines"),
+        ("<rect", "a.svg: is no SVG that can be read"),
+    ):
+        with pytest.raises(FileError, match=words):
+            load_shape(svg(content, page))
+    Path("bad.dxf").write_text("no drawing")
+    with pytest.raises(FileError, match=r"bad.dxf: is no DXF that can be read"):
+        load_shape("bad.dxf")
+
+
+def test_without_the_libraries_for_drawings(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    svg("<rect/>")
+    with pytest.raises(FileError, match=r"svgelements, which is not installed: pip install palpate\[outlines\]"):
+        load_shape("a.svg")

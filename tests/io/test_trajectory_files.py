@@ -1,0 +1,117 @@
+"""Trajectories on disk: TUM and estimates.csv."""
+
+import numpy as np
+import pytest
+from recording_samples import pushed, trajectory
+
+from palpate import io as formats
+from palpate.errors import FileError, SettingError
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc
+from palpate.io import estimates_csv, tum
+from palpate.types.recording import Recording
+from palpate.types.sensor import POINT
+from palpate.types.trajectory import Trajectory
+
+
+def test_tum_round_trip(tmp_path):
+    path = tmp_path / "a.tum"
+    made = trajectory()
+    formats.write(made, path)
+    assert formats.detect_format(path) == "tum"
+    found = formats.read(path)
+    assert isinstance(found, Trajectory)
+    np.testing.assert_allclose(found.time, made.time, atol=0.51e-9)
+    np.testing.assert_allclose(found.pose[:, :2], made.pose[:, :2], atol=0.51e-9)
+    np.testing.assert_allclose(se2.wrap(found.pose[:, 2] - made.pose[:, 2]), 0, atol=3e-9)
+    with pytest.raises(FileError, match="already exists"):
+        formats.write(made, path)
+    formats.write(made, path, overwrite=True)
+    with pytest.raises(FileError, match="holds a trajectory, not a recording"):
+        formats.load_recording(path)
+
+
+def test_tum_lines_are_as_the_format_has_them(tmp_path):
+    path = tmp_path / "a.tum"
+    formats.write(Trajectory(np.array([1.5]), np.array([[1.0, -2.0, np.pi / 2]])), path)
+    # A quarter turn about z: qz = qw = sqrt(1/2).
+    line = "1.500000000 1.000000000 -2.000000000 0.000000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
+    assert path.read_text() == line
+    path.write_text("# a comment\n\n  " + line.replace(" 0.707106781", " -0.707106781"))
+    found = tum.read(path)
+    np.testing.assert_allclose(found.pose[0, 2], np.pi / 2)  # -q turns as q does
+
+
+def test_tum_of_a_recording_is_its_truth(tmp_path):
+    made = pushed()
+    formats.write(made, tmp_path / "a.tum")
+    np.testing.assert_allclose(tum.read(tmp_path / "a.tum").pose[:, :2], made.object_pose[:, :2], atol=1e-9)
+    with pytest.raises(FileError, match="no object poses"):
+        formats.write(Recording(made.time, made.sensor_pose, Disc(0.1), POINT), tmp_path / "b.tum")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0 0 0 0 0 0 0 1\n1 0 0 0.1 0 0 0 1\n", r"line 2: the pose is out of the plane \(z = 0.1"),
+        ("0 0 0 0 0.6 0 0 0.8\n", "line 1: the pose is out of the plane"),
+        ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0\n", "line 2: found .* expected 8 numbers"),
+        ("0 0 0 0 0 0 0 nan\n", "line 1: found"),
+        ("0 0 0 0 0 0 0 2\n", "line 1: the quaternion 0 0 0 2 has length 2, expected 1"),
+        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "time: frame 1 repeats"),
+        ("# nothing\n", "holds no poses"),
+    ],
+)
+def test_tum_bad_content(tmp_path, text, message):
+    path = tmp_path / "a.tum"
+    path.write_text(text)
+    with pytest.raises(FileError, match=message):
+        tum.read(path)
+
+
+@pytest.mark.parametrize("changes", [{}, {"covariance": None}, {"contact": None}, {"status": None}])
+def test_csv_round_trip_is_exact(tmp_path, changes):
+    path = tmp_path / "a.csv"
+    made = trajectory(**changes)
+    formats.write(made, path)
+    assert formats.detect_format(path) == "estimates-csv"
+    found = estimates_csv.read(path)
+    for name in ("time", "pose", "contact"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
+    if made.covariance is None:
+        assert found.covariance is None
+    else:
+        # Six terms are kept; the two triangles of the product above differ in the last bit.
+        upper = np.triu(made.covariance)
+        np.testing.assert_array_equal(found.covariance, upper + np.triu(upper, 1).transpose(0, 2, 1))
+    assert found.status == made.status
+
+
+def test_csv_header_and_terms(tmp_path):
+    path = tmp_path / "a.csv"
+    terms = np.array([[[1, 2, 3], [2, 4, 5], [3, 5, 6.0]]])
+    made = Trajectory(np.array([0.1]), np.array([[7, 8, 9.0]]), terms, np.array([True]), ("ok",))
+    formats.write(made, path)
+    header = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"
+    assert path.read_text() == f"{header}\n0.1,7.0,8.0,9.0,1.0,2.0,3.0,4.0,5.0,6.0,1,ok\n"
+    with pytest.raises(SettingError, match="holds a trajectory"):
+        formats.write(pushed(), tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0,0,0,0,,,,,,,1", "line 2: 11 fields, expected 12"),
+        ("0,0,0,x,,,,,,,1,", "line 2: could not convert string to float: 'x'"),
+        ("0,0,0,0,,,,,,,maybe,", "line 2: contact 'maybe', allowed is 1, 0 or nothing"),
+        ("0,0,0,0,1,,,,,,1,", "line 2: part of a covariance"),
+        ("0,0,0,0,,,,,,,1,\n1,0,0,0,,,,,,,,", "contact: some rows have it"),
+        ("0,0,0,0,,,,,,,1,\n0,0,0,0,,,,,,,1,", "time: frame 1 repeats"),
+        ("", "holds no estimates"),
+    ],
+)
+def test_csv_bad_content(tmp_path, rows, message):
+    path = tmp_path / "a.csv"
+    path.write_text(",".join(estimates_csv.COLUMNS) + "\n" + rows)
+    with pytest.raises(FileError, match=message):
+        estimates_csv.read(path)

@@ -1,0 +1,128 @@
+import math
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, gaps, model_of, pushing_residuals, sensor, touching
+
+from palpate.config.settings import NoiseSettings
+from palpate.errors import EstimationError
+from palpate.geometry import se2
+from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
+from palpate.lab.simulate.limit_surface import Steering, draw_residuals, push
+
+STRAIGHT = Steering(speed=1e-3, aim=0.0, sway=0.0)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.021])
+def test_a_disc_pushed_through_its_centre_goes_straight(radius):
+    model = model_of("disc", sensor(radius))
+    heading = 0.7
+    o, e = push(model, np.array([[0.1, -0.2, heading]]), np.array([[-0.088, 0.0, 0.0]]), 100, STRAIGHT)
+    assert o.shape == e.shape == (101, 1, 3)
+    # Object and sensor both go 1 mm a step along the heading. A spline cell's error in the normal may turn it by 1e-6.
+    ahead = 1e-3 * np.arange(101)[:, None] * [math.cos(heading), math.sin(heading)]
+    np.testing.assert_allclose(o[:, 0, :2], np.array([0.1, -0.2]) + ahead, atol=1e-7)
+    np.testing.assert_allclose(o[:, 0, 2], heading, atol=1e-6)
+    np.testing.assert_allclose(np.diff(e[:, 0, :2], axis=0), np.diff(ahead, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("y", [0.02, -0.05])
+def test_momentary_rotation_of_a_push_off_centre(y):
+    # The contact point p = (px, py) moves by (d, 0) and sticks: vx - omega py = d, vy + omega px = 0, and
+    # px vy - py vx = c^2 omega. Hence omega (c^2 + px^2 + py^2) = -py d.
+    model = model_of("rectangle", sensor(0.0))
+    tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
+    px = -0.2363 / 2
+    o, _ = push(model, np.zeros((1, 3)), np.array([[px, y, 0.0]]), 1, tiny)
+    omega = -y * 1e-6 / (model.friction_radius**2 + px**2 + y**2)
+    # To first order in the 1 micrometre of the step, 1e-5 of the lengths.
+    np.testing.assert_allclose(o[1, 0], [1e-6 + omega * y, -omega * px, omega], rtol=1e-4)
+
+
+def test_momentary_rotation_with_another_friction():
+    # As above about a centre of friction at (0.01, -0.02), from which the arm is (px, py), and with 1.5 times the c^2.
+    # Its own motion v adds to that of the contact point: omega (c^2 + px^2 + py^2) = -py d again.
+    model = model_of("rectangle", sensor(0.0))
+    tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
+    aside = np.array([0.01, -0.02]) / model.friction_radius
+    friction = {FRICTION_RATIO: math.log(1.5), FRICTION_CENTER: aside}
+    o, _ = push(model, np.zeros((1, 3)), np.array([[-0.2363 / 2, 0.03, 0.0]]), 1, tiny, friction=friction)
+    px, py = -0.2363 / 2 - 0.01, 0.03 + 0.02
+    omega = -py * 1e-6 / (1.5 * model.friction_radius**2 + px**2 + py**2)
+    assert o[1, 0, 2] == pytest.approx(omega, rel=1e-4)
+    # The contact point goes with the sensor.
+    np.testing.assert_allclose(o[1, 0, :2], [1e-6 + omega * 0.03, omega * 0.2363 / 2], rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_noise_free_push_stays_on_the_outline(name):
+    model = model_of(name)
+    g = touching(model, np.array([0.015]), 0.1)
+    o, e = push(model, np.array([[0.3, 0.1, 3.1]]), g, 300, Steering())
+    g = se2.between(o, e)
+    residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
+    # Rolling costs r omega^2 / 2 a step in the gap, below 0.021 (0.015 rad)^2 / 2 = 3e-6 m, which does not add up.
+    np.testing.assert_allclose(residual[..., :2], 0.0, atol=3e-6)
+    np.testing.assert_allclose(residual[..., 2], 0.0, atol=1e-12)
+    assert np.abs(gaps(g, model)).max() < 3e-6
+
+
+def test_drawn_slip_and_torque_are_what_the_residuals_show():
+    rng = np.random.default_rng(1)
+    model = model_of("ellipse")
+    slip, torque = rng.normal(0, 5e-5, (30, 4, 2)), rng.normal(0, 2e-5, (30, 4))
+    g = touching(model, np.linspace(-0.03, 0.03, 4))
+    o, e = push(model, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
+    g = se2.between(o, e)
+    residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
+    np.testing.assert_allclose(residual[..., :2], slip, atol=5e-6)  # what rolling opens is taken back
+    np.testing.assert_allclose(residual[..., 2], torque, atol=1e-12)
+    # The sensor goes as it is steered, whatever slips: 1 mm along its own arc a step.
+    np.testing.assert_allclose(
+        se2.log(se2.between(e[:-1], e[1:]))[..., :2], np.broadcast_to([1e-3, 0], (30, 4, 2)), atol=1e-12
+    )
+
+
+def test_many_pushes_at_once_are_each_as_alone():
+    rng = np.random.default_rng(2)
+    model = model_of("rectangle")
+    first, g, phase = rng.normal(size=(5, 3)), touching(model, rng.uniform(-0.03, 0.03, 5)), rng.uniform(0, 6, 5)
+    slip, torque = rng.normal(0, 5e-5, (20, 5, 2)), rng.normal(0, 2e-5, (20, 5))
+    ratio, aside = rng.normal(0.0, 0.2, 5), rng.normal(0.0, 0.2, (2, 5))
+    friction = {FRICTION_RATIO: ratio, FRICTION_CENTER: aside}
+    o, e = push(model, first, g, 20, Steering(), phase, slip, torque, friction)
+    for k in range(5):
+        one = slice(k, k + 1)
+        friction = {FRICTION_RATIO: ratio[k], FRICTION_CENTER: aside[:, k]}
+        o1, e1 = push(model, first[one], g[one], 20, Steering(), phase[one], slip[:, one], torque[:, one], friction)
+        # Newton stops when the slowest of them has converged to 1e-12.
+        np.testing.assert_allclose(o[:, one], o1, atol=1e-9)
+        np.testing.assert_allclose(e[:, one], e1, atol=1e-9)
+
+
+def test_drawn_gaps_and_slips_belong_together():
+    # On a side whose normal points to -x: a slip by s along the normal takes the gap with it, gap_1 = gap_0 - s.
+    model = model_of("rectangle", sensor(0.0))
+    noise = NoiseSettings()
+    gap, slip, torque = draw_residuals(model, noise, 1e-3, math.pi, 30, 50, np.random.default_rng(3))
+    g = np.zeros((50, 3))
+    g[:, 0] = -0.2363 / 2 - gap
+    o, e = push(model, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
+    found = gaps(se2.between(o, e), model)
+    wanted = gap - np.concatenate([np.zeros((1, 50)), np.cumsum(-slip[..., 0], axis=0)])
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    # Along the side and in torque, plain draws: 1500 of each, whose deviation is known to 1.8 %.
+    slip_sigma = np.hypot(noise.sticking.still, 1e-3 * noise.sticking.share)
+    torque_sigma = np.hypot(noise.balance.still, 1e-3 * noise.balance.share * model.friction_radius)
+    assert np.std(slip[..., 1]) == pytest.approx(slip_sigma, rel=0.06)
+    assert np.std(torque) == pytest.approx(torque_sigma, rel=0.06)
+    # Two Gaussians on each gap's neighbourhood: tighter than either alone.
+    assert np.std(found) < noise.contact.deviation
+    assert np.std(slip[..., 0]) < slip_sigma
+
+
+def test_a_torque_that_no_motion_has_is_refused():
+    model = model_of("rectangle")
+    g = touching(model, np.array([0.02]))
+    with pytest.raises(EstimationError, match="has no solution near the last one; make it smaller"):
+        push(model, np.zeros((1, 3)), g, 2, Steering(), torque=1.0)

@@ -1,0 +1,260 @@
+"""What is learned from: samples of recordings, and their labels."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from training_samples import DISC, RECTANGLE, on_disc, on_left_side, pushes, recording
+
+from palpate.errors import FileError
+from palpate.geometry import se2
+from palpate.geometry.shapes import Ellipse, Polygon, Shape
+from palpate.io.palpate_h5 import write_recording
+from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration, DirectionCorrection
+from palpate.touch.difference import COLUMNS, ROWS
+from palpate.touch.model import KINDS
+from palpate.touch.view import CameraView
+from palpate.types.images import encode_image
+from palpate.types.sensor import DIGIT
+
+RADIUS = DIGIT.radius
+
+
+def touched(g: Any, shape: Shape) -> Any:
+    """The sample of one pose of the sensor: three frames untouched, then a contact of nine that stays where it is."""
+    path = np.tile(np.reshape(g, (1, 3)), (12, 1))
+    return samples_of(recording(path, np.arange(12) >= 3, shape))
+
+
+# --- labels ---
+
+
+@pytest.mark.parametrize(
+    ("y", "kind"),
+    # The corners are at 30 mm; edges begin 8 mm from them, and 1 mm is the corner itself.
+    [
+        *((y, "edge") for y in (0.0, 0.021, -0.0215)),
+        *((y, "near-corner") for y in (0.0225, -0.0285)),
+        *((y, "corner") for y in (0.0295, -0.0295)),
+    ],
+)
+@pytest.mark.parametrize("theta", [0.0, 0.25])
+def test_labels_on_a_side(y, kind, theta):
+    found = touched(on_left_side(y, theta), RECTANGLE)
+    np.testing.assert_array_equal(found.kind, KINDS.index(kind))
+    np.testing.assert_allclose(found.yaw, theta, atol=1e-12)
+    # Inwards is +x of the object, which a sensor turned by theta sees at -theta.
+    np.testing.assert_allclose(found.direction, -theta, atol=2e-3)
+
+
+@pytest.mark.parametrize("angle", [0.4, np.pi / 4, 1.2])
+def test_labels_on_a_corner(angle):
+    # The tip's centre lies its radius from the corner at (-0.05, 0.03), out to the left and up by `angle`.
+    theta = 0.1
+    center = np.array([-0.05, 0.03]) + RADIUS * np.array([-np.cos(angle), np.sin(angle)])
+    found = touched([*(center + RADIUS * np.array([np.cos(theta), np.sin(theta)])), theta], RECTANGLE)
+    np.testing.assert_array_equal(found.kind, KINDS.index("corner"))
+    np.testing.assert_allclose(found.direction, -angle - theta, atol=0.02)  # back to it, to the right and down
+
+
+@pytest.mark.parametrize(("angle", "tilt"), [(0.1, 0.0), (2.0, 0.3), (-3.0, -0.2)])
+def test_labels_on_a_disc(angle, tilt):
+    # Pushed from where it is at `angle`, straight when the sensor looks back, angle + pi.
+    found = touched(on_disc(angle, se2.wrap(angle + np.pi + tilt)), DISC)
+    np.testing.assert_array_equal(found.kind, KINDS.index("disc"))
+    np.testing.assert_allclose(found.yaw, se2.wrap(angle + np.pi + tilt), atol=1e-12)
+    np.testing.assert_allclose(found.direction, -tilt, atol=2e-3)
+
+
+def ring(count: int) -> Polygon:
+    angle = np.arange(count) * 2.0 * np.pi / count
+    return Polygon(0.04 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"),
+    # At the corner (-0.04, 0) the outline of an octagon turns by 45 degrees, that of 16 sides by 22.5: it is all edge.
+    [(Ellipse(0.08, 0.06), "ellipse"), (ring(8), "corner"), (ring(16), "edge")],
+)
+def test_kinds_of_other_shapes(shape, kind):
+    np.testing.assert_array_equal(touched([-0.04, 0.0, 0.0], shape).kind, KINDS.index(kind))
+
+
+def test_corners_where_the_outline_turns():
+    # Half of a ring of 16 sides, flat on the right: sharp where the flat side begins and ends.
+    half = Polygon(np.array(ring(16).vertices)[4:13])
+    np.testing.assert_array_equal(touched([-0.04, 0.0, 0.0], half).kind, KINDS.index("edge"))
+    for end in (0.04, -0.04):
+        above = [0.0, end, -np.copysign(np.pi / 2, end)]
+        np.testing.assert_array_equal(touched(above, half).kind, KINDS.index("corner"))
+
+
+def test_frames_and_contacts():
+    contact = np.zeros(42, bool)
+    # Of 10 frames 6 are left without the first and last two; of 8 only 4, too few; of 9 to the very end 5.
+    contact[5:15] = contact[20:28] = contact[33:] = True
+    found = samples_of(recording(on_left_side(np.zeros(42), 0.0), contact), number=7)
+    assert found.frame.tolist() == [*range(7, 13), *range(35, 40)]
+    assert found.episode.tolist() == [0] * 6 + [1] * 5
+    np.testing.assert_array_equal(found.recording, 7)
+    assert len(found) == 11 and found.ellipse.shape == (11, 6)
+
+
+def test_a_gap_in_the_ground_truth_parts_a_contact():
+    given = recording(on_left_side(np.zeros(30), 0.0), np.arange(30) >= 2)
+    pose: Any = given.object_pose
+    pose = np.where(np.arange(30)[:, None] == 16, np.nan, pose)
+    found = samples_of(dataclasses.replace(given, object_pose=pose))
+    assert found.frame.tolist() == [*range(4, 14), *range(19, 28)]
+    assert found.episode.tolist() == [0] * 10 + [1] * 9
+
+
+def test_differences_are_from_the_frames_without_contact():
+    found = samples_of(recording(on_left_side(np.zeros(30), 0.0), np.arange(30) >= 10, where=np.full(30, 0.5)))
+    assert found.difference.shape == (16, ROWS, COLUMNS, 3) and found.difference.dtype == np.float16
+    seen = found.difference.astype(np.float32).mean(axis=(0, 3))
+    row, column = np.unravel_index(seen.argmax(), seen.shape)
+    # 60 levels in the middle, of which 32 make 1; at 0.5 * (1 + 0.8 * 0.5) = 0.7 of the width and half the height.
+    assert seen.max() == pytest.approx(60 / 32, rel=0.1)
+    assert abs(column - 0.7 * 128) <= 2 and abs(row - 16) <= 1
+    assert abs(np.median(seen)) < 0.03
+
+
+def test_a_background_takes_few_of_many_frames(monkeypatch):
+    looked: list[int] = []
+    given = recording(on_left_side(np.zeros(120), 0.0), np.arange(120) >= 100)
+    frame = type(given).__getitem__
+    monkeypatch.setattr(type(given), "__getitem__", lambda self, index: (looked.append(index), frame(self, index))[1])
+    samples_of(given)
+    assert looked[:UNTOUCHED] == sorted(set(looked[:UNTOUCHED]))
+    assert (looked[0], looked[UNTOUCHED - 1]) == (0, 99)  # from the first untouched to the last
+    assert looked[UNTOUCHED:] == list(range(102, 118))
+
+
+# --- what cannot be learned from ---
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        (["image"], "the recording: has no image; learning needs them"),
+        (["object_pose"], "has no object_pose;"),
+        (["contact", "image"], "has no image and no contact;"),
+    ],
+)
+def test_a_recording_that_lacks_something(missing, message):
+    given = recording(on_left_side(np.zeros(12), 0.0), np.arange(12) >= 3)
+    with pytest.raises(FileError, match=message):
+        samples_of(dataclasses.replace(given, **dict.fromkeys(missing)))
+
+
+def test_a_recording_without_untouched_frames():
+    with pytest.raises(FileError, match="has 1 frames without contact; learning needs 2 to compare with"):
+        samples_of(recording(on_left_side(np.zeros(12), 0.0), np.arange(12) >= 1))
+
+
+def test_a_recording_without_contact_has_no_samples():
+    found = samples_of(recording(on_left_side(np.zeros(12), 0.0), np.zeros(12)))
+    assert len(found) == 0 and found.difference.shape == (0, ROWS, COLUMNS, 3) and found.ellipse.shape == (0, 6)
+
+
+def write(folder: Any, **recordings: Any) -> list[Any]:
+    for name, given in recordings.items():
+        write_recording(given, folder / f"{name}.h5")
+    return [folder / f"{name}.h5" for name in recordings]
+
+
+def test_recordings_are_joined_in_order(tmp_path, monkeypatch):
+    g, contact = on_left_side(np.zeros(40), 0.0), np.zeros(40)
+    one, two = contact.copy(), contact.copy()
+    one[5:20] = one[25:40] = two[10:30] = 1
+    given = {"a": recording(g, one), "b": recording(g, contact), "c": recording(g, two), "d": recording(g, one)}
+    bare = dataclasses.replace(given["a"], image=None)
+    files, counted = write(tmp_path, **given, e=bare), []
+    # As several processes may give them.
+    monkeypatch.setattr("palpate.lab.train.samples.spread", lambda f, items, _: map(f, reversed(items)))
+    found, sensor, failed = read_samples(files, progress=counted.append)
+    assert sensor == given["a"].sensor
+    assert counted == [1, 2, 3, 4, 5]
+    assert failed == {files[4]: f"{files[4]}: has no image; learning needs them"}
+    assert found.recording.tolist() == [0] * 22 + [2] * 16 + [3] * 22
+    assert found.episode.tolist() == [0] * 11 + [1] * 11 + [2] * 16 + [3] * 11 + [4] * 11
+    np.testing.assert_array_equal(found.frame[-22:], found.frame[:22])
+
+
+def test_recordings_that_cannot_be_learned_from_together(tmp_path):
+    given = recording(on_left_side(np.zeros(12), 0.0), np.arange(12) >= 3)
+    other = dataclasses.replace(given, sensor=dataclasses.replace(given.sensor, name="other"))
+    files = write(tmp_path, a=given, b=other, c=dataclasses.replace(given, image=None))
+    with pytest.raises(FileError, match=r"b.h5: sensor 'other' is not the 'small' of .*a.h5; a model is of one sensor"):
+        read_samples(files)
+    with pytest.raises(FileError, match=r"no recording can be learned from; the first: .*c.h5: has no image"):
+        read_samples(files[2:])
+
+
+def test_pushes_are_what_they_are_meant_to_be():
+    # The makers of recordings for the end-to-end test: what is bright tells the direction.
+    for shape, kinds in ((DISC, {"disc"}), (RECTANGLE, {"edge", "near-corner", "corner"})):
+        found = samples_of(pushes(shape, 3))
+        assert {KINDS[kind] for kind in found.kind} <= kinds
+        assert len(found) == 3 * 60 and np.abs(found.direction).max() < 0.52
+        weight = np.clip(found.difference.astype(np.float64).mean(axis=(1, 3)) - 0.1, 0.0, None)
+        column = (weight @ (np.arange(COLUMNS) + 0.5)) / weight.sum(axis=1) / COLUMNS
+        np.testing.assert_allclose(2.0 * column - 1.0, 0.8 * found.direction / 0.6, atol=0.03)
+
+
+# --- a unit that is known ---
+
+
+def test_images_of_a_unit_are_seen_as_its_calibration_says():
+    plainly = recording(on_left_side(np.zeros(30), 0.1), np.arange(30) >= 10, where=np.full(30, 0.5))
+    plain = samples_of(plainly)
+    view = CameraView(quarter_turns=2, channels=(2, 1, 0))  # turned back by the same
+    turned = tuple(encode_image(view.of(frame.image), "png") for frame in plainly if frame.image is not None)
+    untouched = Background(np.full((64, 128, 3), 100.0, np.float32), np.ones((64, 128, 3), np.float32))
+    unit = Calibration(untouched, view, DirectionCorrection(0.02, 0.9))
+    found = samples_of(dataclasses.replace(plainly, image=turned), calibration=unit)
+    assert np.array_equal(found.difference, plain.difference)
+    assert np.allclose(found.direction, 0.02 + 0.9 * plain.direction)
+    assert np.allclose([unit.direction.true(told) for told in found.direction.tolist()], plain.direction)
+    assert np.allclose(np.diff(found.yaw), 0.9 * np.diff(plain.yaw))
+
+
+def test_turns_past_half_a_turn_are_seen_as_a_calibration_says():
+    yaw = np.linspace(np.pi - 0.1, np.pi + 0.1, 20)
+    given = recording(np.column_stack([np.full(20, -0.1), np.zeros(20), yaw]), np.arange(20) >= 3)
+    levels = np.full((64, 128, 3), 100.0, np.float32)
+    unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.0, 0.5))
+    assert np.allclose(np.diff(samples_of(given, calibration=unit).yaw), 0.5 * 0.2 / 19)
+
+
+def test_directions_are_those_that_a_recording_says_its_images_show():
+    given = recording(on_left_side(np.zeros(30), 0.1), np.arange(30) >= 10, where=np.full(30, 0.5))
+    shown = np.linspace(0.1, 0.2, 30)
+    given = dataclasses.replace(given, extra={SHOWN: shown})
+    found = samples_of(given)
+    assert np.array_equal(found.direction, shown[found.frame])
+    levels = np.full((64, 128, 3), 100.0, np.float32)
+    unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.02, 0.9))
+    measured = samples_of(given, calibration=unit).direction  # what was measured of the unit counts for more
+    assert np.allclose(measured, 0.02 + 0.9 * samples_of(dataclasses.replace(given, extra={})).direction)
+    for wrong in (np.full(30, np.nan), np.ones((30, 2)), shown + 180.0):
+        with pytest.raises(FileError, match=r"extra/shown_angle must be an angle \[rad\] in each frame of a contact"):
+            samples_of(dataclasses.replace(given, extra={SHOWN: wrong}))
+
+
+def test_without_untouched_frames_the_gel_is_that_of_the_calibration():
+    given = recording(on_left_side(np.zeros(12), 0.0), np.ones(12), where=np.full(12, 0.5))
+    levels = np.broadcast_to(np.array([90.0, 100.0, 110.0], np.float32), (64, 128, 3))
+    found = samples_of(given, calibration=Calibration(Background(levels, np.ones_like(levels))))
+    assert found.difference.astype(np.float32).mean(axis=(0, 3)).max() == pytest.approx(60 / 32, rel=0.1)
+
+
+def test_a_calibration_of_other_images():
+    given = recording(on_left_side(np.zeros(30), 0.0), np.arange(30) >= 10)
+    levels = np.full((320, 240, 3), 100.0, np.float32)
+    with pytest.raises(FileError, match="is of images of 320 x 240 px; those of sensor 'small' have 64 x 128"):
+        samples_of(given, calibration=Calibration(Background(levels, levels)))

@@ -1,0 +1,257 @@
+"""Learning noise from pushes drawn with a noise that is known."""
+
+from dataclasses import fields, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, contact_directions, model_of, noisy, sensor, touching, with_settings
+
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.errors import EstimationError, SettingError
+from palpate.filter import estimator
+from palpate.geometry import se2
+from palpate.graph.variables import Priors
+from palpate.lab.simulate.limit_surface import Steering, draw_residuals, push
+from palpate.lab.tune import tuning
+from palpate.lab.tune.likelihood import negative_log_likelihood
+from palpate.lab.tune.parameters import check_parameters, tunable, value_of, with_value
+from palpate.lab.tune.recorded_touch import RecordedTouch, record_touch, track_recorded
+from palpate.lab.tune.tuning import LOST, Judgement, Tuning, held_out, judge, tune
+from palpate.types.measurements import ContactDirection, Turn
+from palpate.types.recording import Recording
+
+FELT, STEPS = 0.01, 16
+TRUE = with_settings(
+    NoiseSettings(),
+    sensor_pose={"deviation": (3e-4, 3e-4, 3e-3), "calibration": (0.0, 0.0, 0.0)},
+    first_pose={"deviation": (1e-5, 1e-5, 1e-5)},
+    contact={"deviation": 3e-4, "kernel": None},
+    direction={"share": 1.0, "kernel": None},
+    turn={"share": 1.0, "kernel": None},
+    sticking={"share": 0.3, "sliding_share": 0.3, "kernel": None},
+    balance={"still": 1e-6, "share": 0.5, "kernel": None},
+    friction_cone={"share": None, "kernel": None},
+    # What belongs to the object is as nominal as it is drawn.
+    priors={field.name: (0.0, 1e-6) for field in fields(Priors) if field.name != "grip"},
+)
+
+
+@cache
+def drawn(count: int, seed: int = 0) -> tuple[RecordedTouch, ...]:
+    """Pushes of a rectangle, with what a sensor says of each frame, all drawn with TRUE."""
+    rng = np.random.default_rng(seed)
+    model, steering = model_of("rectangle"), Steering()
+    gap, slip, torque = draw_residuals(model, TRUE, steering.speed, np.pi, STEPS, count, rng)
+    g = touching(model, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
+    g[:, 0] -= gap
+    o, e = push(model, rng.uniform(-1, 1, (count, 3)), g, STEPS, steering, rng.uniform(0, 6, count), slip, torque)
+    g, measured = se2.between(o, e), noisy(e, TRUE.sensor_pose.deviation, rng)
+    directions = contact_directions(g, model) + rng.normal(0.0, FELT, g.shape[:-1])
+    turns = g[..., 2] + rng.normal(0.0, FELT, g.shape[:-1])
+    time, touched = np.arange(STEPS + 1) / 30, np.ones(STEPS + 1, np.bool_)
+    found = []
+    for k in range(count):
+        recording = Recording(time, measured[:, k], SHAPES["rectangle"], sensor(), o[:, k], touched)
+        said = tuple(
+            (ContactDirection(float(direction), FELT**2), Turn(float(turn), FELT**2))
+            for direction, turn in zip(directions[:, k], turns[:, k], strict=True)
+        )
+        found.append(RecordedTouch(recording, o[:, k], said))
+    return tuple(found)
+
+
+def settings(**groups: dict[str, Any]) -> TrackerSettings:
+    return TrackerSettings(tactile="learnt", noise=with_settings(TRUE, **groups), hypotheses=1)
+
+
+def test_noise_that_pushes_were_drawn_with_is_found_again():
+    """On six short pushes, in sixteen evaluations, from a start off by ten; the score on two others falls with it."""
+    contact, sensor_pose = TRUE.contact.deviation, TRUE.sensor_pose.deviation
+    start = settings(
+        contact={"deviation": 10.0 * contact}, sensor_pose={"deviation": tuple(10.0 * sigma for sigma in sensor_pose)}
+    )
+    seen: list[Tuning] = []
+    names = ("contact.deviation", "sensor_pose.deviation")
+    found = tune(drawn(8), start, names, 16, progress=seen.append)
+    for name, true in zip(names, (contact, sensor_pose[0]), strict=True):
+        before, after = found.values[name]
+        assert before == pytest.approx(10.0 * true)
+        assert abs(np.log(after / true)) < np.log(3.0)
+    assert found.held_out is not None
+    before, after = found.held_out
+    truth = judge(drawn(8)[3::4], settings())
+    assert after.score < before.score - 0.5 and after.score < truth.score + 0.4
+    # What is reported is what the settings do, and nothing but what was asked for has changed.
+    noise = found.settings.noise
+    assert judge([recorded for index, recorded in enumerate(drawn(8)) if index % 4 != 3], found.settings) == found.after
+    changed = {"deviation": noise.contact.deviation}, {"deviation": noise.sensor_pose.deviation}
+    assert noise == with_settings(TRUE, contact=changed[0], sensor_pose=changed[1])
+    assert noise.sensor_pose.deviation[2] == pytest.approx(10.0 * noise.sensor_pose.deviation[0], rel=1e-3)
+    # It never gets worse on the way, and says so.
+    assert [each.evaluations for each in seen] == list(range(1, 17))
+    assert (np.diff([each.after.score for each in seen]) <= 0.0).all()
+    assert seen[0].after == seen[0].before == found.before and seen[-1].after == found.after
+
+
+def test_every_kind_counts_the_same_and_is_held_out_by_itself():
+    kinds = ["robot", *["simulated"] * 5, *["robot"] * 3, *["simulated"] * 3]
+    assert [index for index, is_out in enumerate(held_out(kinds)) if is_out] == [4, 8, 11]
+    # One recording of a kind that the settings do badly on, beside three of another.
+    bad = replace(drawn(1)[0], truth=se2.compose(drawn(1)[0].truth, [0.02, 0.0, 0.0]), kind="robot")
+    mixed = judge([bad, *(replace(one, kind="simulated") for one in drawn(4)[1:])], settings())
+    alone = {"robot": judge([bad], settings()), "simulated": judge(drawn(4)[1:], settings())}
+    assert set(mixed.kinds) == set(alone) and alone["robot"].kinds == {}
+    for kind, found in alone.items():
+        assert replace(mixed.kinds[kind], kinds={}) == found
+    assert mixed.score == pytest.approx(np.mean([found.score for found in alone.values()]))
+    assert mixed.recordings == 4 and mixed.inside_95 == pytest.approx(0.75, abs=0.05)
+
+
+def test_no_kind_is_let_grow_too_sure_of_itself():
+    def judgement(score, **inside):
+        kinds = {kind: Judgement(1, score, 1.0, 1.0, share, 0) for kind, share in inside.items()}
+        return Judgement(2, score, 1.0, 1.0, None, 0, kinds)
+
+    before = judgement(1.0, robot=0.6, simulated=0.95)
+    assert tuning._cost(before, before) == 1.0  # what was bad before costs nothing
+    assert tuning._cost(judgement(0.9, robot=0.6, simulated=0.89), before) == 0.9
+    # Seven hundredths of 0.88 in one of two kinds, and five of 0.6 in the other.
+    assert tuning._cost(judgement(0.9, robot=0.6, simulated=0.81), before) == pytest.approx(0.9 + 0.07 * 20.0 / 2)
+    assert tuning._cost(judgement(0.9, robot=0.55, simulated=1.0), before) == pytest.approx(0.9 + 0.05 * 20.0 / 2)
+
+
+def test_recordings_without_images_are_felt_by_the_oracle():
+    blind = record_touch(drawn(1)[0].recording, "auto")
+    assert (blind.tactile, blind.measurements) == ("oracle", None)
+    found = judge([blind, replace(drawn(1)[0], tactile="learnt", kind="felt")], replace(settings(), tactile="auto"))
+    assert found.kinds[""] == replace(judge([blind], replace(settings(), tactile="oracle")), kinds={})
+    names = check_parameters(TrackerSettings(tactile="auto"))
+    assert {"relative_pose.oracle", "direction.share"} <= set(names) and "relative_pose.constant" not in names
+
+
+def test_tuning_twice_is_the_same():
+    start, names = settings(contact={"deviation": 1e-3}), ("contact.deviation",)
+    assert tune(drawn(3), start, names, 4) == tune(drawn(3), start, names, 4, workers=2)
+
+
+def test_few_recordings_leave_none_to_judge_by():
+    found = tune(drawn(3), settings(), ("contact.deviation",), 1)
+    assert found.held_out is None and found.evaluations == 1
+    assert found.settings == settings() and found.before == found.after
+    with pytest.raises(SettingError, match="no recordings"):
+        tune([], settings())
+
+
+def test_a_start_out_of_range_is_only_replaced_by_something_better():
+    start = settings(sticking={"share": 0.0}, contact={"deviation": 3e-5})
+    found = tune(drawn(2), replace(start, tactile="learnt-turn"), ("sticking.share",), 3)
+    assert found.values["sticking.share"][0] == 0.0
+    assert found.after.score <= found.before.score
+
+
+def test_c_of_one_object():
+    start = TrackerSettings(noise=TRUE)
+    found = tune(drawn(2), start, ("pressure",), 2)
+    c = SHAPES["rectangle"].friction_radius("uniform")
+    assert found.values["pressure"][0] == c and isinstance(found.settings.pressure, float)
+    other = replace(drawn(2)[1], recording=replace(drawn(2)[1].recording, shape=SHAPES["disc"]))
+    with pytest.raises(SettingError, match=r"'pressure' is c .* of one object"):
+        tune([drawn(2)[0], other], start, ("pressure",), 2)
+
+
+def test_which_parameters():
+    noise = NoiseSettings()
+    names = {f"{group.name}.{each.name}" for group in fields(noise) for each in fields(getattr(noise, group.name))}
+    # All but the first pose, which is given, what frames are apart by, which tuning cannot tell from any other
+    # error that stays the same for as long as a recording, and what was measured with the model.
+    given = {"first_pose.deviation", "first_pose.truth", "sensor_pose.calibration", "relative_pose.linear"}
+    assert set(tunable()) == (names | {"pressure"}) - given
+    usual = TrackerSettings(tactile="learnt")
+    pushing = {"sticking.share", "sticking.sliding_share", "sticking.margin", "sticking.kernel"}
+    pushing |= {"friction_cone.share", "balance.share"}
+    friction = {"priors.friction_ratio", "priors.friction_center", "priors.grip"}
+    assert pushing | friction | {"direction.share", "turn.share"} == set(check_parameters(usual))
+    # And not the floors, other kernels, what is hardly seen of and what robot and laboratory know.
+    oracle = set(check_parameters(TrackerSettings(tactile="oracle")))
+    assert {"relative_pose.oracle", "sticking.share"} <= oracle
+    assert not {"direction.share", "turn.share", "relative_pose.constant"} & oracle  # nothing there that they are of
+    constant = set(check_parameters(TrackerSettings(tactile="constant")))
+    assert "relative_pose.constant" in constant and "relative_pose.oracle" not in constant
+    direction = set(check_parameters(replace(usual, tactile="learnt-direction")))
+    assert "direction.share" in direction and "turn.share" not in direction
+    assert "friction_cone.share" not in check_parameters(replace(usual, noise=TRUE))  # it is off
+    assert check_parameters(usual, ("contact.kernel", "priors.grip")) == ("contact.kernel", "priors.grip")
+    chosen = ("first_pose.rest", "contact.deviation", "first_pose.rest")
+    assert check_parameters(usual, chosen) == ("first_pose.rest", "contact.deviation")
+    for name in ("magic", "contact", "contact.magic", "first_pose.deviation", "sensor_pose.calibration"):
+        with pytest.raises(
+            SettingError, match=f"'{name}' cannot be tuned; allowed are .*contact.deviation, .*pressure"
+        ):
+            check_parameters(usual, (name,))
+    with pytest.raises(SettingError, match=r"'friction_cone.share' is off"):
+        check_parameters(replace(usual, noise=TRUE), ("friction_cone.share",))
+    with pytest.raises(SettingError, match=r"'contact.kernel' is off"):
+        check_parameters(replace(usual, noise=TRUE), ("contact.kernel",))
+    with pytest.raises(SettingError, match="evaluations is 0; it must be at least 1"):
+        check_parameters(usual, evaluations=0)
+
+
+@pytest.mark.parametrize("name", tunable())
+def test_each_parameter_is_read_from_the_settings_and_put_into_them(name):
+    start = TrackerSettings(pressure=0.05)
+    limits = tunable()[name]
+    assert 0.0 < limits.lowest < limits.highest
+    value = value_of(start, name)
+    assert limits.lowest <= value <= limits.highest
+    now = with_value(start, name, 1.5 * value)
+    assert value_of(now, name) == pytest.approx(1.5 * value, rel=1e-3)
+    assert with_value(now, name, value) == start
+
+
+def test_of_a_mean_and_a_deviation_the_deviation_is_tuned():
+    given = {"friction_ratio": (0.2, 0.3), "friction_center": (0.1, 0.2), "grip": (0.5, 0.1), "depth": (3e-4, 1e-4)}
+    start = settings(priors=given)
+    for name, before in given.items():
+        now = with_value(start, f"priors.{name}", 0.05)
+        assert value_of(start, f"priors.{name}") == before[1]
+        assert getattr(now.noise.priors, name) == (before[0], pytest.approx(0.05, rel=1e-4))
+        assert with_settings(now.noise, priors={name: before}) == start.noise
+
+
+def test_yaw_alone_of_a_relative_pose_is_scaled():
+    start = TrackerSettings(tactile="oracle", noise=TRUE)
+    noise = tune(drawn(2), start, ("relative_pose.oracle",), 2).settings.noise
+    assert noise.relative_pose.oracle[:2] == TRUE.relative_pose.oracle[:2]
+
+
+def test_the_score_of_a_recording_by_hand():
+    recorded = replace(drawn(1)[0], truth=drawn(1)[0].truth.copy())
+    recorded.truth[5] = recorded.truth[-1] = np.nan
+    contact = np.ones(STEPS + 1, np.bool_)
+    contact[-4:] = False
+    recorded = replace(recorded, recording=replace(recorded.recording, contact=contact))
+    online = track_recorded(recorded, settings())
+    each = negative_log_likelihood(online.pose, online.covariance, recorded.truth)  # pyright: ignore[reportArgumentType]
+    # Frames 0 to 12 are in contact, 5 is not known; 15 is the last that is.
+    touched = [*range(5), *range(6, 13)]
+    assert judge([recorded], settings()).score == pytest.approx(0.5 * (each[touched].mean() + each[15]))
+
+
+def test_a_recording_that_is_given_up_has_the_worst_score(monkeypatch, caplog):
+    def gives_up(recorded, settings):
+        if recorded is drawn(2)[0]:
+            estimator.logger.warning("new graph")
+            raise EstimationError("no")
+        return track_recorded(recorded, settings)
+
+    alone = judge(drawn(2)[1:], settings())
+    monkeypatch.setattr(tuning, "track_recorded", gives_up)
+    both = judge(drawn(2), settings())
+    assert both.score == pytest.approx(0.5 * (LOST + alone.score))
+    assert (both.given_up, both.translation_rmse_mm) == (1, alone.translation_rmse_mm)
+    none = judge(drawn(2)[:1], settings())
+    assert (none.score, none.inside_95, none.given_up) == (LOST, None, 1)
+    assert not caplog.records

@@ -1,0 +1,141 @@
+"""What an estimate says beside the pose, against values worked out by hand."""
+
+import dataclasses
+import math
+import sys
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sensor
+from tracker_samples import settings, track
+
+from palpate.filter.belief import Belief
+from palpate.filter.touched import touched
+from palpate.graph.variables import GRIP, IN_OBJECT, OBJECT_SIZE
+from palpate.tracker import Tracker
+from palpate.types.answer import Answer
+from palpate.types.estimate import Estimate
+from palpate.types.frame import Frame
+
+HALF = 0.2363 / 2  # [m] from the rectangle's centre to its left side
+
+
+def estimate(**changes) -> Estimate:
+    pose, covariance = np.array([1.0, 2.0, np.pi / 2]), np.diag([1.0, 4.0, 9.0])
+    whole = Estimate(3.5, pose, covariance, True, "tracking", "", (Answer(pose, covariance, 1.0),), (0.4, 0.1))
+    return dataclasses.replace(whole, **changes)
+
+
+def test_ros_has_the_covariance_about_the_axes_of_the_header():
+    position, orientation, covariance = estimate().to_ros()
+    assert position.tolist() == [1.0, 2.0, 0.0]
+    np.testing.assert_allclose(orientation, [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
+    # The object's x axis lies along the world's y: a variance of 1 along the one is one of 1 along the other.
+    np.testing.assert_allclose(covariance.reshape(6, 6), np.diag([4.0, 1.0, 0.0, 0.0, 0.0, 9.0]), atol=1e-12)
+    correlated = np.array([[1.0, 0.5, 0.2], [0.5, 4.0, 0.3], [0.2, 0.3, 9.0]])
+    six = estimate(covariance=correlated).to_ros().covariance.reshape(6, 6)
+    # Turned by a quarter: x of the world is -y of the object, y of the world is x of the object.
+    wanted = [[4.0, -0.5, -0.3], [-0.5, 1.0, 0.2], [-0.3, 0.2, 9.0]]
+    np.testing.assert_allclose(six[np.ix_([0, 1, 5], [0, 1, 5])], wanted, atol=1e-12)
+    assert np.count_nonzero(np.abs(six) > 1e-12) == 9
+
+
+def test_each_answer_goes_to_ros_like_the_estimate():
+    one = estimate()
+    for ours, wanted in zip(one.answers[0].to_ros(), one.to_ros(), strict=True):
+        assert np.array_equal(ours, wanted)
+
+
+def test_ros_needs_no_ros(monkeypatch):
+    for name in ("rclpy", "rosbags", "mcap", "geometry_msgs"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "palpate.types.plane", raising=False)
+    assert estimate().to_ros().position.tolist() == [1.0, 2.0, 0.0]
+
+
+def test_estimates_are_equal_by_value():
+    one = estimate(contact_point=np.array([0.1, 0.2]))
+    assert one == estimate(contact_point=np.array([0.1, 0.2]))
+    assert one != estimate(contact_point=np.array([0.1, 0.3]))
+    assert one != estimate() and estimate(sliding=math.nan) == estimate(sliding=math.nan)
+    assert one != 3 and one is not None
+    other = Answer(np.zeros(3), np.eye(3), 1.0)
+    assert other == Answer(np.zeros(3), np.eye(3), 1.0) != Answer(np.zeros(3), np.eye(3), 0.5)
+    for field in dataclasses.fields(Estimate):
+        changed = {"status": "strained", "reason": "why", "answers": (other,), "friction": (0.4, 0.2)}
+        value = changed.get(field.name, np.full(3, 7.0))
+        assert estimate() != estimate(**{field.name: value}), field.name
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(one)
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2])
+def test_the_contact_is_where_the_tip_touches_the_side(turn):
+    """A tip that touches the left side 10 mm above its middle, and the same seen from a turned world."""
+    cos, sin = math.cos(turn), math.sin(turn)
+    world = np.array([[cos, -sin], [sin, cos]])
+    first = np.array([1.0, 2.0, turn])
+    touching = np.array([*(first[:2] + world @ [-HALF, 0.01]), turn])
+    tracker = Tracker(SHAPES["rectangle"], sensor(), first, settings("none"))
+    resting = tracker.update(Frame(0.0, touching - [*(world @ [0.1, 0.0]), 0.0], contact=False))
+    assert (resting.contact_point, resting.contact_normal, resting.touch_age) == (None, None, math.inf)
+    found = tracker.update(Frame(0.1, touching, contact=True))
+    assert found.contact_point is not None and found.contact_normal is not None
+    np.testing.assert_allclose(found.contact_point, touching[:2], atol=3e-4)  # they are thought to overlap a little
+    np.testing.assert_allclose(found.contact_normal, world @ [-1.0, 0.0], atol=0.01)
+    assert np.hypot(*found.contact_normal) == pytest.approx(1.0)
+
+
+def test_a_disc_is_touched_on_the_line_to_its_centre():
+    tracker = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings("none"))
+    radius = 0.044 if np.isclose(SHAPES["disc"].area, np.pi * 0.044**2) else 0.088
+    angle = 2.0
+    way = np.array([math.cos(angle), math.sin(angle)])
+    found = tracker.update(Frame(0.0, np.array([*(radius * way), angle - np.pi]), contact=True))
+    assert found.contact_point is not None and found.contact_normal is not None
+    np.testing.assert_allclose(found.contact_point, radius * way, atol=5e-4)
+    np.testing.assert_allclose(found.contact_normal, way, atol=0.02)
+
+
+def test_the_age_of_a_touch():
+    o, e, contact = in_two_contacts("disc", 12)
+    _, found = track("disc", frames(o, e, contact, 5.0), o[0], settings("none"))
+    ages = [one.touch_age for one in found]
+    assert ages[:13] == [0.0] * 13 and ages[23:] == [0.0] * 13
+    np.testing.assert_allclose(ages[13:23], np.arange(1, 11) / 30, atol=1e-9)
+
+
+def belief(grip: float) -> Belief:
+    values = np.zeros(OBJECT_SIZE)
+    values[IN_OBJECT[GRIP]] = grip
+    g = np.array([-HALF, 0.0, 0.0])
+    return Belief(g, g, values, np.eye(6 + OBJECT_SIZE))
+
+
+def test_a_contact_slides_where_the_force_is_outside_the_cone():
+    edge = math.atan(0.4)
+    likely = [touched(model_of("rectangle"), belief(0.4), edge + off).sliding for off in (-0.2, -0.02, 0.0, 0.02, 0.2)]
+    assert likely == pytest.approx([0.0, 0.1587, 0.5, 0.8413, 1.0], abs=1e-4)  # a normal law of 0.02 rad
+    assert touched(model_of("rectangle"), belief(0.4), -edge - 0.02).sliding == pytest.approx(0.8413, abs=1e-4)
+    assert math.isnan(touched(model_of("rectangle"), belief(0.4), math.nan).sliding)
+
+
+def test_a_push_inside_the_cone_holds():
+    o, e = pushed("rectangle", 30)
+    _, found = track("rectangle", frames(o, e), o[0], settings("oracle"))
+    assert math.isnan(found[0].sliding) and max(one.sliding for one in found[3:]) < 0.1
+
+
+def test_a_push_along_the_side_slides():
+    o, e = pushed("rectangle", 10)
+    straight = [(x, 0.01, 0.05) for x in e[0, 0] + 1e-3 * np.arange(8)]
+    aside = [(straight[-1][0] + 2e-4 * k, 0.01 + 1e-3 * k, 0.05) for k in range(1, 12)]
+    seen = [Frame(k / 30, np.array(pose), contact=True) for k, pose in enumerate([*straight, *aside])]
+    _, found = track("rectangle", seen, o[0], settings("none", hypotheses=1))
+    assert found[-1].sliding > 0.4
+
+
+def test_who_does_not_know_whether_a_contact_slides_says_so():
+    o, e = pushed("rectangle", 3)
+    _, found = track("rectangle", frames(o, e), o[0], settings("none", "isam2"))
+    assert all(math.isnan(one.sliding) and one.contact_point is not None for one in found)

@@ -1,0 +1,169 @@
+"""What knocks the object, on small recordings worked out by hand and on real ones."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate import io as formats
+from palpate.geometry import se2
+from palpate.geometry.shapes import Rectangle
+from palpate.pipeline.knocks import SPEED, knocked_frames, unexplained_speed
+from palpate.pipeline.truth import flag_runs
+from palpate.types.recording import Recording
+from palpate.types.sensor import POINT, SensorProfile
+
+STEP = 1 / 30
+BAR = Rectangle(0.2, 0.1)
+MIDDLE = np.array([-0.1, 0.0])  # of the left side of the bar
+FINGERS = SensorProfile(name="fingers", radius=0.0, tips=((0.0, -0.03), (0.0, 0.03)))
+
+
+def pushed(
+    n: int = 40, sideways: Any = (), turned: Any = (), speed: float = 0.02, sensor: SensorProfile = POINT
+) -> Recording:
+    """Return a bar that is pushed evenly at the middle of its left side, along x.
+
+    In the steps that begin at frames `sideways` a hand slides it at 80 mm/s along y, in those at `turned` it turns it
+    at 3 rad/s about the tip.
+    """
+    moves = np.zeros((n, 2))
+    moves[np.asarray(sideways, int) + 1, 0] = 0.08 * STEP
+    moves[np.asarray(turned, int) + 1, 1] = 3.0 * STEP
+    y, theta = np.cumsum(moves, axis=0).T
+    tip: Any = np.column_stack([-0.1 + speed * STEP * np.arange(n), np.zeros(n), np.zeros(n)])
+    corner = se2.transform(np.column_stack([np.zeros((n, 2)), theta]), MIDDLE)
+    pose = np.column_stack([tip[:, 0] - corner[:, 0], y - corner[:, 1], theta])
+    return Recording(STEP * np.arange(n, dtype=np.float64), tip, BAR, sensor, pose, np.ones(n, np.bool_))
+
+
+def knocks(recording: Recording) -> list[tuple[int, int]]:
+    """First and last frame of each knock."""
+    return flag_runs(knocked_frames(recording))
+
+
+def test_nothing_knocks_what_is_pushed_evenly():
+    assert knocks(pushed()) == []
+    assert knocks(pushed(sensor=FINGERS)) == []
+    assert knocks(pushed(1)) == []
+
+
+def test_a_hand_that_slides_the_object_along_the_tip():
+    # Steps 20, 21 and 22 go at 80 mm/s. Frame 20 sees one of them in its two steps, which is 40 mm/s, as does 23.
+    recording = pushed(sideways=[20, 21, 22])
+    speed = unexplained_speed(recording, np.arange(40))
+    assert speed[18:26] == pytest.approx([0.0, 0.0, 0.04, 0.08, 0.08, 0.04, 0.0, 0.0], abs=1e-3)
+    assert knocks(recording) == [(21, 22)]
+    # What it does to the bar as a whole, 82 mm/s, is not 50 mm/s more than twice the sensor's 20: fingers do not tell.
+    assert knocks(pushed(sideways=[20, 21, 22], sensor=FINGERS)) == []
+
+
+def test_a_hand_that_turns_the_object_about_the_tip():
+    # The far corners are 206 mm away and go at 619 mm/s, the sensor at 20.
+    for sensor in (POINT, FINGERS):
+        recording = pushed(turned=[20, 21, 22], sensor=sensor)
+        assert unexplained_speed(recording, np.arange(40))[21] == pytest.approx(0.619 - 0.04, abs=0.02)
+        assert knocks(recording) == [(20, 23)]
+
+
+def test_a_tip_that_slides_and_drags_is_no_knock():
+    # The tip goes along the side at 80 mm/s. A bar that stays and one that goes along are explained, one that goes the
+    # other way is not.
+    recording = pushed()
+    tip = recording.sensor_pose.copy()
+    tip[:, 1] += 0.08 * STEP * (np.arange(40) - 20)
+    speeds = []
+    for share in (0.0, 1.0, -1.0):
+        assert recording.object_pose is not None
+        pose = recording.object_pose.copy()
+        pose[:, 1] += share * 0.08 * STEP * (np.arange(40) - 20)
+        speeds.append(unexplained_speed(replace(recording, sensor_pose=tip, object_pose=pose), np.arange(40))[20])
+    assert speeds == pytest.approx([0.0, 0.0, 0.08], abs=1e-3)
+
+
+def test_a_push_beside_the_middle_moves_the_side_along_the_tip():
+    # Without friction a push at (-100, 40) mm turns the bar by -0.04 / c^2 [rad/m], which takes its point along y by
+    # 0.1 of that: here by 80 mm/s, though the tip goes straight on.
+    c = BAR.friction_radius()
+    arm = np.array([-0.1, 0.04])
+    turn = -0.04 / c**2
+    push = 0.08 / (0.1 * -turn)  # [m/s] of the centre
+    twist = np.array([push, 0.0, turn * push]) * STEP
+    pose = se2.exp(np.array([-1.0, 0.0, 1.0])[:, None] * twist)
+    moved = se2.transform(pose[2], arm) - se2.transform(pose[0], arm)
+    assert moved[1] / (2 * STEP) == pytest.approx(0.08, rel=0.01)
+    tip = np.column_stack([arm[0] + 0.5 * moved[0] * np.array([-1, 0, 1]), [0.04] * 3, np.zeros(3)])
+    recording = Recording(STEP * np.arange(3, dtype=np.float64), tip, BAR, POINT, pose, np.ones(3, np.bool_))
+    assert unexplained_speed(recording, np.arange(3))[1] < 2e-3
+    # A bar that goes the other way along y is not explained.
+    assert unexplained_speed(replace(recording, object_pose=pose * (1.0, 1.0, -1.0)), np.arange(3))[1] > SPEED
+
+
+def test_all_motion_of_an_untouched_object_is_unexplained():
+    recording = pushed(speed=0.06)
+    assert knocks(replace(recording, contact=np.zeros(40, np.bool_))) == [(0, 39)]
+    slow = pushed(speed=0.04)
+    assert knocks(replace(slow, contact=np.zeros(40, np.bool_))) == []
+    # A push explains it, however late its flag comes.
+    assert knocks(recording) == []
+
+
+def test_a_knock_while_truth_is_unknown():
+    recording = pushed()
+    assert recording.object_pose is not None
+    pose = recording.object_pose.copy()
+    pose[25:, 1] += 0.04  # 40 mm in the 0.2 s from frame 19 to 25
+    pose[20:25] = np.nan
+    assert knocks(replace(recording, object_pose=pose)) == [(19, 25)]
+    pose[10:25] = np.nan  # too long to tell
+    assert knocks(replace(recording, object_pose=pose)) == []
+
+
+def test_knocks_close_by_are_one():
+    # From frame 22 to 29 it is 0.23 s, to frame 32 it is 0.33 s.
+    assert knocks(pushed(sideways=[20, 21, 22, 28, 29, 30])) == [(21, 30)]
+    assert knocks(pushed(sideways=[20, 21, 22, 31, 32, 33])) == [(21, 22), (32, 33)]
+
+
+def test_simulation_tells_its_knocks():
+    told = np.zeros(40)
+    told[3], told[5], told[6] = 1.0, np.nan, 0.5
+    recording = pushed(sideways=[20, 21, 22])
+    assert knocks(replace(recording, extra={"knocked": told})) == [(3, 3), (6, 6)]
+
+
+def test_nothing_is_found_without_truth_or_contact():
+    recording = pushed(sideways=[20, 21, 22])
+    assert knocks(replace(recording, object_pose=None)) == []
+    assert knocks(replace(recording, contact=None)) == []
+
+
+def test_knocks_of_real_pushes(shared_data: Path):
+    """By hands that were seen in plots of how the squares moved; [s]."""
+    times = {
+        "BigPertubations": [2.3, 5.7],
+        "BigPertubations3": [],
+        "BigPertubations5": [],
+        "Pertubations": [2.75, 5.5],
+        "DoublesBigPerturbations": [1.75, 5.17],
+        "NoPerturbations": [],
+        "NoPerturbationsBlackDark": [],
+        "SinglePerturbationsBlack": [2.43],
+        "DoublePerturbationsPlywoodNoLighting": [1.75, 3.87],
+        "NoPerturbationsPlywoodNoLighting": [],
+        "OpenLoopAmbientLight": [1.85, 4.07],
+    }
+    files = sorted((shared_data / "mit_point_push").glob("*.json.gz"))
+    assert len(files) == len(times)
+    for file in files:
+        name = file.name.removesuffix(".json.gz").removeprefix("StraightLine_2016_10_23_").removeprefix("StraightLine")
+        recording: Any = formats.load_recording(file)
+        found = [recording.time[[first, last]].mean() for first, last in knocks(recording)]
+        assert found == pytest.approx(times[name], abs=0.1), name
+
+
+def test_real_pushes_with_two_fingers_are_not_knocked(shared_data: Path):
+    for file in sorted((shared_data / "cmu_two_finger").glob("*.txt"))[::5]:
+        assert knocks(formats.load_recording(file)) == []

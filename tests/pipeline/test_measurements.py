@@ -1,0 +1,284 @@
+"""What others than touch say of a frame, in and between contacts."""
+
+import dataclasses
+import logging
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import frames, pushed, with_settings
+from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, poses, settings, small_frame, statuses, track
+
+from palpate import EstimationError, Frame, FrameError, Measurement, ObjectPose, OwnMeasurement
+from palpate.geometry import se2
+from palpate.pipeline.metrics import rotation_errors, translation_errors
+from palpate.types.measurements import ContactDirection, ContactPlace, Turn
+
+Array = np.ndarray
+WRONG = np.array([0.012, -0.016, math.radians(5.0)])
+"""20 mm and 5 degrees."""
+LOOSE = with_settings(CALIBRATED, first_pose={"deviation": (0.02, 0.02, 0.1)})
+CAMERA = np.diag(np.square([1e-3, 1e-3, 1e-2]))
+
+
+def seen(pose: Any, time: float | None = None) -> ObjectPose:
+    return ObjectPose(np.array(pose), CAMERA, time)
+
+
+class OwnPose(OwnMeasurement):
+    """The same as an ObjectPose, by a residual of its own."""
+
+    on = ("object_pose",)
+
+    def __init__(self, pose: Array, time: float | None = None) -> None:
+        self.pose, self.time = pose, time
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        off = se2.log(se2.between(self.pose, values[0]))
+        deviation = np.sqrt(np.diag(CAMERA))
+        return off / deviation, se2.right_jacobian_inverse(off) / deviation[:, None]
+
+
+def with_measurements(given: list[Frame], said: list[Measurement]) -> list[Frame]:
+    return [dataclasses.replace(frame, measurements=(one,)) for frame, one in zip(given, said, strict=True)]
+
+
+def test_a_wrong_pose_is_put_right_while_the_object_rests():
+    truth = np.array([0.1, 0.2, 3.1])
+    tracker = disc_tracker(settings(noise=LOOSE), first=truth + WRONG)
+    estimates = [tracker.update(small_frame(time=k / 30), measurements=[seen(truth)]) for k in range(30)]
+    assert statuses(estimates) == ["resting"] * 30
+    found = estimates[-1]
+    assert not found.contact
+    assert translation_errors(found.pose[None], truth[None]).item() < 0.1e-3
+    assert abs(rotation_errors(found.pose[None], truth[None]).item()) < math.radians(0.1)
+    # Thirty times as well as a single time, for what was known before is of no account.
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(CAMERA) / 30, rtol=0.01)
+    np.testing.assert_allclose(tracker.smoothed().pose[-1], found.pose)
+
+
+def test_a_measurement_at_rest_counts_as_much_as_it_is_believed():
+    # Both to 1 mm along x, as known and as seen: it is halfway, and surer by the root of 2.
+    noise = with_settings(CALIBRATED, first_pose={"deviation": (1e-3, 1e-3, 1e-2)})
+    tracker = disc_tracker(settings(noise=noise))
+    found = tracker.update(small_frame(), [seen([4e-3, 0.0, 0.0])])
+    np.testing.assert_allclose(found.pose, [2e-3, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(np.diag(found.covariance), 0.5 * np.diag(CAMERA), rtol=1e-4)
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_wrong_pose_is_put_right_in_contact(smoother):
+    o, e = pushed("rectangle", 60)
+    how, first = settings("none", smoother, LOOSE), se2.compose(o[0], WRONG)
+    _, found = track("rectangle", with_measurements(frames(o, e), [seen(pose) for pose in o]), first, how)
+    assert translation_errors(poses(found), o)[20:].max() < 1e-3
+    assert np.abs(rotation_errors(poses(found), o))[20:].max() < math.radians(0.5)
+    _, blind = track("rectangle", frames(o, e), first, how)
+    assert translation_errors(poses(blind), o)[20:].min() > 5e-3
+    assert found[-1].covariance.trace() < 0.1 * blind[-1].covariance.trace()
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("contact", [False, True])
+def test_frames_may_bring_their_measurements(contact, smoother):
+    o, e = pushed("rectangle", 15)
+    if not contact:
+        o, e = np.tile(o[0], (16, 1)), np.tile([-0.5, 0.0, 0.0], (16, 1))
+    how, given = settings("none", smoother, LOOSE), frames(o, e, contact)
+    first, wide = se2.compose(o[0], WRONG), with_measurements(given, [seen(pose) for pose in o])
+    _, brought = track("rectangle", wide, first, how)
+    tracker, _ = track("rectangle", [], first, how)
+    handed = [tracker.update(frame, [seen(pose)]) for frame, pose in zip(given, o, strict=True)]
+    np.testing.assert_array_equal(poses(brought), poses(handed))
+    # A frame that brings one and is handed another has both.
+    tracker, _ = track("rectangle", [], first, how)
+    both = [tracker.update(frame, [seen(pose)]) for frame, pose in zip(wide, o, strict=True)]
+    assert both[0].covariance[0, 0] < 0.75 * handed[0].covariance[0, 0]
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("contact", [False, True])
+def test_an_own_residual_is_worth_as_much(contact, smoother):
+    o, e = pushed("rectangle", 30)
+    if not contact:
+        o, e = np.tile(o[0], (31, 1)), np.tile([-0.5, 0.0, 0.0], (31, 1))
+    how, first, given = settings("none", smoother, LOOSE), se2.compose(o[0], WRONG), frames(o, e, contact)
+    _, found = track("rectangle", with_measurements(given, [OwnPose(pose) for pose in o]), first, how)
+    _, wanted = track("rectangle", with_measurements(given, [seen(pose) for pose in o]), first, how)
+    np.testing.assert_allclose(poses(found), poses(wanted), atol=1e-9)
+    for a, b in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-14)
+
+
+def test_a_frame_may_bring_any_number_of_measurements():
+    (frame,) = frames(np.zeros((1, 3)), np.array([[-0.109, 0.0, 0.0]]))
+    alone, many = (track("disc", [], np.zeros(3), settings("none"))[0] for _ in range(2))
+    together = alone.update(frame, [ContactDirection(0.1, 1e-2)])
+    each = many.update(frame, [ContactDirection(0.1, 12.0)] * 1200)
+    np.testing.assert_allclose(each.pose, together.pose, atol=1e-6)
+    np.testing.assert_allclose(each.covariance, together.covariance, rtol=0.05, atol=1e-9)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_a_slow_camera_tells_of_when_it_looked(own):
+    # Ten frames late, an object that moves on at 1 mm a frame is 10 mm behind.
+    o, e = pushed("rectangle", 60)
+    given, late = frames(o, e), o[np.maximum(np.arange(61) - 10, 0)]
+    times = [given[max(k - 10, 0)].time for k in range(61)]
+    how, first = settings("none", noise=LOOSE), se2.compose(o[0], WRONG)
+    kind = OwnPose if own else seen
+    said: list[Measurement] = [kind(pose, time) for pose, time in zip(late, times, strict=True)]
+    _, found = track("rectangle", with_measurements(given, said), first, how)
+    assert translation_errors(poses(found), o)[30:].max() < 1e-3
+    _, unaware = track("rectangle", with_measurements(given, [kind(pose) for pose in late]), first, how)
+    assert translation_errors(poses(unaware), o)[30:].max() > 3e-3
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_a_measurement_of_long_ago_is_left_out(contact, caplog):
+    o, e = pushed("rectangle", 60)
+    if not contact:
+        o, e = np.tile(o[0], (61, 1)), np.tile([-0.5, 0.0, 0.0], (61, 1))
+    given = frames(o, e, contact, start=100.0)
+    tracker, _ = track("rectangle", given[:60], o[0], settings("none"))
+    alone, _ = track("rectangle", given[:60], o[0], settings("none"))
+    with caplog.at_level(logging.WARNING):
+        found = tracker.update(given[60], [seen(o[0] + WRONG, 99.0)])
+    assert found.pose.tolist() == alone.update(given[60]).pose.tolist()
+    assert "is of 99.0 s, which is not between" in caplog.text
+
+
+def test_an_object_that_was_moved_is_found_again():
+    # The sensor stands 20 mm inside where the disc should be; a camera sees that it is 40 mm further.
+    tracker = disc_tracker(settings())
+    e = np.array([-0.088 + 0.02, 0.0, 0.0])
+    assert tracker.update(Frame(0.0, e, contact=False)).status == "displaced"
+    truth = np.array([0.04, 0.01, 0.3])
+    found = [tracker.update(Frame(0.1 * k, e, contact=False), [seen(truth)]) for k in range(1, 11)]
+    assert statuses(found) == ["resting"] * 10
+    assert translation_errors(found[-1].pose[None], truth[None]).item() < 1e-3
+    assert abs(rotation_errors(found[-1].pose[None], truth[None]).item()) < 5e-3
+
+
+class Firm(OwnMeasurement):
+    """The grip, which tells nothing of the pose."""
+
+    on = ("grip",)
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        return (values[0] - 0.5) / 0.01, np.array([[100.0]])
+
+
+class Failing(OwnPose):
+    """A pose by code that fails."""
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        raise RuntimeError("no camera")
+
+
+@pytest.mark.parametrize("said", [Firm(), Failing(np.zeros(3))])
+def test_what_tells_nothing_of_the_pose_finds_no_object_that_was_moved(said):
+    # The sensor has stood where the rectangle should be, and draws back.
+    where = np.array([[-0.098, 0.0, 0.0], *[[-0.3, 0.0, 0.0]] * 4])
+    seen = frames(np.zeros((5, 3)), where, contact=False)
+    told = [dataclasses.replace(frame, measurements=(said,)) for frame in seen[1:]]
+    found, expected = (track("rectangle", given, np.zeros(3), settings())[1] for given in ([seen[0], *told], seen))
+    assert statuses(found) == ["displaced"] * 5
+    assert [one.reason for one in found] == [one.reason for one in expected]
+    np.testing.assert_allclose(poses(found), poses(expected), atol=1e-12)
+    np.testing.assert_allclose(found[-1].covariance, expected[-1].covariance, rtol=1e-9, atol=1e-15)
+    # What was measured counts nevertheless.
+    assert (found[-1].friction[0] > 0.45) == isinstance(said, Firm)
+
+
+def test_a_measurement_that_cannot_be_of_an_object_at_rest_is_left_out(caplog):
+    class OfSensor(OwnPose):
+        on = ("sensor",)
+
+    tracker = disc_tracker()
+    with caplog.at_level(logging.WARNING):
+        found = tracker.update(small_frame(), [OfSensor(np.ones(3))])
+    assert found.pose.tolist() == [0.0, 0.0, 0.0]
+    assert "measurement OfSensor is of sensor; at rest there are object_pose" in caplog.text
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_an_unknown_that_is_not_known_is_named_and_the_frame_refused(contact):
+    class OfColour(OwnPose):
+        on = ("colour",)
+
+    o, e = pushed("rectangle", 10)
+    if not contact:
+        o, e = np.tile(o[0], (11, 1)), np.tile([-0.5, 0.0, 0.0], (11, 1))
+    given = frames(o, e, contact)
+    tracker, _ = track("rectangle", given[:10], o[0], settings("none"))
+    with pytest.raises(FrameError, match="unknown 'colour' is not known; known are object_pose, sensor_in_object"):
+        tracker.update(given[10], [OfColour(np.zeros(3))])
+    # Nothing else is lost.
+    alone, found = track("rectangle", given, o[0], settings("none"))
+    np.testing.assert_array_equal(tracker.update(given[10]).pose, found[-1].pose)
+    np.testing.assert_array_equal(tracker.smoothed().pose, alone.smoothed().pose)
+
+
+@pytest.mark.parametrize("contact", [False, True])
+@pytest.mark.parametrize(
+    ("residual", "jacobian", "said"),
+    [
+        (
+            np.zeros(3),
+            np.zeros((3, 2)),
+            r"Jacobian of shape \(3, 2\); they must be \(R,\) and \(R, 3\) with R at most 6",
+        ),
+        (np.zeros(7), np.zeros((7, 3)), r"\(R, 3\) with R at most 6"),
+        (np.full(3, np.nan), np.eye(3), r"is not finite"),
+    ],
+)
+def test_what_an_own_measurement_returns_is_checked(residual, jacobian, said, contact, caplog):
+    class Odd(OwnPose):
+        def linearise(self, *values: Array) -> tuple[Array, Array]:
+            return residual, jacobian
+
+    o, e = pushed("rectangle", 5)
+    if not contact:
+        o, e = np.tile(o[0], (6, 1)), np.tile([-0.5, 0.0, 0.0], (6, 1))
+    given = frames(o, e, contact)
+    tracker, _ = track("rectangle", given[:5], o[0], settings("none"))
+    with caplog.at_level(logging.WARNING):
+        found = tracker.update(given[5], [Odd(np.zeros(3))])
+    assert len(caplog.records) == 1
+    assert re.fullmatch(f"frame at 0.167 s: measurement Odd returns .*{said}; it is left out", caplog.messages[0])
+    _, wanted = track("rectangle", given, o[0], settings("none"))
+    np.testing.assert_allclose(found.pose, wanted[-1].pose, atol=1e-12)
+
+
+@pytest.mark.parametrize("pose", [(0, 0), (0, 0, np.nan), (0, 0, np.inf), None, "here"])
+def test_an_object_pose_that_is_none_is_refused_where_it_is_made(pose):
+    with pytest.raises(EstimationError, match=r"^object pose is .* must be three finite numbers"):
+        ObjectPose(pose, CAMERA)
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [np.eye(2), np.diag([1.0, 1.0, 0.0]), np.diag([1.0, -1.0, 1.0]), np.tri(3), np.full((3, 3), np.nan), "sure"],
+)
+def test_an_object_pose_with_a_covariance_that_is_none(covariance):
+    with pytest.raises(EstimationError, match=r"^object pose has covariance .*; it must be"):
+        ObjectPose(np.zeros(3), covariance)
+
+
+def test_a_small_covariance_is_not_taken_for_symmetric():
+    covariance = np.diag([1e-8, 1e-8, 1e-6])
+    covariance[0, 1] = 5e-9
+    with pytest.raises(EstimationError, match=r"it must be a symmetric \(3, 3\)"):
+        ObjectPose(np.zeros(3), covariance)
+    covariance[1, 0] = 5e-9 + 1e-18
+    ObjectPose(np.zeros(3), covariance)
+
+
+@pytest.mark.parametrize("kind", [ContactDirection, ContactPlace, Turn])
+@pytest.mark.parametrize("given", [(None, 1.0), ("a", 1.0), ("1", 1.0), (1.0, None), (1.0, 0.0), (1.0, math.inf)])
+def test_what_touch_tells_is_numbers(kind, given):
+    with pytest.raises(EstimationError, match=r"they must be finite, the variance above 0"):
+        kind(*given)

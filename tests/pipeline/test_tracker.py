@@ -1,0 +1,260 @@
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from push_samples import (
+    RADIUS,
+    SHAPES,
+    frames,
+    gaps,
+    in_two_contacts,
+    model_of,
+    noisy,
+    pushed,
+    sensor,
+    with_settings,
+)
+from tracker_samples import CALIBRATED, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
+
+from palpate.config.settings import PUBLISHED, NoiseSettings
+from palpate.errors import EstimationError
+from palpate.filter.estimator import Estimator
+from palpate.geometry import se2
+from palpate.graph.variables import DEPTH, IN_OBJECT, OUTLINE_SCALE
+from palpate.lab.simulate.limit_surface import Steering
+from palpate.pipeline.metrics import inside_95, nees, rotation_errors, translation_errors
+from palpate.touch.relative import OracleTouch
+from palpate.tracker import Tracker
+from palpate.types.frame import Frame
+from palpate.types.measurements import Measurement
+
+Array = np.ndarray
+
+
+@pytest.mark.parametrize("radius", [0.0, RADIUS])
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_noise_free_pushes_are_tracked(name, smoother, radius):
+    o, e, contact = in_two_contacts(name, 40, radius)
+    tracker, found = track(name, frames(o, e, contact), o[0], settings("oracle", smoother), radius)
+    # At its first step nothing but its angle tells whether the contact sticks.
+    assert translation_errors(poses(found), o).max() < 0.4e-3
+    assert translation_errors(poses(found)[2:], o[2:]).max() < 0.1e-3
+    assert np.abs(rotation_errors(poses(found), o)).max() < math.radians(0.3)
+    assert np.abs(rotation_errors(poses(found)[2:], o[2:])).max() < math.radians(0.01)
+    assert statuses(found) == ["tracking" if touched else "resting" for touched in contact]
+    assert [estimate.contact for estimate in found] == contact.tolist()
+    for estimate in found:
+        np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
+        assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+    smoothed = tracker.smoothed()
+    np.testing.assert_allclose(smoothed.time, np.arange(len(o)) / 30)
+    assert smoothed.contact is not None
+    assert smoothed.contact.tolist() == contact.tolist()
+    assert translation_errors(smoothed.pose, o).max() < 0.2e-3
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+@pytest.mark.parametrize("tactile", ["none", "oracle"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_published_settings_run(name, tactile, smoother):
+    o, e, contact = in_two_contacts(name, 45)
+    # One hypothesis: touch is believed so exactly there that it always contradicts pushing.
+    tracker, found = track(name, frames(o, e, contact), o[0], settings(tactile, smoother, PUBLISHED, 1))
+    assert "indeterminate" not in statuses(found)
+    assert len(tracker.smoothed()) == len(o)
+    if tactile == "oracle":
+        assert translation_errors(poses(found), o).max() < 0.5e-3
+        assert np.abs(rotation_errors(poses(found), o)).max() < math.radians(0.1)
+
+
+def test_a_turned_world_turns_the_estimates():
+    o, e, contact = in_two_contacts("concave", 30)
+    e = noisy(e, (1e-4, 1e-4, 1e-3), np.random.default_rng(1))
+    for smoother in SMOOTHERS:
+        _, found = track("concave", frames(o, e, contact), o[0], settings("oracle", smoother))
+        # The first pose lands at +-pi and on either side of it, and anywhere.
+        for turn in (math.pi, math.pi - 1e-4, -math.pi + 1e-4, 2.2):
+            world = np.array([0.3, -0.2, turn])
+            seen = frames(se2.compose(world, o), se2.compose(world, e), contact)
+            _, turned = track("concave", seen, se2.compose(world, o[0]), settings("oracle", smoother))
+            difference = se2.log(se2.between(se2.compose(world, poses(found)), poses(turned)))
+            np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+            assert statuses(turned) == statuses(found)
+            for a, b in zip(found, turned, strict=True):
+                np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.parametrize(("y", "both"), [(0.0, True), (0.07, False)])
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_two_tips_push_together_or_one_of_them_does(smoother, y, both):
+    # They begin with one. Pushed at its middle the side comes to the other, too; near its end it turns away from it.
+    tips = ((0.0, 0.02), (0.0, -0.02))
+    o, e = pushed("rectangle", 100, y, tips=tips, steering=Steering(aim=0.0, sway=0.0))
+    centers = se2.transform(se2.between(o[-1], e[-1]), sensor(tips=tips).centers)
+    off = SHAPES["rectangle"].signed_distance(centers) - RADIUS
+    assert (off.max() < 5e-4) == both
+    first, sigma = se2.compose(o[0], [1e-3, 2e-3, 0.03]), [3e-3, 3e-3, 0.05]
+    given = SHAPES["rectangle"], sensor(tips=tips), first, settings("none", smoother)
+    tracker = Tracker(*given, first_pose_sigma=sigma)
+    found = [tracker.update(frame) for frame in frames(o, e)]
+    assert translation_errors(poses(found), o).max() < 0.015
+    assert inside_95(nees(poses(found), np.array([one.covariance for one in found]), o)).mean() > 0.9
+    # Two points on a side tell the yaw without touch: 1 mm of contact over 40 mm, and better with time.
+    assert (yaw_deviations(found)[-1] < 2e-2) == both
+
+
+@pytest.mark.parametrize("noise", [NoiseSettings(), CALIBRATED, PUBLISHED], ids=["default", "calibrated", "published"])
+def test_an_untouched_object_rests(noise):
+    first = np.array([0.1, 0.2, 3.0])
+    far = np.tile([1.0, 1.0, 0.0], (20, 1))
+    _, found = track("disc", frames(np.tile(first, (20, 1)), far, False), first, settings(noise=noise))
+    assert set(statuses(found)) == {"resting"}
+    # What frames and outline are apart by is in doubt all the time, beside what is known of the pose.
+    known, apart = np.square(noise.first_pose.deviation), np.square(noise.sensor_pose.calibration)
+    assert (apart.max() > 0.0) == (noise == NoiseSettings())
+    for estimate in found:
+        assert estimate.pose.tolist() == first.tolist()
+        np.testing.assert_allclose(estimate.covariance, np.diag(known + apart), rtol=1e-15)
+        assert estimate.contact is False
+        assert (estimate.reason, len(estimate.answers)) == ("", 1)
+
+
+def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
+    """Derivative (3,) of the disc's distance from the tip by its own pose (0) or the sensor's (1)."""
+
+    def distance(change: Array) -> float:
+        both = [object_pose, sensor_pose]
+        both[moved] = se2.compose(both[moved], se2.exp(change))
+        return gaps(se2.between(*both), model_of("disc")).item()
+
+    return np.array([(distance(step) - distance(-step)) / 2e-6 for step in 1e-6 * np.eye(3)])
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
+    o, e, contact = in_two_contacts("disc", 40)
+    noise = with_settings(CALIBRATED, first_pose={"rest": (1e-3, 1e-3, 1e-2)})
+    estimator = Estimator(model_of("disc"), noise, smoother, o[0], np.array(noise.first_pose.deviation))
+    knew, covariances = [], []
+    for k, (pose, touched) in enumerate(zip(e, contact, strict=True)):
+        if touched:
+            estimator.touch(pose, (), k / 30)
+        else:
+            estimator.end_contact()
+            estimator.rest(pose, (), k / 30)
+        knew.append(estimator.known)
+        covariances.append(estimator.covariance)
+    # The tracker says the same.
+    _, found = track("disc", frames(o, e, contact), o[0], settings("none", smoother, noise))
+    np.testing.assert_array_equal(poses(found), [known.pose for known in knew])
+    np.testing.assert_array_equal([estimate.covariance for estimate in found], covariances)
+    before, resting, again = found[40], found[41:51], found[51]
+    for estimate in resting:
+        np.testing.assert_array_equal(estimate.pose, before.pose)
+        np.testing.assert_array_equal(estimate.covariance, before.covariance)
+    # The first frame of contact adds resting and then one distance, the sensor's pose being uncertain too, less the
+    # depth by which they overlap and what the disc is larger by: with all that is known of them and the pose together.
+    known = knew[50].loosened(np.diag(np.square(noise.first_pose.rest))).covariance
+    gap = np.zeros(len(known))
+    gap[:3], gap[3:][IN_OBJECT[DEPTH]] = distance_by(before.pose, e[51], moved=0), 1.0
+    gap[3:][IN_OBJECT[OUTLINE_SCALE]] = -0.088
+    by_sensor = distance_by(before.pose, e[51], moved=1)
+    of_sensor = by_sensor @ np.diag(np.square(noise.sensor_pose.deviation)) @ by_sensor
+    variance = noise.contact.deviation**2 + gap @ known @ gap + of_sensor
+    wanted = known - np.outer(known @ gap, known @ gap) / variance
+    np.testing.assert_allclose(knew[51].covariance, wanted, rtol=0.01, atol=1e-8)
+    np.testing.assert_allclose(again.covariance, wanted[:3, :3], rtol=0.01, atol=1e-9)
+    assert again.covariance[2, 2] > 4 * noise.first_pose.deviation[2] ** 2  # it was not reset to the first one's
+    assert yaw_deviations(found)[-1] > yaw_deviations(found)[51]
+
+
+class CountedTouch(OracleTouch):
+    """Touch that counts the contacts that begin."""
+
+    def __init__(self) -> None:
+        super().__init__(CALIBRATED.relative_pose.oracle)
+        self.begun = 0
+        self._away = True
+
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
+        self.begun += self._away
+        self._away = False
+        return super().measure(frame)
+
+    def end_contact(self) -> None:
+        self._away = True
+        super().end_contact()
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_gap_in_time_ends_a_contact(smoother):
+    # Ten sensor periods are a third of a second. What happens between is not seen, so touch must not compare across.
+    o, e = pushed("rectangle", 60)
+    seen = frames(o, e)
+    late = [*seen[:30], *(dataclasses.replace(frame, time=frame.time + 0.5) for frame in seen[30:])]
+    soon = [*seen[:30], *(dataclasses.replace(frame, time=frame.time + 0.2) for frame in seen[30:])]
+    compared = []
+    for sequence in (late, soon):
+        touch = CountedTouch()
+        tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none", smoother), touch=touch)
+        found = [tracker.update(frame) for frame in sequence]
+        compared.append(touch.begun)
+        assert len(tracker.smoothed()) == len(sequence)
+        assert translation_errors(poses(found), o).max() < 1.5e-3  # the step across the gap is a rest of 1 mm
+    assert compared == [2, 1]
+
+
+def test_a_gap_is_told_by_the_usual_interval_and_not_by_the_gap_before_it():
+    o, e = pushed("rectangle", 40)
+    late = {20: 0.3, 21: 2.3}
+    seen = [
+        dataclasses.replace(frame, time=frame.time + late.get(min(k, 21), 0.0)) for k, frame in enumerate(frames(o, e))
+    ]
+    touch = CountedTouch()
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), touch=touch)
+    for frame in seen:
+        tracker.update(frame)
+    assert touch.begun == 2
+
+
+def test_after_a_graph_that_could_not_be_solved_even_anew_touch_begins_anew(monkeypatch):
+    o, e = pushed("rectangle", 10)
+    touch = CountedTouch()
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), touch=touch)
+    seen = frames(o, e)
+    for frame in seen[:5]:
+        tracker.update(frame)
+
+    def fail(self: Estimator, *_: object) -> None:
+        self._contact = None
+        raise EstimationError("for the test")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("palpate.filter.hypothesis_bank.Hypotheses.touch", fail)
+        patch.setattr(Estimator, "begin_anew", fail)
+        with pytest.raises(EstimationError, match="for the test"):
+            tracker.update(seen[5])
+    assert touch.begun == 2
+    tracker.update(seen[6])
+    assert touch.begun == 3
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_smoothed_poses(smoother):
+    o, e, contact = in_two_contacts("rectangle", 45)
+    e = noisy(e, NoiseSettings().sensor_pose.deviation, np.random.default_rng(2))
+    seen = frames(o, e, contact)
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
+    for k, frame in enumerate(seen):
+        found = tracker.update(frame)
+        if k in (0, 10, 45, 50, 60):
+            assert len(tracker.smoothed()) == k + 1
+            np.testing.assert_allclose(tracker.smoothed().pose[-1], found.pose, atol=1e-12)
+    smoothed = tracker.smoothed()
+    assert smoothed.time.tolist() == [frame.time for frame in seen]
+    np.testing.assert_allclose(smoothed.pose, tracker.smoothed().pose)  # asking changes nothing
+    # In rest the pose is the last of the contact before.
+    np.testing.assert_allclose(smoothed.pose[46:56], np.tile(smoothed.pose[45], (10, 1)), atol=1e-12)

@@ -1,0 +1,208 @@
+"""Frames that cannot be used: one kind of error, and estimates as if they had not come."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
+from tracker_samples import settings, small_frame
+
+from palpate.by_value import same
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.errors import EstimationError, FrameError
+from palpate.tracker import Tracker
+from palpate.types.frame import Frame
+from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement, RelativePoses
+from palpate.types.sensor import DIGIT, SensorProfile
+
+SEEN = ObjectPose(np.zeros(3), 1e-4 * np.eye(3))
+
+
+class Deep(OwnMeasurement):
+    on: ClassVar[tuple[str, ...]] = ("depth",)
+
+    def linearise(self, depth: Any) -> Any:
+        return (depth - 3e-4) / 1e-4, np.array([[1e4]])
+
+
+class OfNothing(Deep):
+    on = ("detph",)
+
+
+class Late(Deep):
+    time: Any = "late"
+
+
+BAD: dict[str, tuple[Any, str]] = {
+    "no frame": ({"time": 1.0}, "found dict in place of a frame"),
+    "time of text": ({"time": "soon"}, "frame has time 'soon'; it must be a finite number"),
+    "time before": ({"time": 0.1}, "times must increase"),
+    "time that is nan": ({"time": np.nan}, r"^frame has time nan; it must be a finite number \[s\]$"),
+    "endless time": ({"time": np.inf}, "time inf; it must be a finite number"),
+    "time of more than floats hold": ({"time": 10**400}, "it must be a finite number"),
+    "no pose": ({"sensor_pose": None}, "sensor pose None; it must be three finite numbers"),
+    "pose of text": ({"sensor_pose": "here"}, "sensor pose here; it must be three"),
+    "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),
+    "pose that is nan": ({"sensor_pose": [0.0, np.nan, 1.0]}, "it must be three finite numbers"),
+    "pose far off": ({"sensor_pose": [1e200, 0.0, 1.0]}, "x and y up to 10000, theta up to 1e"),
+    "pose 20 km off": ({"sensor_pose": [0.0, 2e4, 1.0]}, "x and y up to 10000"),
+    "neither": ({"image": None, "contact": None}, "neither an image nor a contact flag"),
+    "contact of text": ({"contact": "yes"}, "contact 'yes'; it must be True, False or None"),
+    "image as list": ({"image": [[[0, 0, 0]]]}, "image of type list; it must be an array of uint8"),
+    "encoded image": ({"image": b"\xff\xd8\xff"}, "image of type bytes.*are to be decoded first"),
+    "image of floats": ({"image": np.zeros((320, 240, 3))}, r"image of float64 \(320, 240, 3\); it must be an array"),
+    "grey image": ({"image": np.zeros((320, 240), np.uint8)}, r"image of uint8 \(320, 240\); it must be"),
+    "turned image": ({"image": np.zeros((240, 320, 3), np.uint8)}, "turned by a quarter"),
+    "truth of text": ({"object_pose": "there"}, "object pose there; it must be three finite numbers or NaN"),
+    "one number": ({"measurements": 7}, "measurements of type int; they must be a list"),
+    "pose as measurement": ({"measurements": [np.zeros(3)]}, "measurement of type ndarray; allowed are"),
+    "pairs without a covariance": (
+        {"measurements": [RelativePoses(np.array([1]), np.zeros((1, 3)), np.zeros((1, 3, 3)))]},
+        "RelativePoses whose covariance is not positive definite",
+    ),
+    "measurement of nothing": ({"measurements": [OfNothing()]}, "unknown 'detph' is not known; known are"),
+    "measurement of a time of text": ({"measurements": [Late()]}, "Late is of time 'late'; it must be a number"),
+}
+
+
+ANYWHERE = [name for name in BAD if name not in ("no frame", "time before", "turned image")]
+"""Those that are bad whatever came before."""
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_frame_is_refused_in_one_sentence(name):
+    changed, words = BAD[name]
+    tracker = Tracker(SHAPES["rectangle"], DIGIT, np.zeros(3))
+    good = Frame(1.0, np.array([-0.3, 0.0, 0.0]), np.full((320, 240, 3), (90, 100, 110), np.uint8))
+    tracker.update(good)
+    frame = changed if name == "no frame" else dataclasses.replace(good, **{"time": 1.1, **changed})
+    with pytest.raises(FrameError, match=words) as found:
+        tracker.update(frame)
+    assert "\n" not in str(found.value)
+    assert tracker.smoothed().time.tolist() == [1.0]
+    with pytest.raises(FrameError):
+        tracker.update(dataclasses.replace(good, time=1.1), measurements=[None])  # pyright: ignore[reportArgumentType]
+
+
+def test_a_measurement_of_one_tip_for_a_sensor_with_two():
+    two = SensorProfile("fingers", 0.004, ((0.0, 0.02), (0.0, -0.02)))
+    tracker = Tracker(SHAPES["disc"], two, np.zeros(3))
+    with pytest.raises(FrameError, match="measurement ContactDirection, which is of one tip, and the sensor has 2"):
+        tracker.update(small_frame(), [ContactDirection(0.0, 1e-4)])
+
+
+class Tells:
+    """A touch of one's own that tells this."""
+
+    def __init__(self, told: Any) -> None:
+        self._told = told
+
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
+        return self._told
+
+    def end_contact(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (
+            [ContactDirection(0.0, 1e-4)],
+            "has a measurement ContactDirection, which is of one tip, and the sensor has 2",
+        ),
+        (None, "has measurements of type NoneType; they must be a list of measurements"),
+        *((BAD[name][0]["measurements"], BAD[name][1]) for name in BAD if "measurements" in BAD[name][0]),
+    ],
+)
+def test_touch_of_ones_own_is_checked_as_measurements_are(told, words):
+    two = SensorProfile("fingers", 0.004, ((0.0, 0.02), (0.0, -0.02)))
+    tracker = Tracker(SHAPES["disc"], two, np.zeros(3), touch=Tells(told))
+    with pytest.raises(FrameError, match=f"^frame at 1.000 s.*{words}"):
+        tracker.update(small_frame(contact=True))
+    assert not tracker.update(small_frame(time=2.0)).contact
+
+
+def test_touch_of_ones_own_may_tell_one_measurement():
+    alone, listed = (Tracker(SHAPES["disc"], sensor(), np.zeros(3), touch=Tells(told)) for told in (SEEN, [SEEN]))
+    assert alone.update(small_frame(contact=True)) == listed.update(small_frame(contact=True))
+
+
+@pytest.mark.parametrize("smoother", ["fixed-lag", "isam2"])
+def test_estimates_after_bad_frames_are_those_without_them(smoother):
+    """In contact and between contacts, to the last digit."""
+    o, e, contact = in_two_contacts("rectangle", 12)
+    seen = frames(o, e, contact)
+    how = settings("oracle", smoother)
+    clean, dirty = (Tracker(SHAPES["rectangle"], sensor(), o[0], how) for _ in range(2))
+    for frame in seen:
+        for name in ANYWHERE:
+            with pytest.raises(FrameError):
+                dirty.update(dataclasses.replace(frame, **BAD[name][0]))
+        with pytest.raises(FrameError):
+            dirty.update(frame, 3)  # pyright: ignore[reportArgumentType]
+        assert dirty.update(frame) == clean.update(frame)
+    np.testing.assert_array_equal(dirty.smoothed().pose, clean.smoothed().pose)
+
+
+def test_fields_of_a_number_are_the_same_whichever_way_they_are_compared():
+    assert same(1, 1.0) and same(1.0, 1) and same(np.nan, float("nan")) and not same(1.0, 2)
+    assert not same(np.ones(1), 1.0) and not same(1.0, np.ones(1)) and same((np.ones(2), 1), (np.ones(2), 1.0))
+
+
+def test_images_after_bad_ones_tell_the_same():
+    rng = np.random.default_rng(0)
+    good = [rng.integers(90, 100, (320, 240, 3), np.uint8) for _ in range(18)]
+    turned = np.zeros((240, 320, 3), np.uint8)
+    clean, dirty = (Tracker(SHAPES["disc"], DIGIT, np.zeros(3)) for _ in range(2))
+    for k, image in enumerate(good):
+        frame = Frame(k / 30, np.array([-0.3, 0.0, 0.0]), image)
+        with pytest.raises(FrameError, match="turned by a quarter"):
+            dirty.update(dataclasses.replace(frame, image=turned))
+        assert dirty.update(frame) == clean.update(frame)
+    assert dirty.background is not None and clean.background is not None
+    np.testing.assert_array_equal(dirty.background.mean, clean.background.mean)
+
+
+def test_lists_are_taken_where_arrays_are():
+    o, e = pushed("rectangle", 12)
+    how = settings("oracle")
+    seen = [ObjectPose([0.0, 0.0, 0.0], np.diag([1e-2, 1e-2, 1.0]).tolist())]  # pyright: ignore[reportArgumentType]
+    arrays = Tracker(SHAPES["rectangle"], sensor(), o[0], how)
+    lists = Tracker(
+        SHAPES["rectangle"], sensor(), tuple(o[0]), how, first_pose_sigma=list(how.noise.first_pose.deviation)
+    )
+    for frame in frames(o, e):
+        assert frame.object_pose is not None
+        listed: Any = {"sensor_pose": frame.sensor_pose.tolist(), "object_pose": tuple(frame.object_pose)}
+        given = dataclasses.replace(frame, **listed)
+        assert lists.update(given, seen) == arrays.update(frame, seen)
+    pairs: Any = [1], [[0.0, 0.0, 0.0]], [np.eye(3).tolist()]
+    assert RelativePoses(*pairs).pose.shape == (1, 3)
+    wrongs: Any = (([0], *pairs[1:]), ([1.5], *pairs[1:]), ([1], [[0.0, 0.0]], pairs[2]), ([1, 2], *pairs[1:]))
+    for wrong in wrongs:
+        with pytest.raises(EstimationError, match="relative poses"):
+            RelativePoses(*wrong)
+
+
+def test_a_measurement_may_come_alone():
+    tracker = Tracker(SHAPES["disc"], sensor(), np.zeros(3))
+    alone: Any = SEEN
+    both = Tracker(SHAPES["disc"], sensor(), np.zeros(3)).update(small_frame(), [SEEN])
+    assert tracker.update(small_frame(measurements=alone)) == both
+    assert isinstance(SEEN, Measurement) and TrackerSettings().noise == NoiseSettings()
+
+
+def test_what_is_worse_in_a_stream_is_the_reason_beside_the_status():
+    o, e = pushed("rectangle", 60)
+    seen, how = frames(o, e), settings("oracle")
+    usual, seldom, noisy = (Tracker(SHAPES["rectangle"], sensor(), o[0], how) for _ in range(3))
+    assert {usual.update(frame).reason for frame in seen} == {""}
+    said = [seldom.update(frame) for frame in seen[::2]]
+    assert said[-1].status == "tracking" and said[-1].reason.startswith("frames come ")
+    rng = np.random.default_rng(0)
+    shaken = [dataclasses.replace(each, sensor_pose=each.sensor_pose + rng.normal(size=3) * 5e-4) for each in seen]
+    assert "place trembles by" in [noisy.update(frame) for frame in shaken][-1].reason

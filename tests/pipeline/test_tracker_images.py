@@ -1,0 +1,266 @@
+"""The tracker on simulated touch images: contact from what they show, and the model that comes with palpate."""
+
+import contextlib
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import contact_directions, with_settings
+
+from palpate.config.settings import NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.errors import EstimationError, FrameError, SettingError
+from palpate.geometry import se2
+from palpate.geometry.objects import SHAPES
+from palpate.graph.contact_geometry import contact_model
+from palpate.lab.simulate.recordings import simulate_recording
+from palpate.pipeline.run import Run, track
+from palpate.touch.calibration import Calibration
+from palpate.touch.difference import difference, reduced
+from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.untouched import calibrate
+from palpate.tracker import Tracker
+from palpate.types.frame import Frame
+from palpate.types.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return simulate_recording(SHAPES["rectangle"], "rectangle-edges", 71, 6.0, ideal=True)
+
+
+@pytest.fixture(scope="module")
+def blind(recording) -> Run:
+    return track(recording, TrackerSettings(tactile="none"))
+
+
+def yaw_deviation(run: Run) -> float:
+    """What the tracker says of its error in yaw at the end [rad]."""
+    assert run.online.covariance is not None
+    return float(np.sqrt(run.online.covariance[-1, 2, 2]))
+
+
+def test_contact_is_what_images_show_whatever_the_flags_say(recording):
+    touched = recording.contact
+    assert touched is not None and touched.any()
+    for flags in (None, np.zeros(len(recording), bool), ~touched):
+        found = track(dataclasses.replace(recording, contact=flags, episode=None)).online.contact
+        assert found is not None
+        assert np.mean(found != touched) < 0.02
+        assert not found[~touched].any()
+
+
+def test_a_background_from_calibration_is_used(recording):
+    background, _ = calibrate(recording)
+    late, first = late_frames(recording), recording.object_pose[0]
+    told = Tracker(recording.shape, recording.sensor, first, calibration=Calibration(background))
+    assert sum(told.update(frame).contact for frame in late[:15]) >= 14
+
+
+def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(recording):
+    """A tracker cannot look ahead: it takes the contact from where the sensor is, and touch tells nothing."""
+    frames = late_frames(recording)
+    tracker = Tracker(recording.shape, recording.sensor, frames[0].object_pose)
+    found = [tracker.update(frame) for frame in frames]
+    lifted = next(index for index, frame in enumerate(frames) if not frame.contact)
+    begun = next(index for index, estimate in enumerate(found) if estimate.contact)
+    unfelt = [estimate.reason.startswith("in contact before it was known") for estimate in found]
+    assert begun < 10 and all(unfelt[begun:lifted]) and not any(unfelt[:begun])
+    assert {estimate.status for estimate in found[begun:lifted]} == {"uncertain"}
+    known = unfelt.index(False, begun)
+    assert not found[known].contact and not any(unfelt[known:])
+    assert distance(frames[lifted - 1].object_pose, found[lifted - 1].pose) < 0.01  # pushed by several times that
+
+
+def test_a_sensor_that_comes_from_afar_feels_its_first_contact_though_the_first_pose_is_off(recording):
+    """Where it should be in the object already, it touches nothing before an image says so."""
+    sensor, rough = recording.sensor_pose[0], np.array([0.004, 0.004, 0.02])
+    nearer = recording.object_pose[0] - 0.008 * np.array([np.cos(sensor[2]), np.sin(sensor[2]), 0.0])
+    tracker = Tracker(recording.shape, recording.sensor, nearer, first_pose_sigma=rough)
+    reasons = [tracker.update(frame).reason for frame in list(recording)[: begun_at(recording) + 30]]
+    assert not any(reason.startswith("in contact before it was known") for reason in reasons)
+
+
+def test_a_reset_in_a_touch_that_was_not_felt_does_not_believe_its_gel(recording):
+    frames = late_frames(recording)
+    tracker = Tracker(recording.shape, recording.sensor, frames[0].object_pose)
+    for frame in frames[:30]:
+        tracker.update(frame)
+    assert tracker.background is not None
+    tracker.reset(frames[30].object_pose)
+    assert tracker.background is None
+    found = [tracker.update(frame) for frame in frames[30:60]]
+    assert not any(estimate.status == "tracking" for estimate in found)
+    assert found[-1].reason.startswith("in contact before it was known")
+
+
+def test_a_leap_that_is_believed_is_no_way_in_touch(recording):
+    touched = begun_at(recording)
+    tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0])
+    for index in range(touched + 40):
+        tracker.update(recording[index])
+    aside = np.array([0.0, 0.3, 0.0])
+    for index in range(touched + 40, touched + 50):
+        frame = recording[index]
+        with contextlib.suppress(FrameError):
+            tracker.update(dataclasses.replace(frame, sensor_pose=frame.sensor_pose + aside))
+    assert tracker.frame.sensor_pose[1] > 0.2
+    assert tracker._stream._quality._aside() == ""
+
+
+def test_a_recording_that_begins_in_contact_is_compared_with_the_gel_after_it(recording):
+    there_and_back = [*range(len(recording)), *range(len(recording) - 2, len(recording) - 22, -1)]  # to rest for longer
+    whole, late = (of_frames(recording, there_and_back[first:]) for first in (0, begun_at(recording)))
+    run, unbroken = track(late), track(whole)
+    lifted = int(np.argmin(np.asarray(late.contact)))
+    assert lifted - 2 <= 30 * run.summary["untouched_from_s"] < lifted + 30
+    assert "untouched_from_s" not in unbroken.summary
+    assert run.calibration is not None and unbroken.calibration is None
+    assert np.mean(np.asarray(run.online.contact) != late.contact) < 0.02
+    assert distance(run.online.pose[-1], unbroken.online.pose[-1]) < 3e-3
+
+
+def begun_at(recording: Recording) -> int:
+    """A frame at which the first contact has begun."""
+    return int(np.argmax(np.asarray(recording.contact))) + 3
+
+
+def late_frames(recording: Recording) -> list[Frame]:
+    """The frames of a recording from where a contact has begun."""
+    return list(recording)[begun_at(recording) :]
+
+
+def of_frames(recording: Recording, chosen: list[int]) -> Recording:
+    """A recording of chosen frames, one after the other."""
+    assert recording.object_pose is not None and recording.contact is not None and recording.image is not None
+    return dataclasses.replace(
+        recording,
+        time=np.arange(len(chosen)) / 30,
+        sensor_pose=recording.sensor_pose[chosen],
+        object_pose=recording.object_pose[chosen],
+        contact=recording.contact[chosen],
+        image=tuple(recording.image[index] for index in chosen),
+        episode=None,
+        extra={},
+    )
+
+
+def distance(one: Any, other: Any) -> float:
+    """How far two poses are apart [m]."""
+    return float(np.hypot(*se2.between(one, other)[:2]))
+
+
+def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_turns(recording):
+    """Without any graph: each image against the geometry of the truth."""
+    model, mean = TouchModel(SHIPPED), reduced(calibrate(recording)[0].mean)
+    touched = np.flatnonzero(recording.contact)[3:-3:3]
+    looks = [model.look(difference(recording[int(index)].image, mean)) for index in touched]
+    g = se2.between(recording.object_pose, recording.sensor_pose)[touched]
+    told = np.array([[look.direction[0], look.turn[0]] for look in looks if look.turn])
+    direction = se2.wrap(contact_directions(g, contact_model(recording.shape, recording.sensor)) - told[:, 0])
+    assert np.median(np.abs(direction)) < np.radians(1.5)
+    turn = np.unwrap(g[:, 2]) - told[:, 1]
+    assert np.std(turn) < max(0.5 * np.std(np.unwrap(g[:, 2])), np.radians(0.7))
+
+
+@pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn", "learnt-pairs", "learnt-linear"])
+def test_every_way_to_feel_tracks(recording, blind, tactile):
+    # The default hardly believes turns.
+    run = track(recording, TrackerSettings(tactile=tactile, noise=with_settings(NoiseSettings(), turn={"share": 4.0})))
+    assert run.model is not None and run.model.folder == SHIPPED
+    # On one short push the blind tracker may be lucky; it does not know that it is.
+    assert yaw_deviation(run) < 0.9 * yaw_deviation(blind)
+    assert run.summary["rotation_rmse_deg"] < 1.0
+    assert run.summary["nees_mean"] < 3.0
+    assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained"}
+
+
+def test_touch_is_learnt_where_there_are_images_that_fit(recording):
+    chosen, named = (track(recording, how) for how in (TrackerSettings(), TrackerSettings(tactile="learnt")))
+    assert (chosen.settings, chosen.model and chosen.model.hash) == (named.settings, named.model and named.model.hash)
+    assert chosen.summary["tactile_reason"] == "images fit the touch model of the DIGIT"
+    assert "tactile_reason" not in named.summary
+    np.testing.assert_array_equal(chosen.online.pose, named.online.pose)
+    np.testing.assert_array_equal(chosen.online.covariance, named.online.covariance)
+
+
+def test_why_touch_is_not_learnt(recording):
+    first, sensor = recording[0], recording.sensor
+
+    def tracker(frame, profile=sensor) -> Tracker:
+        made = Tracker(recording.shape, profile, np.zeros(3))
+        assert (made.tactile, made.tactile_reason) == ("auto", "")
+        made.update(frame)
+        return made
+
+    assert (tracker(first).tactile, tracker(first).tactile_reason) == (
+        "learnt",
+        "images fit the touch model of the DIGIT",
+    )
+    blind = tracker(dataclasses.replace(first, image=None))
+    assert (blind.tactile, blind.tactile_reason) == ("none", "there are no images")
+    blind.reset()
+    assert blind.tactile == "none"  # it is the stream that was looked at
+    turned = dataclasses.replace(first, image=np.rot90(first.image).copy())
+    small = tracker(turned, dataclasses.replace(sensor, image_height=240, image_width=320))
+    assert (small.tactile, small.tactile_reason) == (
+        "none",
+        "'DIGIT' has images of 240 x 320 px, and the touch model reads 320 x 240 px",
+    )
+    grey = np.repeat(first.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    assert tracker(dataclasses.replace(first, image=grey)).tactile_reason == (
+        "images are grey, and the touch model reads colours"
+    )
+    assert tracker(dataclasses.replace(first, image=np.zeros_like(grey))).tactile == "learnt"  # the light is not on yet
+    two = tracker(first, dataclasses.replace(sensor, tips=((0.0, 0.02), (0.0, -0.02))))
+    assert two.tactile_reason == "the sensor has 2 tips, and the touch model reads images of one"
+    with pytest.raises(SettingError, match="reads images of one tip; sensor 'DIGIT' has several"):
+        Tracker(recording.shape, two._sensor, np.zeros(3), TrackerSettings("learnt"))
+
+
+def test_the_reason_tells_in_contact_that_grey_images_are_not_read(recording):
+    unread = "touch says nothing, by the first frame: images are grey, and the touch model reads colours"
+    told = {}
+    for tactile in ("auto", "none"):
+        tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0], TrackerSettings(tactile))
+        told[tactile] = []
+        for index in range(int(np.argmax(recording.contact)) + 15):
+            frame = recording[index]
+            grey = np.repeat(frame.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+            estimate = tracker.update(dataclasses.replace(frame, image=grey))
+            told[tactile].append((estimate.contact, estimate.reason))
+    assert any(contact for contact, _ in told["auto"])
+    assert all((reason == unread) == contact for contact, reason in told["auto"])
+    assert all(reason != unread for _, reason in told["none"])  # as it was asked for
+
+
+def test_what_learnt_touch_needs(recording):
+    with pytest.raises(SettingError, match="has no images, which tactile learnt needs"):
+        track(dataclasses.replace(recording, image=None), TrackerSettings(tactile="learnt"))
+    small = dataclasses.replace(recording.sensor, image_height=240, image_width=320)
+    with pytest.raises(SettingError, match="'DIGIT' has images of 240 x 320 px; the touch model is of 'DIGIT'"):
+        Tracker(recording.shape, small, np.zeros(3), TrackerSettings(tactile="learnt"))
+    tracker = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings(tactile="learnt"))
+    frame = dataclasses.replace(recording[0], image=None, contact=True)
+    with pytest.raises(EstimationError, match="has no image"):
+        tracker.update(frame)
+
+
+def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_ones_own(recording):
+    grey = np.repeat(recording[0].image[..., :1], 3, axis=2)
+    frame = dataclasses.replace(recording[0], image=grey)
+    tracker = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"))
+    for _ in range(2):
+        with pytest.raises(FrameError, match=r"frame at 0\.000 s: images are grey, and the touch model reads colours"):
+            tracker.update(frame)
+    assert tracker.update(recording[0]).status == "resting"
+    own = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"), TouchModel(SHIPPED))
+    assert own.update(frame).status == "resting"
+
+
+def test_the_model_that_comes_along_says_from_what_it_was_made():
+    settings = TouchModel(SHIPPED).settings
+    assert settings.sensor == "DIGIT"
+    assert settings.training["seed"] == 0 and settings.training["frames"] > 50_000
+    assert all(spread.scale > 0.0 and spread.together >= 1.0 for spread in settings.spread.values())

@@ -1,0 +1,288 @@
+"""Input that cannot be used, and arrays that belong to the caller."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, frames, pushed, sensor, with_settings
+from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
+
+from palpate.config.settings import PRESETS, NoiseSettings
+from palpate.config.tracker_settings import TrackerSettings
+from palpate.errors import EstimationError, SettingError, ShapeError
+from palpate.geometry.shapes import Disc, Polygon, Rectangle
+from palpate.touch.relative import NoTouch
+from palpate.tracker import Tracker
+from palpate.types.frame import Frame
+
+
+def test_a_frame_with_neither_image_nor_contact_flag():
+    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has neither an image nor a contact flag"):
+        disc_tracker().update(small_frame(contact=None))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_sensor_pose_that_is_not_finite(bad):
+    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has sensor pose .*must be three finite numbers"):
+        disc_tracker().update(small_frame(sensor_pose=np.array([0.0, bad, 0.0])))
+
+
+@pytest.mark.parametrize("next_time", [1.0, 0.5])
+def test_time_that_does_not_increase(next_time):
+    tracker = disc_tracker()
+    tracker.update(small_frame())
+    with pytest.raises(
+        EstimationError, match=rf"frame at {next_time:.3f} s follows one at 1\.000 s; times must increase"
+    ):
+        tracker.update(small_frame(time=next_time))
+    # The frame is refused and nothing else is lost.
+    tracker.update(small_frame(time=1.1))
+    assert tracker.smoothed().time.tolist() == [1.0, 1.1]
+
+
+@pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here"])
+def test_a_first_pose_that_is_none(first):
+    with pytest.raises(SettingError, match=r"first pose is .* three finite numbers"):
+        disc_tracker(first=first)
+
+
+@pytest.mark.parametrize(
+    "sigma", [(1e-3, 1e-3), 1e-3, np.eye(3), (0.0, 1e-3, 1e-2), (1e-3, 1e-3, -1e-2), (1e-3, np.nan, 1e-2), "well"]
+)
+def test_a_first_pose_sigma_that_is_none(sigma):
+    with pytest.raises(
+        SettingError, match=r"^first pose sigma is (.|\n)*; it must be three numbers above 0: x \[m\], y \[m\], theta"
+    ):
+        Tracker(SHAPES["disc"], sensor(), np.zeros(3), first_pose_sigma=sigma)
+
+
+ROUGH = (0.01, 0.01, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("first", "sigma", "words"),
+    [
+        ((0.028, 0.071, 148.6), ROUGH, "first pose has theta 148.6 rad, 23.7 turns: are these degrees?"),
+        ((28.0, 71.0, 2.59), ROUGH, "first pose is 76.4 m from the sensor: is one of both in millimetres?"),
+        ((0.0, 0.0, 0.0), (3e-3, 3e-3, 5.0), "first pose sigma has theta 5 rad, any yaw at all: are these degrees?"),
+        ((0.0, 0.0, 0.0), (10.0, 10.0, 0.1), "first pose sigma has 10 and 10 m: are these millimetres?"),
+    ],
+)
+def test_a_first_pose_in_another_unit_is_asked_about_and_taken(first, sigma, words, caplog):
+    def told(tracker: Tracker) -> list[str]:
+        tracker.update(small_frame())
+        return [record.getMessage() for record in caplog.records]
+
+    assert told(Tracker(SHAPES["disc"], sensor(), first, first_pose_sigma=sigma)) == [words]
+    caplog.clear()
+    tracker = disc_tracker()
+    tracker.reset(first, sigma)
+    assert told(tracker) == [words]
+
+
+def test_of_first_poses_that_may_be_so_nothing_is_asked(caplog):
+    for first, sigma in (
+        (None, None),
+        ((1.0, -2.0, 9.0), None),
+        ((0.0, 0.0, 0.0), (1.0, 1.0, 2.0)),
+    ):
+        Tracker(SHAPES["disc"], "digit", first, first_pose_sigma=sigma).update(small_frame())
+    assert not caplog.records
+
+
+def test_an_outline_in_millimetres_is_asked_about(caplog):
+    for shape in (Rectangle(240, 160), Disc(50.0), Polygon([(0, 0), (90, 0), (90, 60)])):
+        with pytest.raises(ShapeError, match=r"the outline is .* m wide, .* 0.005 to 2 m: are these millimetres"):
+            Tracker(shape, sensor(), np.zeros(3))
+    Tracker(Disc(1.5), sensor(), np.zeros(3))
+    assert "the outline is 3 m wide" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"shape": "rectangle"}, "shape is 'rectangle'; it must be an outline, which palpate.load_shape reads"),
+        ({"shape": np.zeros((4, 2))}, "shape is array"),
+        ({"sensor": "digits"}, "sensor is 'digits'; allowed are digit, gelsight-mini, point, or a SensorProfile"),
+        ({"settings": "learnt"}, "settings is 'learnt'; it must be palpate.TrackerSettings"),
+        ({"model": "folder"}, "model is 'folder'; it must be a palpate.TouchModel"),
+        ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),
+        ({"touch": "learnt"}, r"touch is 'learnt'; it must be an object with methods measure\(frame\) and end_contact"),
+        ({"touch": NoTouch}, "touch is <class '.*NoTouch'>; it must be an object"),
+        ({"settings": TrackerSettings(pressure=40.0)}, "pressure is 40 m, and the object is 0.176 m wide"),
+    ],
+)
+def test_arguments_of_another_kind(arguments, words):
+    with pytest.raises(SettingError, match=f"^{words}"):
+        Tracker(**{"shape": SHAPES["disc"], "sensor": sensor(), "first_pose": np.zeros(3), **arguments})
+
+
+@pytest.mark.parametrize("hypotheses", [0, -1])
+def test_fewer_than_one_hypothesis(hypotheses):
+    with pytest.raises(SettingError, match=rf"^hypotheses is {hypotheses}; allowed is a whole number from 1 on$"):
+        TrackerSettings(hypotheses=hypotheses)
+
+
+def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
+    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are auto, none, constant, oracle, learnt"):
+        TrackerSettings(tactile="felt")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, isam2"):
+        TrackerSettings(smoother="isam")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"tactile": "learned"}, "tactile is 'learned'; allowed are auto, none"),
+        ({"smoother": "fixed_lag"}, "smoother is 'fixed_lag'; allowed are fixed-lag, isam2, batch, particle-filter"),
+        ({"pressure": "unifrom"}, "pressure is 'unifrom'; allowed are uniform, rim, corner or a friction radius"),
+        ({"pressure": -0.1}, "pressure is -0.1; allowed are"),
+        ({"pressure": float("nan")}, "pressure is nan; allowed are"),
+        ({"noise": "palpate"}, "noise is 'palpate'; it must be palpate.NoiseSettings"),
+        ({"hypotheses": "9"}, "hypotheses is '9'; allowed is a whole number from 1 on"),
+        ({"hypotheses": 1.0}, "hypotheses is 1.0; allowed is a whole number from 1 on"),
+        ({"hypotheses": 2.5}, "hypotheses is 2.5; allowed is a whole number from 1 on"),
+    ],
+)
+def test_misspelt_words_are_refused_where_they_are_said(changed, words):
+    with pytest.raises(SettingError, match=f"^{words}"):
+        TrackerSettings(**changed)
+
+
+def test_numbers_of_numpy_are_kept_as_pythons_so_that_a_tracker_can_be_saved(tmp_path):
+    kept: Any = TrackerSettings(pressure=np.float32(0.03), hypotheses=np.int64(3))  # pyright: ignore[reportArgumentType]
+    assert (type(kept.pressure), type(kept.hypotheses)) == (float, int)
+    disc_tracker(kept).save(tmp_path / "state.npz")
+
+
+def test_the_settings_that_ship():
+    """What a newcomer gets: a change here is a change for everybody, and needs its reason."""
+    shipped = TrackerSettings()
+    assert asdict(shipped) == {
+        "tactile": "auto",
+        "smoother": "fixed-lag",
+        "noise": asdict(NoiseSettings()),
+        "pressure": "uniform",
+        "hypotheses": 9,
+    }
+    assert NoiseSettings() == PRESETS["palpate"]
+    assert asdict(NoiseSettings()) == {
+        "sensor_pose": {"deviation": (1e-4, 1e-4, 1e-3), "calibration": (1e-3, 1e-3, 9e-3)},
+        "first_pose": {"deviation": (3e-3, 3e-3, 5e-2), "truth": (5e-4, 5e-4, 5e-3), "rest": (1e-5, 1e-5, 1e-4)},
+        "contact": {"deviation": 1e-3, "kernel": 3.0},
+        "direction": {"share": 2.0, "kernel": 3.0},
+        "place": {"share": 2.0, "kernel": 3.0},
+        "turn": {"share": 88.0, "kernel": 3.0},
+        "relative_pose": {"oracle": (1.0, 1.0, 0.08), "constant": (1.0, 1.0, 5.0), "linear": None},
+        "sticking": {
+            "still": 2e-5,
+            "share": 0.06,
+            "sliding_share": 2.0,
+            "margin": 0.04,
+            "width": 0.03,
+            "kernel": 2.0,
+        },
+        "balance": {"still": 2e-7, "share": 0.013, "load": 0.8, "kernel": 2.0},
+        "friction_cone": {"still": 2e-5, "share": 0.13, "width": 0.03, "kernel": 2.0},
+        "priors": {
+            "direction_bias": (0.0, 0.02),
+            "direction_scale": (0.0, 0.06),
+            "place_bias": (0.0, 1.2e-3),
+            "depth": (3e-4, 4e-4),
+            "outline_scale": (0.0, 0.007),
+            "friction_ratio": (0.2, 0.66),
+            "friction_center": (0.0, 0.06),
+            "grip": (0.4, 0.1),
+        },
+    }
+
+
+def test_a_first_time_that_is_not_finite():
+    with pytest.raises(EstimationError, match=r"^frame has time nan; it must be a finite number \[s\]$"):
+        disc_tracker().update(small_frame(time=np.nan))
+
+
+def test_before_the_first_frame_there_is_none_to_tell_of():
+    tracker = disc_tracker()
+    for _ in range(2):
+        with pytest.raises(EstimationError, match="no frame has been taken so far"):
+            tracker.frame  # noqa: B018
+        with pytest.raises(EstimationError, match="no frame has been taken so far"):
+            tracker.smoothed()
+        tracker.update(small_frame())
+        assert tracker.frame.time == 1.0 and len(tracker.smoothed()) == 1
+        tracker.reset()
+
+
+def test_a_sensor_pose_of_two_numbers():
+    with pytest.raises(EstimationError, match="sensor pose"):
+        disc_tracker().update(small_frame(sensor_pose=np.zeros(2)))
+
+
+def test_sigmas_that_are_not_above_zero():
+    for sigmas in ((0.0, 0.0, 0.0), (-1e-3, 1e-3, 1e-3), (np.nan, 1e-3, 1e-3)):
+        with pytest.raises(SettingError, match="first_pose"):
+            disc_tracker(settings(noise=with_settings(NoiseSettings(), first_pose={"deviation": sigmas})))
+
+
+def test_a_caller_may_change_the_estimate_it_was_given():
+    tracker = disc_tracker()
+    found = tracker.update(small_frame())
+    found.pose[2] = 90.0  # say, in degrees
+    found.answers[0].pose[2] = 90.0
+    found.covariance[:] = found.answers[0].covariance[:] = 0.0
+    again = tracker.update(small_frame(time=1.1))
+    assert again.pose.tolist() == again.answers[0].pose.tolist() == [0, 0, 0]
+    assert np.linalg.eigvalsh(again.covariance).min() > 0.0
+    assert tracker.smoothed().pose[0].tolist() == [0, 0, 0]
+
+
+def test_a_caller_may_change_the_first_pose_afterwards():
+    first = np.zeros(3)
+    tracker = disc_tracker(first=first)
+    first[0] = 1.0
+    assert tracker.update(small_frame()).pose.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_live_sensor_may_reuse_its_buffer(smoother):
+    o, e = pushed("rectangle", 20)
+    _, wanted = track("rectangle", frames(o, e), o[0], settings("none", smoother))
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none", smoother))
+    buffer = np.empty(3)
+    found = []
+    for k in range(21):
+        buffer[:] = e[k]
+        found.append(tracker.update(Frame(k / 30, buffer, contact=True)))
+    np.testing.assert_allclose(poses(found), poses(wanted), atol=1e-12)
+    np.testing.assert_allclose(found[-1].covariance, wanted[-1].covariance)
+
+
+@pytest.mark.parametrize("smoother", SMOOTHERS)
+def test_a_tracker_that_is_reset_is_as_a_new_one(smoother):
+    o, e = pushed("rectangle", 20)
+    how = settings("oracle", smoother)
+    used = Tracker(SHAPES["rectangle"], sensor(), o[0], how)
+    for frame in frames(o, e, start=1000.0):
+        used.update(frame)
+    for pose, sigma in ((None, None), (o[0] + [1e-3, 0.0, 0.0], None), (o[0], (1e-3, 1e-3, 1e-2))):
+        used.reset(pose, sigma)
+        first = o[0] if pose is None else pose
+        fresh = Tracker(SHAPES["rectangle"], sensor(), first, how, first_pose_sigma=sigma)
+        # The clock may begin anew, too.
+        assert [used.update(frame) for frame in frames(o, e)] == [fresh.update(frame) for frame in frames(o, e)]
+        assert len(used.smoothed()) == 21
+    used.reset(sigma=(1e-3, 1e-3, 1e-2))
+    used.reset()  # to the pose and sigma that were given last
+    surer = Tracker(SHAPES["rectangle"], sensor(), o[0], how, first_pose_sigma=(1e-3, 1e-3, 1e-2))
+    assert used.update(small_frame()) == surer.update(small_frame())
+    used.reset(o[0])  # as well known as settings say
+    assert used.update(small_frame()) == Tracker(SHAPES["rectangle"], sensor(), o[0], how).update(small_frame())
+    used.reset()
+    assert used.update(small_frame()).pose.tolist() == o[0].tolist()
+    with pytest.raises(SettingError, match="first pose is 'here'"):
+        used.reset("here")
+    with pytest.raises(SettingError, match="first pose sigma is"):
+        used.reset(o[0], (0.0, 0.0, 0.0))

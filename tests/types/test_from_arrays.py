@@ -1,0 +1,256 @@
+"""A recording from one's own arrays: every way of giving them, and what is refused in words."""
+
+import logging
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import TINY_CAMERA, tiny_images
+from scipy.spatial.transform import Rotation
+
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.geometry import se2
+from palpate.geometry.shapes import Disc
+from palpate.io.bags.choices import BagChoices
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.types.sensor import DIGIT, POINT
+
+IMAGE_TIME = 0.02 + np.arange(20) / 30
+POSE_TIME = np.arange(50) / 50
+
+
+def true_pose(time: Any) -> Any:
+    """Where the gel is at times (N,) [s]: it goes on evenly and turns through pi."""
+    return np.column_stack([0.1 + 0.05 * time, -0.2 * time, se2.wrap(np.pi - 0.3 + 0.8 * time)])
+
+
+def in_space(pose: Any, height: float = 0.25) -> Any:
+    """Planar poses (N, 3) as matrices (N, 4, 4)."""
+    matrices = np.tile(np.eye(4), (len(pose), 1, 1))
+    matrices[:, :3, :3] = Rotation.from_euler("z", pose[:, 2:]).as_matrix()
+    matrices[:, :3, 3] = np.column_stack([pose[:, :2], np.full(len(pose), height)])
+    return matrices
+
+
+def rows(matrices: Any) -> Any:
+    """Matrices (N, 4, 4) as rows x, y, z, qx, qy, qz, qw."""
+    return np.column_stack([matrices[:, :3, 3], Rotation.from_matrix(matrices[:, :3, :3]).as_quat()])
+
+
+def made(**changes: Any) -> Any:
+    """A recording from good arrays but for what is changed; untyped, since its optional fields are there."""
+    fields: dict[str, Any] = {
+        "image_time": IMAGE_TIME,
+        "images": tiny_images(20),
+        "pose_time": POSE_TIME,
+        "poses": true_pose(POSE_TIME),
+        "shape": Disc(0.05),
+        "sensor": TINY_CAMERA,
+        "codec": "png",
+    }
+    return Recording.from_arrays(**(fields | changes))
+
+
+def same(found: Any, expected: Any, within: float = 1e-7) -> None:
+    difference = found - expected
+    difference[:, 2] = se2.wrap(difference[:, 2])
+    assert difference == pytest.approx(0.0, abs=within)
+
+
+def test_images_get_the_pose_at_their_time():
+    recording = made()
+    same(recording.sensor_pose, true_pose(IMAGE_TIME))
+    assert recording.time == pytest.approx(IMAGE_TIME, abs=1e-9)
+    assert all((frame.image == image).all() for frame, image in zip(recording, tiny_images(20), strict=True))
+
+
+@pytest.mark.parametrize("way", [in_space, lambda pose: rows(in_space(pose)), lambda pose: in_space(pose).tolist()])
+def test_poses_in_space(way):
+    recording = made(poses=way(true_pose(POSE_TIME)))
+    same(recording.sensor_pose, true_pose(IMAGE_TIME))
+    assert "0.0 degrees off its xy plane at 250.0 mm" in recording.frames["sensor_pose"]
+
+
+@pytest.mark.parametrize("scale", [1e9, 1])
+def test_times_in_nanoseconds_are_integers(scale):
+    start = 1_700_000_000_000_000_000 if scale == 1e9 else 1.7e9
+    kind = np.int64 if scale == 1e9 else np.float64
+    times = [start + (seconds * scale).astype(kind) for seconds in (IMAGE_TIME, POSE_TIME)]
+    same(made(image_time=times[0], pose_time=times[1]).sensor_pose, true_pose(IMAGE_TIME), within=1e-6)
+
+
+def test_the_gel_is_somewhere_on_the_hand():
+    hand_T_gel = np.eye(4)
+    hand_T_gel[:3, :3] = Rotation.from_euler("xyz", [0.0, 90.0, 30.0], degrees=True).as_matrix()
+    hand_T_gel[:3, 3] = 0.03, -0.01, 0.2
+    hands = in_space(true_pose(POSE_TIME)) @ np.linalg.inv(hand_T_gel)
+    for way in (hand_T_gel, rows(hand_T_gel[None])[0]):
+        # The hand turns about the gel's z axis, so its way between two poses is an arc; the gel's is taken as straight.
+        found = made(image_time=POSE_TIME[:20], poses=rows(hands), sensor_T_gel=way)
+        same(found.sensor_pose, true_pose(POSE_TIME[:20]))
+    flat = se2.compose(true_pose(POSE_TIME), se2.inverse(np.array([0.03, 0.01, 0.4]))[None])
+    found = made(image_time=POSE_TIME[:20], poses=flat, sensor_T_gel=[0.03, 0.01, 0.4])
+    same(found.sensor_pose, true_pose(POSE_TIME[:20]))
+
+
+def test_images_that_are_stamped_late(caplog):
+    recording = made(time_offset=-0.05)
+    assert len(recording) == 19
+    same(recording.sensor_pose, true_pose(IMAGE_TIME[1:] - 0.05))
+    assert "1 of 20 images have no pose at their time" in caplog.text
+    assert (recording[0].image == tiny_images(20)[1]).all()
+    assert "-0.05 s" in recording.frames["sensor_pose"]
+
+
+def test_images_come_in_any_form(tmp_path):
+    pixels = tiny_images(20)
+    data = [encode_image(image, "png") for image in pixels]
+    files = [tmp_path / f"{index}.png" for index in range(20)]
+    for file, each in zip(files, data, strict=True):
+        file.write_bytes(each)
+    for images in (pixels, list(pixels), data, files, list(map(str, files))):
+        assert made(images=images).image == tuple(data)
+    assert made(images=pixels, codec="jpeg").codec == "jpeg"
+    touched = np.arange(20) > 5
+    blind = made(images=None, sensor=POINT, contact=touched)
+    assert blind.image is None and blind.contact.tolist() == touched.tolist()
+
+
+def test_a_sensor_by_name():
+    images = np.zeros((20, 320, 240, 3), np.uint8)
+    assert made(images=images, sensor="DIGIT").sensor == DIGIT
+    with pytest.raises(SettingError, match="sensor is 'digits'; allowed are digit, gelsight-mini, point"):
+        made(sensor="digits")
+
+
+def test_ground_truth_has_times_and_holes_of_its_own():
+    when = np.arange(0.0, 1.0, 0.1)
+    truth = true_pose(when)
+    truth[3] = np.nan
+    found = made(object_poses=truth, object_time=when).object_pose
+    known = (IMAGE_TIME < 0.2) | (IMAGE_TIME > 0.4)
+    assert (np.isfinite(found).all(axis=1) == known).all()
+    same(found[known], true_pose(IMAGE_TIME)[known])
+    assert made(object_poses=in_space(true_pose(POSE_TIME), 0.02)).object_pose is not None
+
+
+def test_a_tilted_plane(caplog):
+    tilt = np.eye(4)
+    tilt[:3, :3] = Rotation.from_euler("y", 0.1).as_matrix()
+    poses = tilt @ in_space(true_pose(POSE_TIME), 0.0)
+    assert not caplog.records
+    same(made(poses=poses, plane=tuple(tilt[:3, 2])).sensor_pose, true_pose(IMAGE_TIME))
+    leaning = made(poses=poses, off_plane=0.1)
+    assert "tilted out of the plane by up to 5.7 degrees" in caplog.text
+    assert "off its xy plane" in leaning.frames["sensor_pose"]
+    with pytest.raises(FileError, match=r"off the plane .* allowed are 1 mm; off_plane .* allows more"):
+        made(poses=poses, off_plane=0.001)
+    curved = true_pose(POSE_TIME) + np.column_stack([0.2 * POSE_TIME**2, np.zeros((50, 2))])
+    caplog.clear()
+    found = made(poses=tilt @ in_space(curved, 0.0), plane="fit", image_time=POSE_TIME[:20])
+    same(found.sensor_pose, curved[:20])
+    assert [record.levelno for record in caplog.records] == [logging.WARNING]
+    assert "the sensor moves in the plane 5.7 degrees off" in caplog.text
+
+
+POSES = rows(in_space(true_pose(POSE_TIME)))
+W_FIRST = rows(in_space(true_pose(POSE_TIME) + np.array([0.0, 0.0, 1.5])))[:, [0, 1, 2, 6, 3, 4, 5]]
+IN_DEGREES = true_pose(POSE_TIME) * [1.0, 1.0, 180 / np.pi]
+MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, None]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"image_time": IMAGE_TIME * 1e9},
+            "image_time: .*floats, which are seconds.*are these nanoseconds. times 1e-",
+        ),
+        ({"image_time": IMAGE_TIME * 1e3}, "are these milliseconds"),
+        ({"pose_time": (POSE_TIME * 1e6).astype(int)}, "pose_time: .*integers, which are nano.*are these microseconds"),
+        ({"pose_time": POSE_TIME + 1e6}, "no pose is known at the time of any image.* are both by one clock"),
+        ({"image_time": IMAGE_TIME[::-1]}, "image_time: image 1 is of"),
+        ({"image_time": np.append(IMAGE_TIME[:-1], np.nan)}, "image_time: frame 19 is nan"),
+        ({"image_time": []}, "image_time: found no times"),
+        ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "the sensor .poses.: .*span 126.7 m.*are these millimetres"),
+        (
+            {"object_poses": POSES * 1e3 * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3]},
+            "object_poses.: .*are these millimetres",
+        ),
+        ({"sensor_T_gel": [50.0, 0.0, 0.0]}, "sensor_T_gel: .*are these millimetres"),
+        ({"poses": IN_DEGREES}, "poses: found angles up to 1[78].* rad.*are these degrees"),
+        ({"poses": W_FIRST}, "rolls by up to [0-9]+ degrees .* by 0 with them as w, x, y, z: is w first"),
+        ({"poses": MIRRORED}, "poses: matrix 0 .* allowed are a rotation"),
+        ({"poses": POSES * 2.0}, "poses: pose 0 .*a quaternion of length 1"),
+        ({"poses": POSES[:, :6]}, r"poses: found shape \(50, 6\), expected \(N, 3\)"),
+        ({"poses": [[1.0, 2.0], [3.0]]}, "poses: rows have different lengths"),
+        ({"poses": POSES[:40]}, "poses: found 40 poses for 50 times"),
+        ({"poses": np.full((50, 3), np.nan)}, "poses: pose 0 .*allowed are finite numbers"),
+        ({"images": tiny_images(19)}, "images: found 19 images for 20 times"),
+        ({"images": tiny_images(20) / 255}, r"image 0 is float64 .*\(255 \* images\)"),
+        ({"images": np.rot90(tiny_images(20), axes=(1, 2))}, r"\(8, 12, 3\).* turned by a quarter they fit"),
+        ({"images": np.moveaxis(tiny_images(20), -1, 1)}, r"\(3, 12, 8\).*np.moveaxis"),
+        ({"images": tiny_images(20)[..., 0]}, r"image 0 is uint8 of shape \(12, 8\)"),
+        ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
+        ({"images": [b"BM....."] * 20}, "image 0 is neither JPEG nor PNG"),
+        ({"images": "images/"}, "images: found 'images/' alone"),
+        ({"images": [encode_image(np.zeros((8, 12, 3), np.uint8))] * 20}, r"image 0: found \(8, 12\).*quarter it fits"),
+        ({"images": "."}, r"images: '.' is a folder; give its files, sorted\(Path\('.'\).glob"),
+        ({"images": tiny_images(20) / 300.0}, r"colours from 0 to 1 fit as \(255 \* images\).astype\(np.uint8\)"),
+        ({"images": tiny_images(20).astype(float)}, r"colours from 0 to 255 fit as images.astype\(np.uint8\)"),
+        (
+            {"poses": [*[[0.1, 0.0, 0.0]] * 49, [0.1, np.nan, 0.0]]},
+            r"poses: pose 49 is \[0.1, nan, 0.0\], allowed",
+        ),
+        ({"images": None}, "images: found None, and no contact"),
+        (
+            {"image_time": IMAGE_TIME[[0, 0, *range(2, 20)]]},
+            r"image_time: image 1 is of 0\.020 s, and the one before of",
+        ),
+        ({"time_offset": -50}, "is time_offset in seconds"),
+        ({"shape": Disc(50.0)}, "the outline is 100 m wide, .*are these millimetres"),
+        ({"sensor": POINT}, "images: found images, but the sensor 'point' has none"),
+        ({"contact": np.ones(20)}, "contact: found values of type float64, expected booleans"),
+        ({"shape": "box.svg"}, "shape is 'box.svg'.*palpate.load_shape"),
+        ({"plane": "flat"}, "plane is 'flat'; allowed are fit"),
+        ({"plane": ("a", "b", "c")}, "plane is .*; allowed are fit, or three numbers"),
+        ({"plane": None}, "plane is None; allowed are fit"),
+        ({"plane": 5}, "plane is 5; allowed are fit"),
+        ({"off_plane": "a"}, "off_plane is 'a'; allowed is a length above 0"),
+        ({"time_offset": None}, "time_offset is None; allowed are up to 1e.07 s"),
+        ({"time_offset": np.nan}, "time_offset is nan; allowed are up to 1e.07 s"),
+        ({"time_offset": np.inf}, "time_offset is inf; allowed are up to 1e.07 s"),
+        ({"sensor_T_gel": [[1.0, 2.0], [3.0]]}, "sensor_T_gel: rows have different lengths"),
+    ],
+)
+def test_what_does_not_fit_is_said(change, words):
+    with pytest.raises(PalpateError, match=words):
+        made(**change)
+
+
+def test_a_normal_may_be_an_array():
+    normal: Any = np.array([0, 0, 1])
+    same(made(plane=normal).sensor_pose, made().sensor_pose)
+    assert BagChoices(plane=normal) == BagChoices()
+
+
+def test_a_bag_is_not_read_with_times_that_are_none():
+    for offset in (np.nan, np.inf, 1e12):
+        with pytest.raises(SettingError, match=r"time_offset is .*; allowed are up to 1e\+07 s"):
+            BagChoices(time_offset=offset)
+
+
+def test_files_of_both_kinds():
+    data = [encode_image(image, "png" if index else "jpeg") for index, image in enumerate(tiny_images(20))]
+    with pytest.raises(FileError, match="image 1 is png, those before it are jpeg"):
+        made(images=data)
+
+
+def test_arrays_where_encoded_images_belong():
+    recording = made()
+    with pytest.raises(FileError, match=r"image 0 is an array of shape \(12, 8, 3\).*Recording.from_arrays encodes"):
+        replace(recording, image=tiny_images(20))
+    with pytest.raises(FileError, match="image 3 is str, expected encoded bytes"):
+        replace(recording, image=(*recording.image[:3], "x.png", *recording.image[4:]))

@@ -1,0 +1,137 @@
+"""Recording: validation, images and episodes."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from recording_samples import TINY_CAMERA, pushed, tiny_images, tiny_recording
+
+from palpate.errors import FileError, SettingError
+from palpate.geometry.shapes import Disc
+from palpate.types.frame import Frame
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording, episode_numbers
+from palpate.types.sensor import DIGIT, POINT
+
+
+def test_frames_come_out_as_they_went_in():
+    made = tiny_recording()
+    frames: list[Any] = list(made)
+    assert len(frames) == len(made) == 5
+    assert isinstance(frames[0], Frame)
+    np.testing.assert_array_equal([frame.image for frame in frames], tiny_images(5))
+    assert frames[1].object_pose is None
+    assert frames[2].object_pose is not None
+    np.testing.assert_array_equal(frames[2].object_pose, made.object_pose[2])
+    assert [frame.contact for frame in frames] == [False, False, True, True, True]
+    assert made[-1].time == made.time[4]
+    with pytest.raises(IndexError):
+        made[5]
+
+
+def test_a_bare_recording_has_bare_frames():
+    made = Recording(np.array([0.0]), np.zeros((1, 3)), Disc(0.05), POINT)
+    frame = made[0]
+    assert (frame.image, frame.contact, frame.object_pose) == (None, None, None)
+
+
+def test_colours_keep_their_order():
+    image = np.zeros((12, 8, 3), np.uint8)
+    image[..., 0] = 200
+    made = tiny_recording(1, image=(encode_image(image, "png"),), object_pose=None)
+    np.testing.assert_array_equal(made[0].image, image)
+    # OpenCV reads the same bytes as blue, green, red: the 200 has to be in its last channel.
+    raw = cv2.imdecode(np.frombuffer(made.image[0], np.uint8), cv2.IMREAD_COLOR)
+    assert raw is not None and raw[0, 0].tolist() == [0, 0, 200]
+
+
+def test_jpeg_is_close_and_smaller():
+    rows = np.linspace(0, 255, 120).astype(np.uint8)
+    image = np.stack([np.tile(rows, (160, 1))] * 3, axis=-1)
+    data = encode_image(image)
+    assert data.startswith(b"\xff\xd8")
+    made = tiny_recording(
+        1, image=(data,), codec="jpeg", object_pose=None,
+        sensor=replace(TINY_CAMERA, image_height=160, image_width=120),
+    )  # fmt: skip
+    assert np.abs(made[0].image.astype(int) - image).max() <= 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"time": np.zeros((0,))}, "time: found no frames, a recording needs at least one"),
+        ({"time": np.zeros((5, 1))}, r"time: found shape \(5, 1\), expected \(N,\)"),
+        ({"time": np.array([0, 1, 1, 2, 3.0])}, "time: frame 2 repeats 1 s after 1 s"),
+        ({"time": np.array([0, 1, 0.5, 2, 3])}, "time: frame 2 runs backwards at 0.5 s after 1 s"),
+        ({"time": np.array([0, 1, np.nan, 2, 3])}, "time: frame 2 is nan"),
+        ({"time": np.array(list("abcde"))}, "time: found values of type <U1, expected numbers"),
+        ({"sensor_pose": np.zeros((4, 3))}, r"sensor_pose: found shape \(4, 3\), expected \(5, 3\)"),
+        ({"sensor_pose": np.zeros((5, 2))}, r"sensor_pose: found shape \(5, 2\), expected \(5, 3\)"),
+        ({"sensor_pose": [[0, 0, 0], [1]]}, "sensor_pose: rows have different lengths"),
+        ({"sensor_pose": np.full((5, 3), np.inf)}, r"sensor_pose: frame 0 is \[inf, inf, inf\]"),
+        ({"object_pose": np.zeros((6, 3))}, r"object_pose: found shape \(6, 3\), expected \(5, 3\)"),
+        ({"object_pose": np.tile([0, np.nan, 0], (5, 1))}, r"frame 0 is \[0.0, nan, 0.0\], allowed is three"),
+        ({"object_pose": np.full((5, 3), np.inf)}, "object_pose: frame 0 is"),
+        ({"contact": np.zeros(5)}, "contact: found values of type float64, expected booleans"),
+        ({"contact": np.zeros(4, bool)}, r"contact: found shape \(4,\), expected \(5,\)"),
+        ({"episode": np.zeros(5)}, "episode: found values of type float64, expected integers"),
+        ({"episode": np.array([0, 0, -2, 0, 0])}, "episode: frame 2 is -2, allowed is 0, 1, 2"),
+        ({"codec": "gif"}, "codec: found 'gif', allowed are 'jpeg' and 'png'"),
+        ({"image": (b"",) * 4}, "image: found 4 images for 5 times"),
+        ({"first_pose": np.zeros((5, 3))}, r"first_pose: found shape \(5, 3\), expected \(3,\)"),
+        ({"first_pose": [0.0, np.nan, 0.0]}, r"first_pose: found \[0.0, nan, 0.0\], allowed are three numbers"),
+        ({"first_pose_sigma": [0.1, 0.0, 0.1]}, r"first_pose_sigma: found \[0.1, 0.0, 0.1\], allowed is above 0"),
+        ({"first_pose": None}, "first_pose_sigma: .* with a first_pose"),
+        ({"sensor": POINT}, "image: found images, but the sensor 'point' has none"),
+    ],
+)
+def test_fields_that_do_not_fit_are_refused(changes, message):
+    with pytest.raises(FileError, match=message):
+        tiny_recording(**changes)
+
+
+@pytest.mark.parametrize("image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)])
+def test_only_rgb_bytes_are_encoded(image):
+    with pytest.raises(FileError, match="allowed is uint8"):
+        encode_image(image)
+
+
+def test_episodes_end_after_more_than_ten_frames_without_contact():
+    ten = [1] * 5 + [0] * 10 + [1] * 5
+    eleven = [1] * 5 + [0] * 11 + [1] * 5
+    assert episode_numbers(ten).tolist() == [0] * 5 + [-1] * 10 + [0] * 5
+    assert episode_numbers(eleven).tolist() == [0] * 5 + [-1] * 11 + [1] * 5
+
+
+def test_episodes_count_from_five_frames_on():
+    four = [0] + [1] * 4 + [0] * 11 + [1] * 5
+    assert episode_numbers(four).tolist() == [-1] * 16 + [0] * 5
+    assert episode_numbers([0, 0]).tolist() == [-1, -1]
+    assert episode_numbers([]).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("force", np.ones(2), r"extra/force: found shape \(2,\), expected \(3,\)"),
+        ("pose", np.ones((4, 3)), r"extra/pose: found shape \(4, 3\), expected \(3, 3\)"),
+        ("words", np.array(["a", "b", "c"]), "extra/words: found values of type <U1, expected numbers or booleans"),
+        ("a/b", np.ones(3), "extra: found the name 'a/b'"),
+    ],
+)
+def test_extra_rows_that_do_not_fit(name, value, said):
+    with pytest.raises(FileError, match=said):
+        replace(pushed(3), extra={name: value})
+
+
+def test_a_sensor_may_be_named_and_an_outline_is_no_name():
+    recording = pushed()
+    named: Any = "digit"
+    assert replace(recording, sensor=named).sensor == DIGIT
+    with pytest.raises(SettingError, match="sensor is 'finger'; allowed are digit"):
+        replace(recording, sensor="finger")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(FileError, match="shape: found 'rectangle', expected an outline"):
+        replace(recording, shape="rectangle")  # pyright: ignore[reportArgumentType]
