@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test test-matrix lint bench faults kills fuzz docs check-numbers study-report clean
+.PHONY: demo test ros-test lint bench faults docs check-numbers study-report clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -33,17 +33,6 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
-# Fifty kills of every command, at random times, and twenty of live sessions.
-kills: $(READY_DEV)
-	$(BIN)/python scripts/kill_commands.py --into docs/study/kills.json
-	$(BIN)/python scripts/kill_live.py --into docs/study/kills_live.json
-
-# TESTS anew in empty environments; outside CI's time.
-TESTS ?= tests
-test-matrix: $(READY_DEV)
-	$(BIN)/python -m pip install --quiet uv
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python scripts/test_matrix.py --tests $(TESTS) --into docs/study/matrix.json
-
 # Nine recordings of nine sensor units that nothing was chosen on, each broken in every way, and nine with a second pusher;
 # about a quarter of an hour.
 faults: $(READY_DEV)
@@ -52,18 +41,13 @@ faults: $(READY_DEV)
 	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 9995 --seconds 12 --ideal --workers 2 --knocks --resume
 	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
 
-# Every reader on COUNT changed files, in processes with limits of time and memory; what fails is kept in fuzz-found.
-COUNT ?= 100000
-fuzz: $(READY_DEV)
-	cd tests && nice ../$(BIN)/python -m fuzzing --count $(COUNT) --found ../fuzz-found --into ../docs/study/fuzz.json
-
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
 	@echo 'the pages: docs/_build/html/index.html'
 
-# Whether every number in README and docs is that of a file in the repository.
+# Compare every table of README and docs with its file in docs/study.
 check-numbers: $(READY_DEV)
-	$(BIN)/python scripts/check_numbers.py
+	$(BIN)/python scripts/reported_numbers.py
 
 # The pages of the reported studies, from their results.json and sequences.csv.
 study-report: $(READY_DEV)

@@ -1,84 +1,104 @@
-"""What the shipped model says of presses on a real gel: docs/study/real_gel.json.
+"""Compare the shipped touch model with presses at known angles on a real DIGIT: docs/study/real_gel.json.
 
     python scripts/measure_real_gel.py [../shared/data/digit_balls]
 
-The folder holds the presses, `untouched.png` and `truth.csv`. Each row is what `benchmarks/real_gel.py` tells of them,
-as they are or in the guise of another camera, before or after `palpate calibrate` on five of them. `flanks` is a second
-opinion on where the presses are: midway between the flanks that the red and the green light make brightest, which is
-told by the images alone. Its slopes are of that angle over the annotated one, and of the told one over it. Ten seconds.
+The folder holds the presses, `untouched.png` and `truth.csv`. The images are read as they are or as another camera
+would deliver them, without calibration or after `palpate calibrate` on five presses, which are then left out of the
+scores. `slope` and `offset_deg` are of the measured angle over the true one; `pairs_rms_deg` is the error of the change
+between any two presses, `constant_pairs_rms_deg` that of the claim that nothing changes. A side that rolls over the gel
+moves its imprint as these presses do and turns the sensor the other way: `turns_rms_deg` is the error of such turns.
 """
 
 import csv
-import json
-import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
+from _common import DATA, write
+from numpy.typing import NDArray
 
-from palpate.touch.background import Image
+from palpate import DIGIT, Calibration
+from palpate.lab.train.scores import coverage
+from palpate.touch.background import Image, background_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import shipped_model
 from palpate.touch.press_files import read_image
-from palpate.types.sensor import DIGIT
+from palpate.touch.presses import Presses, learn_from_presses
 
-ROOT = Path(__file__).parents[1]
-OUT = ROOT / "docs/study/real_gel.json"
-CALIBRATED = ("--calibrate-on", "5")
-ROWS = {
-    "as it is": (),
-    "as it is, calibrated on 5": CALIBRATED,
-    "mirrored, calibrated on 5": ("--guise", "mirrored", *CALIBRATED),
-    "turned by 180 degrees, calibrated on 5": ("--guise", "upturned", *CALIBRATED),
-    "red and blue exchanged": ("--guise", "swapped"),
-    "red and blue exchanged, calibrated on 5": ("--guise", "swapped", *CALIBRATED),
+Array = NDArray[np.float64]
+CASES = {
+    "as it is": ("as it is", 0),
+    "as it is, calibrated on 5": ("as it is", 5),
+    "mirrored, calibrated on 5": ("mirrored", 5),
+    "turned by 180 degrees, calibrated on 5": ("turned", 5),
+    "red and blue exchanged": ("swapped", 0),
+    "red and blue exchanged, calibrated on 5": ("swapped", 5),
 }
-"""What `benchmarks/real_gel.py` is told for each row."""
-BLUR, ROWS_SEEN = 2.5, 25
-"""Pixels that the light is smoothed by, and rows in which red and green differ most, which are looked at."""
+"""The camera's images, and the number of presses to calibrate on."""
 
 
-def main(presses: Path) -> None:
-    """Measure every row, and write."""
-    found = {name: measured(presses, *options) for name, options in ROWS.items()} | {"flanks": flanks(presses)}
-    OUT.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+def main(folder: Path) -> None:
+    """Measure all cases and write."""
+    write("real_gel", {name: measured(folder, *case) for name, case in CASES.items()})
 
 
-def measured(presses: Path, *options: str) -> dict[str, Any]:
-    """Return one row."""
-    files = ["--images", presses, "--untouched", presses / "untouched.png", "--truth", presses / "truth.csv"]
-    words = [sys.executable, ROOT / "benchmarks/real_gel.py", *files, *options, "--json"]
-    return json.loads(subprocess.run(words, stdout=subprocess.PIPE, check=True).stdout)
-
-
-def flanks(presses: Path) -> dict[str, float]:
-    """Return slopes of angles by the flanks of imprints, over annotated ones and under told ones."""
-    untouched, model = read_image(presses / "untouched.png"), shipped_model()
-    mean = reduced(untouched.astype(np.float32))
-    with (presses / "truth.csv").open(newline="") as file:
+def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
+    """Return the scores of one case."""
+    with (folder / "truth.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    images = [read_image(presses / row["file"]) for row in rows]
-    annotated = np.radians([float(row["angle_deg"]) for row in rows])
-    seen = np.array([between_flanks(image, untouched) for image in images])
-    told = np.array([model.look(difference(image, mean)).direction[0] for image in images])
+    true = np.radians([float(row["angle_deg"]) for row in rows])
+    images = [as_delivered(read_image(folder / row["file"]), camera) for row in rows]
+    untouched = as_delivered(read_image(folder / "untouched.png"), camera)
+    calibration, chosen = Calibration(background_of([untouched] * 2)), np.array([], np.int_)
+    if calibrate_on:
+        chosen = np.argsort(true)[np.linspace(0, len(true) - 1, calibrate_on).astype(int)]
+        presses = Presses(tuple(images[k] for k in chosen), true[chosen], tuple(rows[k]["file"] for k in chosen))
+        calibration = learn_from_presses(presses, [untouched], DIGIT, shipped_model(DIGIT.name)).calibration
+    left = np.setdiff1d(np.arange(len(true)), chosen)
+    return scored(calibration, [images[k] for k in left], true[left])
+
+
+def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
+    """Return the scores of images with true angles (N,) [rad]."""
+    model, mean = shipped_model(DIGIT.name), reduced(calibration.background.mean)
+    looks = [model.look(difference(calibration.view.of(image), mean)) for image in images]
+    direction, variance = np.array([look.direction for look in looks]).T
+    direction = np.array([calibration.direction.true(angle) for angle in direction])
+    error = direction - true
+    slope, intercept = np.polyfit(true, direction, 1)
+    inside = coverage(error, variance * model.settings.spread["direction"].scale)
+    turns = calibration.direction.turn(changes(np.array([look.turn[0] for look in looks if look.turn])))
     return {
-        "over_annotated_slope": float(np.polyfit(annotated, seen, 1)[0]),
-        "told_over_them_slope": float(np.polyfit(seen, told, 1)[0]),
+        "n": len(images),
+        "correlation": float(np.corrcoef(true, direction)[0, 1]),
+        "slope": float(slope),
+        "offset_deg": float(np.degrees(error.mean())),
+        "rms_after_offset_deg": rms_deg(error - error.mean()),
+        "rms_about_line_deg": rms_deg(direction - slope * true - intercept),
+        "pairs_rms_deg": rms_deg(changes(error)),
+        "constant_pairs_rms_deg": rms_deg(changes(true)),
+        "in_68_share": inside[0.68],
+        "in_95_share": inside[0.95],
+        "turns_rms_deg": rms_deg(turns + changes(true)),
     }
 
 
-def between_flanks(image: Image, untouched: Image) -> float:
-    """Return the angle on the tip midway between the reddest and the greenest column of an imprint [rad]."""
-    assert DIGIT.half_width is not None
-    change = cv2.GaussianBlur(image.astype(np.float32) - untouched, (0, 0), BLUR)
-    red_over_green = change[..., 0] - change[..., 1]
-    rows = np.argsort(np.ptp(red_over_green, axis=1))[-ROWS_SEEN:]
-    profile = np.median(red_over_green[rows], axis=0)
-    middle = 0.5 * float(profile.argmin() + profile.argmax()) - 0.5 * (len(profile) - 1)
-    return float(np.arcsin(middle * 2.0 * DIGIT.half_width / len(profile) / DIGIT.radius))
+def changes(values: Array) -> Array:
+    """Return the differences between any two of values (N,)."""
+    first, second = np.triu_indices(len(values), 1)
+    return values[second] - values[first]
+
+
+def rms_deg(values: Array) -> float:
+    """Return the root mean square of angles [rad] in degrees."""
+    return float(np.degrees(np.sqrt(np.mean(values**2))))
+
+
+def as_delivered(image: Image, camera: str) -> Image:
+    """Return an image as another camera would deliver it."""
+    views = {"mirrored": image[:, ::-1], "turned": image[::-1, ::-1], "swapped": image[..., ::-1]}
+    return np.ascontiguousarray(views.get(camera, image))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared/data/digit_balls")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else DATA / "digit_balls")

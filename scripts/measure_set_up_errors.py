@@ -1,90 +1,73 @@
-"""What each error of a set-up costs by itself: docs/study/set_up_errors.json.
+"""Measure the cost of each error of a set-up by itself: docs/study/set_up_errors.json.
 
+    palpate simulate FOLDER --ideal --count 18 --seed 87501 --seconds 15
     python scripts/measure_set_up_errors.py FOLDER
 
-FOLDER has recordings of exact set-ups, `palpate simulate FOLDER --ideal`. Each is tracked by touch as it is, with every
-error that `lab/simulate/systematic.py` draws but the gel's drift, one at a time and all together, and again with all
-but the outline taken for exact. The reported ones: `--count 18 --seed 87501 --seconds 15`. Eight minutes on two cores.
+Each recording is tracked without errors, with each error that `lab/simulate/systematic.py` draws, and with all of them;
+then with the outline taken for exact. Eight minutes on two cores.
 """
 
-import json
 import sys
 import zlib
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from statistics import fmean, median
 
 import numpy as np
+from _common import for_each, scores, write
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
-from palpate.io import load_recording
-from palpate.lab.simulate.systematic import SystematicErrors, draw_errors, misstated
-from palpate.parallel import spread
+import palpate
+from palpate.lab.simulate.systematic import draw_errors, misstated
+from palpate.lab.study.files import find_recordings
 from palpate.pipeline.metrics import translation_errors
 from palpate.pipeline.run import track
-from palpate.types.recording import Recording
 
-OUT = Path(__file__).parents[1] / "docs/study/set_up_errors.json"
-NOTHING = {"mounting": np.zeros(3), "outline": 1.0, "late": 0, "first_pose": np.zeros(3)}
-LEARNT = NoiseSettings()
-EXACT = replace(LEARNT, priors=replace(LEARNT.priors, outline_scale=(0.0, 1e-9)))
-CASES = {
-    "none": ((), LEARNT),
-    **{name: ((name,), LEARNT) for name in NOTHING},
-    "all": (tuple(NOTHING), LEARNT),
+NO_ERROR = {"mounting": np.zeros(3), "outline": 1.0, "late": 0, "first_pose": np.zeros(3)}
+DEFAULT = palpate.NoiseSettings()
+EXACT = replace(DEFAULT, priors=replace(DEFAULT.priors, outline_scale=(0.0, 1e-9)))
+CASES: dict[str, tuple[tuple[str, ...], palpate.NoiseSettings]] = {
+    "none": ((), DEFAULT),
+    **{name: ((name,), DEFAULT) for name in NO_ERROR},
+    "all": (tuple(NO_ERROR), DEFAULT),
     "outline, taken for exact": (("outline",), EXACT),
-    "all, outline taken for exact": (tuple(NOTHING), EXACT),
+    "all, outline taken for exact": (tuple(NO_ERROR), EXACT),
 }
-"""Which errors there are, and how the outline is believed."""
+"""Errors that are present, and the noise settings."""
 
 
 def main(folder: Path) -> None:
-    """Track all recordings in all cases, and write."""
-    files = sorted(folder.glob("*.h5"))
-    with closing(spread(scores, files, workers=2)) as results:
-        found = list(results)
+    """Track all recordings in all cases and write medians of errors and means of coverage."""
+    found = for_each(cases_of, find_recordings(folder).values())
     rows = {
         case: {
-            "contact_mm": median(each[case]["contact_mm"] for each in found),
-            "final_mm": median(each[case]["final_mm"] for each in found),
-            "final_mean_mm": fmean(each[case]["final_mm"] for each in found),
-            "final_deg": median(each[case]["final_deg"] for each in found),
-            "contact_inside_95": fmean(each[case]["inside"] for each in found),
-            "final_inside_95": fmean(each[case]["final_inside"] for each in found),
+            **{name: median(each[case][name] for each in found) for name in ("contact_mm", "final_mm", "final_deg")},
+            "contact_inside_95": fmean(each[case]["inside_contact"] for each in found),
+            "final_inside_95": fmean(each[case]["inside_final"] for each in found),
         }
         for case in CASES
     }
-    OUT.write_text(json.dumps({"recordings": len(files), "cases": rows}, indent=2) + "\n", encoding="utf-8")
+    write("set_up_errors", {"recordings": len(found), "cases": rows})
 
 
-def scores(file: Path) -> dict[str, dict[str, float]]:
-    """Return how a recording is tracked in each case: mean error in contact, final errors, shares in the region."""
-    recording = load_recording(file)
+def cases_of(file: Path) -> dict[str, dict[str, float]]:
+    """Return the scores of a recording in each case."""
+    recording = palpate.load_recording(file)
     errors = draw_errors(np.random.default_rng(zlib.crc32(file.stem.encode())))
-    return {case: scored(misstated(recording, only(errors, wrong)), noise) for case, (wrong, noise) in CASES.items()}
-
-
-def only(errors: SystematicErrors, wrong: tuple[str, ...]) -> SystematicErrors:
-    """Return these errors alone."""
-    return replace(errors, **{name: exact for name, exact in NOTHING.items() if name not in wrong})
-
-
-def scored(recording: Recording, noise: NoiseSettings) -> dict[str, float]:
-    """Track a recording with its stated first pose, and return its scores."""
-    assert recording.object_pose is not None
-    run = track(recording, TrackerSettings("learnt", noise=noise))
-    summary, online = run.summary, run.online
-    assert online.contact is not None
-    errors = 1e3 * translation_errors(online.pose, recording.object_pose)
     return {
-        "contact_mm": float(errors[online.contact].mean()),
-        "final_mm": summary["final_translation_error_mm"],
-        "final_deg": summary["final_rotation_error_deg"],
-        "inside": summary["in_95_contact_share"],
-        "final_inside": float(summary["in_95_final"]),
+        case: scored(
+            misstated(recording, replace(errors, **{name: NO_ERROR[name] for name in NO_ERROR if name not in present})),
+            noise,
+        )
+        for case, (present, noise) in CASES.items()
     }
+
+
+def scored(recording: palpate.Recording, noise: palpate.NoiseSettings) -> dict[str, float]:
+    """Track a recording and return its scores and the mean error in contact."""
+    run = track(recording, palpate.TrackerSettings("learnt", noise=noise))
+    assert recording.object_pose is not None
+    errors = translation_errors(run.online.pose, recording.object_pose)
+    return {**scores(run.summary), "contact_mm": float(1e3 * errors[run.online.contact].mean())}
 
 
 if __name__ == "__main__":

@@ -1,0 +1,45 @@
+"""Shared by the scripts that measure a number of the docs: folders, work on two cores, scores of a run."""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from palpate.pipeline.quiet import quiet
+
+ROOT = Path(__file__).parents[1]
+STUDY = ROOT / "docs/study"
+DATA = ROOT.parent / "shared/data"
+"""Recordings and images of others, which are no part of the repository."""
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def for_each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Return the results of a function in the order of the items, from two processes."""
+    import joblib
+
+    results: Any = joblib.Parallel(n_jobs=2)(joblib.delayed(_quietly)(function, item) for item in items)
+    return list(results)
+
+
+def scores(summary: dict[str, Any]) -> dict[str, float]:
+    """Return final errors, coverage and the share of silently wrong frames from the summary of a run."""
+    return {
+        "final_mm": summary["final_translation_error_mm"],
+        "final_deg": summary["final_rotation_error_deg"],
+        "inside_contact": summary["in_95_contact_share"],
+        "inside_final": float(summary["in_95_final"]),
+        "silent": summary["silently_wrong_share"],
+    }
+
+
+def write(name: str, content: dict[str, Any]) -> None:
+    """Write docs/study/NAME.json."""
+    (STUDY / f"{name}.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _quietly(function: Callable[[Item], Result], item: Item) -> Result:
+    with quiet():
+        return function(item)
