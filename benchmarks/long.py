@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from pushes import RATE, SHAPE
 from scipy.signal import lfilter
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import (

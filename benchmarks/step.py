@@ -38,8 +38,7 @@ from plain_graph import PlainGraph
 from pushes import SHAPE, Push, make_push
 from threadpoolctl import threadpool_limits
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.filter.belief import Prior
 from palpate.filter.estimator import Estimator
 from palpate.geometry import se2

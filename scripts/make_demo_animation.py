@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from palpate.cli.demo import TACTILE, demo_recording
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.lines import closed_outline
 from palpate.pipeline.above import ESTIMATE, draw_object, draw_sensor, draw_start, draw_way, frame_above

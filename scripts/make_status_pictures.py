@@ -12,9 +12,9 @@ import matplotlib
 import numpy as np
 
 from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
+from palpate.config import RelativePoseSettings
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.factors.relative_pose import RelativePoseSettings
 from palpate.lab.simulate.folder import plan
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.lab.simulate.objects import SHAPES

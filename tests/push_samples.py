@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import BalanceSettings, DirectionSettings, NoiseSettings, StickingSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.factors.balance import Balance, BalanceSettings
-from palpate.graph.factors.direction import Direction, DirectionSettings
+from palpate.graph.factors.balance import Balance
+from palpate.graph.factors.direction import Direction
 from palpate.graph.factors.factor import Factor, Rows, Step, Terms
-from palpate.graph.factors.sticking import Sticking, StickingSettings
+from palpate.graph.factors.sticking import Sticking
 from palpate.graph.values import Values
 from palpate.graph.variables import IN_SHARED, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, Unknown
 from palpate.lab.simulate.limit_surface import Steering, push

@@ -6,10 +6,11 @@ import numpy as np
 from push_samples import model_of, rows_of, touching, values_at
 from smoother_samples import ROBUST
 
+from palpate.config import BalanceSettings, FrictionConeSettings, StickingSettings
 from palpate.geometry import se2
-from palpate.graph.factors.balance import Balance, BalanceSettings
-from palpate.graph.factors.friction_cone import FrictionCone, FrictionConeSettings
-from palpate.graph.factors.sticking import Sticking, StickingSettings
+from palpate.graph.factors.balance import Balance
+from palpate.graph.factors.friction_cone import FrictionCone
+from palpate.graph.factors.sticking import Sticking
 from palpate.graph.variables import GRIP
 from palpate.lab.simulate.limit_surface import Steering, push
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from push_samples import contact_directions, model_of, noisy, pushed, sensor, with_settings
 from scipy.optimize import least_squares
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings, Priors
 from palpate.filter.belief import Belief, Prior
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
@@ -27,7 +27,6 @@ from palpate.graph.variables import (
     OBJECT_SIZE,
     OUTLINE_SCALE,
     TURN_OFFSET,
-    Priors,
 )
 from palpate.graph.window import Window
 from palpate.touch.relative import compared_frames

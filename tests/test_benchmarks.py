@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.types.measurements import ContactDirection
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"

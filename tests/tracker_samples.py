@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from push_samples import RADIUS, SHAPES, sensor, with_settings
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.geometry import se2
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate

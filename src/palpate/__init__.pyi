@@ -1,6 +1,6 @@
-from .config.settings import PUBLISHED as PUBLISHED
-from .config.settings import NoiseSettings as NoiseSettings
-from .config.tracker_settings import TrackerSettings as TrackerSettings
+from .config import PUBLISHED as PUBLISHED
+from .config import NoiseSettings as NoiseSettings
+from .config import TrackerSettings as TrackerSettings
 from .errors import EstimationError as EstimationError
 from .errors import FileError as FileError
 from .errors import FrameError as FrameError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FrameError
 from palpate.filter.belief import Prior
 from palpate.filter.hypothesis_bank import Hypotheses

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry.shapes import Shape
 from palpate.touch.calibration import Calibration, DirectionCorrection

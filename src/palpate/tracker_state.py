@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import palpate
-from palpate.config.settings_file import noise_from_dict
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings, noise_from_dict
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 from palpate.graph.variables import UNKNOWNS

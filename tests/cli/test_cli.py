@@ -14,7 +14,7 @@ from recording_samples import pushed, trajectory
 
 from palpate import io as formats
 from palpate.cli import demo, main, options
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.graph.smoother import SmootherName
 from palpate.io.palpate_h5 import write_recording
 from palpate.pipeline.poses import pose_words

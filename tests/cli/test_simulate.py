@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES

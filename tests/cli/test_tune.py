@@ -10,9 +10,7 @@ import pytest
 from recording_samples import pushed, seen, unit_seen
 
 from palpate.cli import main
-from palpate.config.settings import NoiseSettings
-from palpate.config.settings_file import read_noise, write_noise
-from palpate.graph.factors.contact import ContactSettings
+from palpate.config import ContactSettings, NoiseSettings, read_noise, write_noise
 from palpate.io.palpate_h5 import write_recording
 from palpate.lab.tune import tuning
 from palpate.touch.calibration import DirectionCorrection, load_calibration, write_calibration

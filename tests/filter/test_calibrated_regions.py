@@ -14,7 +14,7 @@ import pytest
 from push_samples import contact_directions, model_of, noisy, touching, with_settings
 from smoother_samples import FELT, PLAIN, lagged_begin, prior_at
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.filter.belief import Belief
 from palpate.geometry import se2
 from palpate.graph.smoother import make_smoother

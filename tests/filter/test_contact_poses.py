@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from push_samples import RADIUS, SHAPES, rows_of, sensor, values_at
 
+from palpate.config import DirectionSettings
 from palpate.filter.belief import Prior
 from palpate.filter.contact_poses import expected_starts, is_rough, starts
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES as SIMULATED
 from palpate.geometry.shapes import scaled
 from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.factors.direction import Direction, DirectionSettings
+from palpate.graph.factors.direction import Direction
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,

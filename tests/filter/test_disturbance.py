@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from push_samples import RADIUS, SHAPES, sensor
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.filter import hypothesis_bank as hypotheses
 from palpate.filter.disturbance import ALARM_DEAD_STEPS, is_contradicted, is_doubtful
 from palpate.filter.estimator import Estimator

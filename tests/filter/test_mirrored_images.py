@@ -7,7 +7,7 @@ import pytest
 from push_samples import contact_directions, frames, model_of, touching, with_settings
 from tracker_samples import nees
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.filter.hypothesis_bank import Hypotheses
 from palpate.filter.mirrored_images import MirroredImages, mirrored
 from palpate.geometry import se2

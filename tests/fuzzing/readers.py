@@ -17,8 +17,7 @@ from recording_samples import TINY_CAMERA, pushed, tiny_images, tiny_recording, 
 from study_samples import drawn_trial
 
 from palpate import io as formats
-from palpate.config.settings import NoiseSettings
-from palpate.config.settings_file import read_noise, write_noise
+from palpate.config import NoiseSettings, read_noise, write_noise
 from palpate.errors import PalpateError
 from palpate.geometry.shapes import Disc, Rectangle
 from palpate.io.bags.bag_recording import read_bag

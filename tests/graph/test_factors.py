@@ -8,23 +8,32 @@ import numpy as np
 import pytest
 from push_samples import RADIUS, SHAPES, contact_directions, model_of, rows_of, sensor, terms_of, values_at
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import (
+    BalanceSettings,
+    ContactSettings,
+    DirectionSettings,
+    FrictionConeSettings,
+    NoiseSettings,
+    SensorPoseSettings,
+    StickingSettings,
+    TurnSettings,
+)
 from palpate.filter.belief import Prior
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factor_list import make_factors
-from palpate.graph.factors.balance import Balance, BalanceSettings
-from palpate.graph.factors.contact import Contact, ContactSettings
-from palpate.graph.factors.direction import Direction, DirectionSettings
+from palpate.graph.factors.balance import Balance
+from palpate.graph.factors.contact import Contact
+from palpate.graph.factors.direction import Direction
 from palpate.graph.factors.factor import Factor, Terms
 from palpate.graph.factors.first_pose import FirstPose
-from palpate.graph.factors.friction_cone import FrictionCone, FrictionConeSettings
+from palpate.graph.factors.friction_cone import FrictionCone
 from palpate.graph.factors.measured import Measured
 from palpate.graph.factors.object_pose import ObjectPose
 from palpate.graph.factors.relative_pose import RelativePose
-from palpate.graph.factors.sensor_pose import SensorPose, SensorPoseSettings
-from palpate.graph.factors.sticking import Sticking, StickingSettings
-from palpate.graph.factors.turn import Turn, TurnSettings
+from palpate.graph.factors.sensor_pose import SensorPose
+from palpate.graph.factors.sticking import Sticking
+from palpate.graph.factors.turn import Turn
 from palpate.graph.values import Values
 from palpate.graph.variables import (
     DEPTH,

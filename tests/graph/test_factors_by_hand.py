@@ -19,20 +19,28 @@ from push_samples import (
     values_at,
 )
 
+from palpate.config import (
+    BalanceSettings,
+    ContactSettings,
+    DirectionSettings,
+    FrictionConeSettings,
+    SensorPoseSettings,
+    TurnSettings,
+)
 from palpate.filter.belief import Prior
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Rectangle
 from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.factors.balance import Balance, BalanceSettings
-from palpate.graph.factors.contact import Contact, ContactSettings
-from palpate.graph.factors.direction import Direction, DirectionSettings
+from palpate.graph.factors.balance import Balance
+from palpate.graph.factors.contact import Contact
+from palpate.graph.factors.direction import Direction
 from palpate.graph.factors.first_pose import FirstPose
-from palpate.graph.factors.friction_cone import FrictionCone, FrictionConeSettings
+from palpate.graph.factors.friction_cone import FrictionCone
 from palpate.graph.factors.object_pose import ObjectPose
 from palpate.graph.factors.relative_pose import RelativePose
-from palpate.graph.factors.sensor_pose import SensorPose, SensorPoseSettings
-from palpate.graph.factors.turn import Turn, TurnSettings
+from palpate.graph.factors.sensor_pose import SensorPose
+from palpate.graph.factors.turn import Turn
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings, PlaceSettings
 from palpate.errors import EstimationError
 from palpate.filter.belief import Prior
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.factors.factor import Step
-from palpate.graph.factors.place import Place, PlaceSettings
+from palpate.graph.factors.place import Place
 from palpate.graph.smoother import make_smoother
 from palpate.graph.values import Values
 from palpate.graph.variables import IN_OBJECT, IN_SHARED, PLACE_BIAS, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE

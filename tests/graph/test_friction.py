@@ -18,7 +18,7 @@ from push_samples import (
 from slide_samples import DEEPER, slid
 from smoother_samples import FELT, ROBUST, prior_at
 
-from palpate.config.settings import STICKING, NoiseSettings
+from palpate.config import STICKING, NoiseSettings
 from palpate.filter.belief import Belief
 from palpate.filter.estimator import Estimator
 from palpate.geometry import se2

@@ -7,13 +7,13 @@ import pytest
 from push_samples import RADIUS, model_of, sensor, values_at
 from test_factors import STEP, numeric_jacobian, spread_jacobian
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import BalanceSettings, FrictionConeSettings, NoiseSettings, StickingSettings
 from palpate.filter.belief import Prior
 from palpate.graph.factor_list import make_factors
-from palpate.graph.factors.balance import Balance, BalanceSettings
+from palpate.graph.factors.balance import Balance
 from palpate.graph.factors.factor import Factor, Step, Terms
-from palpate.graph.factors.friction_cone import FrictionCone, FrictionConeSettings
-from palpate.graph.factors.sticking import Sticking, StickingSettings
+from palpate.graph.factors.friction_cone import FrictionCone
+from palpate.graph.factors.sticking import Sticking
 from palpate.graph.values import Knock, Values
 from palpate.graph.variables import FRICTION_RATIO, GRIP, IN_OBJECT, OF_STEP, SENSOR_IN_OBJECT
 from palpate.graph.window import Window

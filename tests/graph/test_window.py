@@ -25,7 +25,7 @@ from smoother_samples import (
     without_relative,
 )
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.filter.belief import Prior
 from palpate.geometry import se2

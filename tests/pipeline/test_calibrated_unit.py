@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.touch.calibration import DirectionCorrection
 from palpate.tracker_arguments import with_correction
 

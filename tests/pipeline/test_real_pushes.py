@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import io as formats
-from palpate.config.settings import STICKING
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import STICKING, TrackerSettings
 from palpate.geometry import se2
 from palpate.pipeline.inspection import inspect_recording
 from palpate.pipeline.run import Run, track

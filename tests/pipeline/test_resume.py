@@ -9,7 +9,7 @@ import pytest
 from recording_samples import pushed
 
 from palpate.cli.main import main
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError
 from palpate.filter.hypothesis_bank import Hypotheses
 from palpate.geometry.shapes import Disc

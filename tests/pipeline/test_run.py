@@ -9,8 +9,7 @@ from recording_samples import pushed
 from view_samples import imaged_push, write_run
 
 from palpate import io as formats
-from palpate.config.settings import PRESETS
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import PRESETS, TrackerSettings
 from palpate.errors import FileError, SettingError
 from palpate.pipeline import run_folder
 from palpate.pipeline.run import track

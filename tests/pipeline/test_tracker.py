@@ -18,7 +18,7 @@ from push_samples import (
 )
 from tracker_samples import CALIBRATED, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
 
-from palpate.config.settings import PUBLISHED, NoiseSettings
+from palpate.config import PUBLISHED, NoiseSettings
 from palpate.errors import EstimationError
 from palpate.filter.estimator import Estimator
 from palpate.geometry import se2

@@ -10,8 +10,7 @@ from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, small_frame
 
 from palpate.by_value import same
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, FrameError
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from push_samples import contact_directions, with_settings
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, FrameError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES

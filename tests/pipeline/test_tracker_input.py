@@ -9,8 +9,7 @@ import pytest
 from push_samples import SHAPES, frames, pushed, sensor, with_settings
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
-from palpate.config.settings import PRESETS, NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import PRESETS, NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, SettingError, ShapeError
 from palpate.geometry.shapes import Disc, Polygon, Rectangle
 from palpate.touch.relative import NoTouch

@@ -12,7 +12,7 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FileError, SettingError
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.saved_state import StateFile, write_state

@@ -10,7 +10,7 @@ import pytest
 from push_samples import RADIUS, SHAPES, frames, model_of, pushed, sensor, with_settings
 from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, nees, poses, settings, statuses, track, yaw_deviations
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.filter import estimator
 from palpate.filter.consistency import STRAIN_FRAMES

@@ -17,7 +17,7 @@ import pytest
 
 import palpate.ros2
 from palpate import io as formats
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.lab.simulate.objects import SHAPES

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from palpate import io as formats
-from palpate.config.settings_file import read_noise
+from palpate.config import read_noise
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.geometry.shapes import Disc, Polygon, shape_from_dict
 from palpate.io import cmu_two_finger, estimates_csv, mit_push, theseus_json, tum

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle

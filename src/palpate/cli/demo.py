@@ -28,7 +28,7 @@ def demo(
     """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
-    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.config import TrackerSettings
     from palpate.pipeline.run import track
     from palpate.pipeline.run_folder import RECORDING, new_run, write_files
     from palpate.types.sensor import DIGIT

@@ -120,7 +120,7 @@ def evaluate(
         }
         return evaluate_faults(folder, out, [option for option, value in given.items() if value], model, workers, json)
     from palpate.cli.console import busy, complain, print_json, progress_bar
-    from palpate.config.settings_file import noise_of
+    from palpate.config import noise_of
     from palpate.errors import SettingError
     from palpate.lab.study.comparison import check_common, compare, read_scores
     from palpate.lab.study.files import find_recordings

@@ -100,7 +100,7 @@ def live(
     counted.
     """
     from palpate.cli.console import busy, complain, print_json
-    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.config import TrackerSettings
     from palpate.errors import SettingError
     from palpate.live.ended import ended_by_signals
     from palpate.live.overhead import overhead_truth

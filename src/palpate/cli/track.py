@@ -30,7 +30,7 @@ from palpate.cli.options import (
 from palpate.cli.run_report import report_run, report_runs
 
 if TYPE_CHECKING:
-    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.config import TrackerSettings
     from palpate.touch.calibration import Calibration
     from palpate.touch.model import TouchModel
     from palpate.types.recording import Recording
@@ -87,8 +87,7 @@ def track(
     from functools import partial
 
     from palpate.cli.console import complain, print_json
-    from palpate.config.settings_file import noise_of
-    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.config import TrackerSettings, noise_of
     from palpate.errors import PalpateError, SettingError
     from palpate.touch.calibration import load_calibration
     from palpate.touch.model import TouchModel

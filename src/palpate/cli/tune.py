@@ -66,8 +66,7 @@ def tune(
     import time
 
     from palpate.cli.console import complain, print_json, progress_bar
-    from palpate.config.settings_file import noise_of, write_noise
-    from palpate.config.tracker_settings import TrackerSettings
+    from palpate.config import TrackerSettings, noise_of, write_noise
     from palpate.lab.study.files import find_recordings
     from palpate.lab.tune.parameters import check_parameters
     from palpate.lab.tune.recorded_touch import record_touch_of_files

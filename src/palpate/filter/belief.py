@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.config import Priors
 from palpate.geometry import se2
-from palpate.graph.variables import IN_OBJECT, OBJECT_SIZE, Priors, Unknown
+from palpate.graph.variables import IN_OBJECT, OBJECT_SIZE, Unknown
 
 Array = NDArray[np.float64]
 
@@ -39,12 +40,12 @@ class Prior:
         return replace(self, covariance=joint)
 
     def at_next_contact(self, usual: Priors) -> "Prior":
-        """Return the same with what belongs to the object changed, by as much as `Unknown.changes` says.
+        """Return the same with what belongs to the object changed, see `config.Priors`.
 
         It goes back towards what is usual by as much as it becomes less certain: where contacts teach nothing it is
         known as well as before the first one, and never worse.
         """
-        changes = usual.changes(0)
+        changes = usual.changes_between_contacts
         keeps = np.sqrt(1.0 - changes / np.square(usual.deviation))
         left = np.concatenate([np.ones(3), keeps])
         joint = self.covariance * np.outer(left, left)

@@ -6,12 +6,12 @@ contact that holds as well as thought or is more slippery.
 
 import numpy as np
 
+from palpate.config import Priors
 from palpate.errors import EstimationError
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY
 from palpate.filter.estimator import Estimator
 from palpate.filter.weighing import SLIPPERY, Hypothesis
 from palpate.graph.values import Knock
-from palpate.graph.variables import Priors
 
 _ALARMS = (("relative_pose", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
 """Factor, steps, and its mean square error [variances] over them from which touch and pushing contradict each other.

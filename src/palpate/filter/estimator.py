@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings, Normal
 from palpate.errors import EstimationError
 from palpate.filter.belief import Prior
 from palpate.filter.consistency import REASONS, Diagnosis, Status
@@ -24,7 +24,6 @@ from palpate.graph.factors.factor import Step
 from palpate.graph.fixed_lag import FixedLag, add_to_all
 from palpate.graph.smoother import Smoother, SmootherName, make_smoother
 from palpate.graph.values import Knock
-from palpate.graph.variables import Normal
 from palpate.types.measurements import Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.config import Normal, Priors
 from palpate.filter.contact_hypotheses import MOST_YOUNG, are_near
 from palpate.filter.estimator import Estimator
-from palpate.graph.variables import GRIP, IN_OBJECT, Normal, Priors
+from palpate.graph.variables import GRIP, IN_OBJECT
 
 Array = NDArray[np.float64]
 

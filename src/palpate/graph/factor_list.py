@@ -1,6 +1,6 @@
 """Which factors there are: a new one is a file in `factors`, a field of `settings` and a line here."""
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.balance import Balance
 from palpate.graph.factors.contact import Contact

@@ -6,11 +6,12 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.config import Normal, Priors
 from palpate.filter.belief import Belief, Prior
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.factor import Factor
 from palpate.graph.values import Knock
-from palpate.graph.variables import LAG, Normal, Priors
+from palpate.graph.variables import LAG
 from palpate.graph.window import Window
 from palpate.types.measurements import Measurement
 

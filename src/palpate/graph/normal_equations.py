@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.config import Normal
 from palpate.graph.compiled import Array, compiled
-from palpate.graph.variables import SHARED_SIZE, STEP_SIZE, Normal
+from palpate.graph.variables import SHARED_SIZE, STEP_SIZE
 
 LAST_SIZE = STEP_SIZE + SHARED_SIZE
 """Numbers of the last step and of what is shared."""

@@ -2,12 +2,12 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import Literal, Protocol, get_args
+from typing import Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import SettingError
 from palpate.filter.belief import Belief, Prior
 from palpate.graph.contact_geometry import ContactModel
@@ -15,14 +15,6 @@ from palpate.graph.factor_list import make_factors
 from palpate.types.measurements import Measurement
 
 Array = NDArray[np.float64]
-SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
-"""How the graph of a contact is solved.
-
-- fixed-lag: Gauss-Newton on a sliding window; older steps are marginalised.
-- batch: the same with all steps of the contact.
-- isam2: the paper's; GTSAM's incremental smoother over all steps of the contact.
-- particle-filter: to compare the smoothers with.
-"""
 IN_A_WINDOW: tuple[SmootherName, ...] = ("fixed-lag", "batch")
 """Those that can say how well the last steps fit, and take something back."""
 

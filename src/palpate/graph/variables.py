@@ -6,21 +6,17 @@ those of the object. A new unknown is one constant and one entry of UNKNOWNS.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.tunable import Settings, Tunable, setting
 from palpate.errors import SettingError
 from palpate.types.measurements import FARTHEST_BACK
 
 Array = NDArray[np.float64]
 Normal = tuple[float, float]
 """Mean and standard deviation."""
-
-_FRICTION_CHANGES = (0.44, 0.003)
-"""See Unknown.changes: friction is not the same at every place and time, and what a contact teaches may be wrong."""
 
 LAG = FARTHEST_BACK + 1
 """Steps that a sliding window holds: the last one, and all that touch compares it with."""
@@ -42,10 +38,8 @@ class Unknown:
     meaning: str
     """In a sentence."""
     prior: Normal | None = None
-    """Of each number, before anything is measured; None where a measurement is what brings it into being."""
-    changes: tuple[float, float] = (0.0, 0.0)
-    """By how much it may change from one contact to the next and in each step of a contact, as shares of its prior's
-    standard deviation."""
+    """Mean and standard deviation of each number at the start of a contact; those of the object are in
+    `config.Priors`, and a pose has none."""
 
 
 SENSOR_IN_OBJECT = Unknown(
@@ -67,7 +61,6 @@ DIRECTION_BIAS = Unknown(
     1,
     "rad",
     "What all contact directions of one sensor and object are too large by.",
-    prior=(0.0, 2e-2),
 )
 DIRECTION_SCALE = Unknown(
     "direction_scale",
@@ -75,7 +68,6 @@ DIRECTION_SCALE = Unknown(
     1,
     "1",
     "What share of themselves all contact directions of one sensor and object are too large by.",
-    prior=(0.0, 0.06),
 )
 PLACE_BIAS = Unknown(
     "place_bias",
@@ -83,7 +75,6 @@ PLACE_BIAS = Unknown(
     1,
     "m",
     "What all contact places of one sensor and object are too large by.",
-    prior=(0.0, 1.2e-3),
 )
 DEPTH = Unknown(
     "depth",
@@ -91,7 +82,6 @@ DEPTH = Unknown(
     1,
     "m",
     "How deep the object lies in the gel, and what else outline, gel and mounting are apart by all the time.",
-    prior=(3e-4, 4e-4),
 )
 OUTLINE_SCALE = Unknown(
     "outline_scale",
@@ -99,7 +89,6 @@ OUTLINE_SCALE = Unknown(
     1,
     "1",
     "What share of its size the object is larger by than its outline says.",
-    prior=(0.0, 0.007),
 )
 FRICTION_RATIO = Unknown(
     "friction_ratio",
@@ -107,8 +96,6 @@ FRICTION_RATIO = Unknown(
     1,
     "1",
     "Logarithm of the ratio of c^2 to that of the chosen pressure; from uniform to rim pressure it grows by 0.8.",
-    prior=(0.2, 0.66),
-    changes=_FRICTION_CHANGES,
 )
 FRICTION_CENTER = Unknown(
     "friction_center",
@@ -116,8 +103,6 @@ FRICTION_CENTER = Unknown(
     2,
     "c",
     "Where the centre of friction is from the centroid, along x and y of the object, as a share of c.",
-    prior=(0.0, 0.06),
-    changes=_FRICTION_CHANGES,
 )
 GRIP = Unknown(
     "grip",
@@ -125,8 +110,6 @@ GRIP = Unknown(
     1,
     "1",
     "Coulomb friction between sensor and object: the tangent of the friction cone's half angle.",
-    prior=(0.4, 0.1),
-    changes=_FRICTION_CHANGES,
 )
 
 UNKNOWNS = (
@@ -147,10 +130,6 @@ UNKNOWNS = (
 OBJECT_POSE = Unknown("object_pose", "step", 3, "m, m, rad", "The object's pose in the world, o = e g^-1.")
 """Follows from SENSOR and SENSOR_IN_OBJECT in contact and is an unknown by itself between contacts: a measurement may
 be of it, but it has no place of its own in the graph of a contact."""
-
-
-def _prior(unknown: Unknown, tune: Tunable) -> Any:
-    return setting(unknown.prior, is_normal=True, tune=tune)
 
 
 def _of(*scopes: str) -> tuple[Unknown, ...]:
@@ -179,43 +158,3 @@ def named(name: str) -> Unknown:
     if name not in known:
         raise SettingError(f"unknown {name!r} is not known; known are {', '.join(known)}")
     return known[name]
-
-
-@dataclass(frozen=True)
-class Priors(Settings):
-    """What is believed of the object's unknowns before it is first touched: mean and standard deviation of each."""
-
-    direction_bias: Normal = _prior(DIRECTION_BIAS, Tunable(1e-4, 0.1, usual=False, components=(1,)))
-    """See DIRECTION_BIAS [rad]."""
-    direction_scale: Normal = _prior(DIRECTION_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))
-    """See DIRECTION_SCALE."""
-    place_bias: Normal = _prior(PLACE_BIAS, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
-    """See PLACE_BIAS [m]."""
-    depth: Normal = _prior(DEPTH, Tunable(1e-5, 1e-2, usual=False, components=(1,)))
-    """See DEPTH [m]."""
-    outline_scale: Normal = _prior(OUTLINE_SCALE, Tunable(1e-4, 0.5, usual=False, components=(1,)))
-    """See OUTLINE_SCALE."""
-    friction_ratio: Normal = _prior(FRICTION_RATIO, Tunable(0.01, 2.0, components=(1,)))
-    """See FRICTION_RATIO."""
-    friction_center: Normal = _prior(FRICTION_CENTER, Tunable(0.01, 1.0, components=(1,)))
-    """See FRICTION_CENTER [c]; the same along x and y."""
-    grip: Normal = _prior(GRIP, Tunable(0.01, 1.0, components=(1,)))
-    """See GRIP."""
-
-    @property
-    def mean(self) -> Array:
-        """Means (OBJECT_SIZE,) of what belongs to the object."""
-        return self._spread(0)
-
-    @property
-    def deviation(self) -> Array:
-        """Standard deviations (OBJECT_SIZE,) of the same."""
-        return self._spread(1)
-
-    def changes(self, part: int) -> Array:
-        """Variances (OBJECT_SIZE,) of the changes from one contact to the next (part 0), or in a step of one (1)."""
-        shares = np.concatenate([np.full(one.dimension, one.changes[part]) for one in OF_OBJECT])
-        return np.square(shares * self.deviation)
-
-    def _spread(self, part: int) -> Array:
-        return np.concatenate([np.full(one.dimension, getattr(self, one.name)[part]) for one in OF_OBJECT])

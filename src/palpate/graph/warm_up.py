@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.filter.belief import Prior
 from palpate.filter.contact_poses import starts
 from palpate.geometry.shapes import Disc

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.config import Normal, Priors
 from palpate.errors import EstimationError
 from palpate.filter.belief import Belief, Prior
 from palpate.geometry import se2
@@ -41,8 +42,6 @@ from palpate.graph.variables import (
     SENSOR_IN_OBJECT,
     SHARED_SIZE,
     STEP_SIZE,
-    Normal,
-    Priors,
 )
 from palpate.types.measurements import Measurement
 
@@ -76,7 +75,7 @@ class Window:
         self._lag, self._priors = lag, priors
         self._changes = np.zeros(SHARED_SIZE)  # variances in a step
         if usual is not None:
-            self._changes[CONTACT_SIZE:] = usual.changes(1)
+            self._changes[CONTACT_SIZE:] = usual.changes_per_step
         self._factors = [FirstPose(priors), *factors]
         self._terms = [GrowingTerms() for _ in self._factors]
         poses = np.array([prior.pose for prior in priors])

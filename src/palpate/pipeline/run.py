@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FrameError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.failed_step import write_failed_step

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 import palpate
-from palpate.config.settings import PRESETS
+from palpate.config import PRESETS
 from palpate.errors import FileError
 from palpate.files import read_json, remove_left_of, whole_folder
 from palpate.io import estimates_csv, palpate_h5, tum

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.lab.simulate.objects import find_shape
 from palpate.live.images import pixels_of

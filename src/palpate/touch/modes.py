@@ -1,10 +1,11 @@
 """What a tracker can be told to take from touch."""
 
 from collections.abc import Callable
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
+from palpate.config import Tactile, TactileChoice
 from palpate.errors import SettingError
 from palpate.geometry.se2 import Sigmas
 from palpate.touch.background import Background, Image, is_grey
@@ -15,24 +16,6 @@ from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
 from palpate.touch.steady import is_dark
 from palpate.types.sensor import SensorProfile
-
-Tactile = Literal[
-    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
-]
-"""What touch says.
-
-- none: nothing; pushing and geometry alone.
-- constant: that the sensor does not turn on the object, for pairs of frames (the paper's constant model).
-- oracle: the true relative yaw of pairs of frames, from ground truth.
-- learnt: learnt-direction and learnt-turn together: where the tip is touched, and how the sensor has turned.
-- learnt-linear: relative yaw of pairs, linear in their key points (the paper's best model).
-- learnt-pairs: relative yaw of pairs with a predicted variance for each.
-- learnt-turn: yaw by each image, up to an offset of the contact.
-- learnt-direction: where the tip is touched, by each image.
-"""
-
-TactileChoice = Literal["auto", Tactile]
-"""The same, or auto: learnt where there are images that fit the model, else none; see `chosen`."""
 
 TELL_DIRECTION = ("learnt", "learnt-direction")
 """Those that tell where the tip is touched."""

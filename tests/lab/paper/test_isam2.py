@@ -22,7 +22,7 @@ from smoother_samples import (
     without_relative,
 )
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.factor_list import make_factors

@@ -8,33 +8,28 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import (
+    BalanceSettings,
+    ContactSettings,
+    DirectionSettings,
+    FrictionConeSettings,
+    NoiseSettings,
+    Priors,
+    SensorPoseSettings,
+    StickingSettings,
+    TurnSettings,
+)
 from palpate.errors import EstimationError
 from palpate.filter.belief import Prior
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.factor_list import make_factors
-from palpate.graph.factors.balance import BalanceSettings
-from palpate.graph.factors.contact import ContactSettings
-from palpate.graph.factors.direction import DirectionSettings
 from palpate.graph.factors.factor import Rows, Step
-from palpate.graph.factors.friction_cone import FrictionConeSettings
-from palpate.graph.factors.sensor_pose import SensorPoseSettings
-from palpate.graph.factors.sticking import StickingSettings
-from palpate.graph.factors.turn import Turn, TurnSettings
+from palpate.graph.factors.turn import Turn
 from palpate.graph.smoother import Smoother, make_smoother
 from palpate.graph.values import Values
-from palpate.graph.variables import (
-    IN_SHARED,
-    LAG,
-    OBJECT_SIZE,
-    SENSOR,
-    SENSOR_IN_OBJECT,
-    SHARED_SIZE,
-    TURN_OFFSET,
-    Priors,
-)
+from palpate.graph.variables import IN_SHARED, LAG, OBJECT_SIZE, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, TURN_OFFSET
 from palpate.lab.paper.particle_filter import ParticleFilter, cost_of, drawn_from, systematic, with_noise
 from palpate.lab.paper.pushing_motion import student
 from palpate.lab.simulate.limit_surface import Steering, push

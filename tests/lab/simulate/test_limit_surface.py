@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from push_samples import SHAPES, gaps, model_of, pushing_residuals, sensor, touching
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO

@@ -9,7 +9,7 @@ import pytest
 
 from palpate import io as formats
 from palpate.cli import main
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Polygon, Rectangle

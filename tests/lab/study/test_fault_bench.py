@@ -11,7 +11,7 @@ import pytest
 from recording_samples import pushed
 
 from palpate.cli import main
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FileError, FrameError
 from palpate.geometry.shapes import Disc, Rectangle, Shape
 from palpate.io.palpate_h5 import write_recording

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from recording_samples import pushed
 
-from palpate.config.settings import PUBLISHED, NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import PUBLISHED, ContactSettings, NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.geometry.shapes import Disc
-from palpate.graph.factors.contact import ContactSettings
 from palpate.io.palpate_h5 import write_recording
 from palpate.lab.study import job as study_job
 from palpate.lab.study import study as study_module

@@ -8,7 +8,7 @@ import pytest
 from push_samples import with_settings
 from recording_samples import pushed
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError
 from palpate.geometry.objects import SHAPES
 from palpate.graph.fixed_lag import FixedLag

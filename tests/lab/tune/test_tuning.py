@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from push_samples import SHAPES, contact_directions, model_of, noisy, sensor, touching, with_settings
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, Priors, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.filter import estimator
 from palpate.geometry import se2
-from palpate.graph.variables import Priors
 from palpate.lab.simulate.limit_surface import Steering, draw_residuals, push
 from palpate.lab.tune import tuning
 from palpate.lab.tune.likelihood import negative_log_likelihood
-from palpate.lab.tune.parameters import check_parameters, tunable, value_of, with_value
+from palpate.lab.tune.parameters import TUNABLE, check_parameters, value_of, with_value
 from palpate.lab.tune.recorded_touch import RecordedTouch, record_touch, track_recorded
 from palpate.lab.tune.tuning import LOST, Judgement, Tuning, held_out, judge, tune
 from palpate.types.measurements import ContactDirection, Turn
@@ -168,7 +166,7 @@ def test_which_parameters():
     # All but the first pose, which is given, what frames are apart by, which tuning cannot tell from any other
     # error that stays the same for as long as a recording, and what was measured with the model.
     given = {"first_pose.deviation", "first_pose.truth", "sensor_pose.calibration", "relative_pose.linear"}
-    assert set(tunable()) == (names | {"pressure"}) - given
+    assert set(TUNABLE) == (names | {"pressure"}) - given
     usual = TrackerSettings(tactile="learnt")
     pushing = {"sticking.share", "sticking.sliding_share", "sticking.margin", "sticking.kernel"}
     pushing |= {"friction_cone.share", "balance.share"}
@@ -199,10 +197,10 @@ def test_which_parameters():
         check_parameters(usual, evaluations=0)
 
 
-@pytest.mark.parametrize("name", tunable())
+@pytest.mark.parametrize("name", TUNABLE)
 def test_each_parameter_is_read_from_the_settings_and_put_into_them(name):
     start = TrackerSettings(pressure=0.05)
-    limits = tunable()[name]
+    limits = TUNABLE[name]
     assert 0.0 < limits.lowest < limits.highest
     value = value_of(start, name)
     assert limits.lowest <= value <= limits.highest

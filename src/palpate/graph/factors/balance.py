@@ -10,11 +10,10 @@ would.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
+from palpate.config import BalanceSettings
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.factor import Factor, Step, Terms, kernel_scale
@@ -28,23 +27,6 @@ from palpate.graph.factors.pushing import (
 from palpate.graph.se2_kernels import cauchy, cross, wrap
 from palpate.graph.values import SPREAD, State
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, IN_SHARED, SENSOR, SENSOR_IN_OBJECT
-
-
-@dataclass(frozen=True)
-class BalanceSettings(Settings):
-    """How well the limit surface describes friction between object and table."""
-
-    still: float = setting(2e-7, tune=Tunable(1e-9, 1e-3, usual=False))
-    """Imbalance in one step when nothing moves [m^2]."""
-    share: float = setting(0.013, at_least=0.0, tune=Tunable(1e-3, 10.0))
-    """The same as a share of the sensor's motion times c. With the right c and centre of friction, the ellipsoid fits
-    simulated feet to 1 %."""
-    load: float = setting(0.8, at_least=0.0, tune=Tunable(1e-2, 10.0, usual=False))
-    """How far the load of several tips is from where it is thought, as a share of the distance between the outermost:
-    which of them bears how much hangs on tenths of a millimetre."""
-    kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the balance."""
-
 
 _TURNED = 3.0  # times as far as a knocked object slides goes what is at the distance c from its centre
 _RATIO, _CENTER = IN_SHARED[FRICTION_RATIO].start, IN_SHARED[FRICTION_CENTER].start

@@ -7,9 +7,7 @@ outline is from its centroid along its normal; an object that is larger than its
 reaches farther by that share.
 """
 
-from dataclasses import dataclass
-
-from palpate.config.tunable import Settings, Tunable, setting
+from palpate.config import ContactSettings
 from palpate.filter.belief import Prior
 from palpate.graph.compiled import Array, Complex, Given, Places, Records, compiled
 from palpate.graph.contact_geometry import ContactModel
@@ -17,17 +15,6 @@ from palpate.graph.factors.factor import NOTHING, Factor, Step, Terms, kernel_sc
 from palpate.graph.se2_kernels import cauchy, dot
 from palpate.graph.values import State
 from palpate.graph.variables import DEPTH, IN_SHARED, OUTLINE_SCALE, SENSOR_IN_OBJECT
-
-
-@dataclass(frozen=True)
-class ContactSettings(Settings):
-    """How well outline, gel and motion capture agree."""
-
-    deviation: float = setting(1e-3, tune=Tunable(1e-5, 1e-2, usual=False))
-    """Distance between sensor and outline in contact [m]."""
-    kernel: float | None = setting(3.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
-
 
 _DEPTH, _SCALE = IN_SHARED[DEPTH].start, IN_SHARED[OUTLINE_SCALE].start
 

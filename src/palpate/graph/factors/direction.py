@@ -6,11 +6,9 @@ in (-pi, pi]. It is absolute and does not drift: yaw on a straight edge, the pla
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
 from palpate.filter.belief import Prior
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.one_term_each import OneTermEach
@@ -21,17 +19,6 @@ from palpate.types.measurements import ContactDirection
 
 DATA = np.dtype([("angle", np.float64), ("information", np.float64)])
 _NO_GRADIENT = 1e-12  # squared length of a gradient that points nowhere
-
-
-@dataclass(frozen=True)
-class DirectionSettings(Settings):
-    """How far touch is to be believed about the contact direction."""
-
-    share: float = setting(2.0, tune=Tunable(1e-2, 100.0))
-    """Variance of a direction, beside what all have in common, as a share of what touch says."""
-    kernel: float | None = setting(3.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square. What an image says is now and then
-    wrong by far more than its variance, and one bad image must not bend the path."""
 
 
 _BIAS, _SCALE = IN_SHARED[DIRECTION_BIAS].start, IN_SHARED[DIRECTION_SCALE].start

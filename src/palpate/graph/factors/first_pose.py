@@ -7,32 +7,16 @@ once the past is marginalised.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
 from palpate.errors import EstimationError
 from palpate.filter.belief import Prior
-from palpate.geometry.se2 import Sigmas
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.factor import NOTHING, Factor, Step, Terms, term_now
 from palpate.graph.se2_kernels import adjoint, log, log_by_pose, position, rotation, wrap
 from palpate.graph.values import State
 from palpate.graph.variables import CONTACT_SIZE, OBJECT_SIZE, OF_OBJECT, SENSOR, SENSOR_IN_OBJECT
-
-
-@dataclass(frozen=True)
-class FirstPoseSettings(Settings):
-    """How well the first pose is known, and how still the object rests."""
-
-    deviation: Sigmas = setting((3e-3, 3e-3, 5e-2))
-    """The object's first pose as somebody states it who does not say how well [m, m, rad], body frame: an object placed
-    by hand. Recordings do not tell how well the next one will be stated, so it is not tuned."""
-    truth: Sigmas = setting((5e-4, 5e-4, 5e-3))
-    """The same where it is ground truth [m, m, rad]. That gives it exactly, so it is not tuned."""
-    rest: Sigmas = setting((1e-5, 1e-5, 1e-4), tune=Tunable(1e-8, 1e-2, usual=False, components=(0, 1, 2)))
-    """The object's motion between two contacts [m, m, rad]."""
 
 
 @compiled

@@ -6,11 +6,10 @@ part into the object. The term counts where the force is beyond the edge, and no
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
+from palpate.config import FrictionConeSettings
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.factor import Factor, Step, Terms, kernel_scale
 from palpate.graph.factors.pushing import (
@@ -24,21 +23,6 @@ from palpate.graph.factors.pushing import (
 from palpate.graph.se2_kernels import cauchy, dot
 from palpate.graph.values import SPREAD, State
 from palpate.graph.variables import FRICTION_CENTER, GRIP, IN_SHARED, SENSOR, SENSOR_IN_OBJECT
-
-
-@dataclass(frozen=True)
-class FrictionConeSettings(Settings):
-    """How sharp the friction cone's edge is."""
-
-    still: float = setting(2e-5, tune=Tunable(1e-7, 1e-2, usual=False))
-    """How far the object's motion is outside the cone in one step when nothing moves [m]."""
-    share: float | None = setting(0.13, at_least=0.0, optional=True, tune=Tunable(1e-3, 10.0))
-    """The same as a share of the sensor's motion; None leaves the cone out."""
-    width: float = setting(0.03, tune=Tunable(1e-3, 0.5, usual=False))
-    """A third of the angle over which the edge begins to count [rad]."""
-    kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square. A knock breaks the cone."""
-
 
 _CENTER, _GRIP = IN_SHARED[FRICTION_CENTER].start, IN_SHARED[GRIP].start
 

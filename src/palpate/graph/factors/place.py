@@ -5,11 +5,8 @@ residual [m] is `y of material + bias - place`. On a flat pad a round outline is
 wherever it lies: what a contact direction tells on a round tip, this tells there.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.one_term_each import OneTermEach
 from palpate.graph.se2_kernels import cauchy
@@ -18,16 +15,6 @@ from palpate.graph.variables import IN_SHARED, PLACE_BIAS, SENSOR_IN_OBJECT
 from palpate.types.measurements import ContactPlace
 
 DATA = np.dtype([("place", np.float64), ("information", np.float64)])
-
-
-@dataclass(frozen=True)
-class PlaceSettings(Settings):
-    """How far touch is to be believed about the contact place."""
-
-    share: float = setting(2.0, tune=Tunable(1e-2, 100.0, usual=False))
-    """Variance of a place as a share of what touch says."""
-    kernel: float | None = setting(3.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
 
 
 _BIAS = IN_SHARED[PLACE_BIAS].start

@@ -3,13 +3,9 @@
 With g = o^-1 e as the unknown, the paper's tactile factor is a plain between factor, `Log(measured^-1 g_i^-1 g_j)`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
 from palpate.errors import EstimationError
-from palpate.geometry.se2 import Sigmas
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.factor import Factor, Step, Terms
 from palpate.graph.se2_kernels import adjoint, between, log, log_by_pose, whiten
@@ -19,21 +15,6 @@ from palpate.types.measurements import RelativePoses
 
 DATA = np.dtype([("pose", np.float64, (3,)), ("root", np.float64, (3, 3))])
 """Measured `g_i^-1 g_j`, and the matrix that whitens its error."""
-
-
-@dataclass(frozen=True)
-class RelativePoseSettings(Settings):
-    """How far relative poses are to be believed of which touch does not say itself how sure they are."""
-
-    oracle: Sigmas = setting((1.0, 1.0, 8e-2), tune=Tunable(1e-4, 1.0, components=(2,)))
-    """For one pair of images [m, m, rad]; only yaw counts. An image takes part in 30 pairs a step and some hundred in
-    all, which are no independent measurements."""
-    constant: Sigmas = setting((1.0, 1.0, 5.0), tune=Tunable(1e-3, 10.0, components=(2,)))
-    """The same for the constant model: the sensor turns by about 0.1 rad in 10 to 40 frames, and the thirty pairs of a
-    step are wrong all the same way."""
-    linear: float | None = setting(None, optional=True)
-    """Standard deviation of the yaw of a pair that `learnt-linear` tells [rad]; None is as it was measured with the
-    model."""
 
 
 @compiled

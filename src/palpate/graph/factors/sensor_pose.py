@@ -1,11 +1,8 @@
 """The measured pose of the sensor: `Log(measured^-1 e)` (paper Eq. 12)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
-from palpate.geometry.se2 import Sigmas
+from palpate.config import SensorPoseSettings
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.factor import Factor, Step, Terms, terms_now
 from palpate.graph.se2_kernels import between, log, log_by_pose
@@ -13,17 +10,6 @@ from palpate.graph.values import State
 from palpate.graph.variables import SENSOR
 
 DATA = np.dtype([("pose", np.float64, (3,))])
-
-
-@dataclass(frozen=True)
-class SensorPoseSettings(Settings):
-    """How well the robot knows where its sensor is."""
-
-    deviation: Sigmas = setting((1e-4, 1e-4, 1e-3), tune=Tunable(1e-6, 1e-2, usual=False, components=(0, 1, 2)))
-    """Measured sensor pose [m, m, rad], body frame: a good robot's kinematics or motion capture."""
-    calibration: Sigmas = setting((1e-3, 1e-3, 9e-3), at_least=0.0)
-    """What sensor, world and outline are apart by all the time [m, m, rad], of which no measurement tells anything. It
-    is part of what is reported, and of nothing else."""
 
 
 @compiled

@@ -11,36 +11,14 @@ sensor's motion, at the cone's edge by any amount.
 """
 
 import math
-from dataclasses import dataclass
 
-from palpate.config.tunable import Settings, Tunable, setting
+from palpate.config import StickingSettings
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.factor import Factor, Step, Terms, kernel_scale
 from palpate.graph.factors.pushing import DATA, beyond, pushing_terms
 from palpate.graph.se2_kernels import cauchy, position, rotation
 from palpate.graph.values import SLID, SPREAD, State
 from palpate.graph.variables import GRIP, IN_SHARED, SENSOR_IN_OBJECT
-
-
-@dataclass(frozen=True)
-class StickingSettings(Settings):
-    """How firmly a contact holds."""
-
-    still: float = setting(2e-5, tune=Tunable(1e-7, 1e-2, usual=False))
-    """Sliding in one step when nothing moves [m]."""
-    share: float = setting(0.06, at_least=0.0, tune=Tunable(1e-3, 10.0))
-    """Sliding in one step as a share of the sensor's motion in it, where the pushing force is inside the friction cone.
-    In simulation it is 0.3 % in the median there, and a contact in hundreds creeps by more."""
-    sliding_share: float = setting(2.0, at_least=0.0, tune=Tunable(1e-3, 100.0))
-    """The same where the force is at the cone's edge: slides go on for long and one way, so that nothing much smaller
-    than the motion itself leaves them free."""
-    margin: float = setting(0.04, tune=Tunable(1e-3, 0.5))
-    """How far inside the cone's edge the force must be to hold the contact [rad]."""
-    width: float = setting(0.03, tune=Tunable(1e-3, 0.5, usual=False))
-    """A third of the angle over which holding goes over into sliding [rad]."""
-    kernel: float | None = setting(2.0, optional=True, tune=Tunable(0.1, 100.0))
-    """Scale of the Cauchy kernel on both rows together [standard deviations]; None is a plain square."""
-
 
 _GRIP = IN_SHARED[GRIP].start
 _ACROSS = 2e-3  # [m] by which a knocked object comes off the sensor or into it in a step

@@ -3,11 +3,8 @@
 The residual is `theta - offset - angle`, wrapped to (-pi, pi], with theta the yaw of g.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from palpate.config.tunable import Settings, Tunable, setting
 from palpate.geometry import se2
 from palpate.graph.compiled import Array, Given, Places, Records, compiled
 from palpate.graph.factors.factor import Terms
@@ -18,17 +15,6 @@ from palpate.graph.variables import IN_SHARED, SENSOR_IN_OBJECT, TURN_OFFSET, Un
 from palpate.types.measurements import Turn as TurnMeasurement
 
 DATA = np.dtype([("angle", np.float64), ("information", np.float64)])
-
-
-@dataclass(frozen=True)
-class TurnSettings(Settings):
-    """How far touch is to be believed about the sensor's turn."""
-
-    share: float = setting(88.0, tune=Tunable(1e-2, 1000.0))
-    """Variance of a turn as a share of what touch says: on round objects a turn is too small or too large by some
-    percent all the way, and its errors add up."""
-    kernel: float | None = setting(3.0, optional=True, tune=Tunable(0.1, 100.0, usual=False))
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
 
 
 _OFFSET = IN_SHARED[TURN_OFFSET].start

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.filter.belief import Belief, Prior
 from palpate.geometry import se2

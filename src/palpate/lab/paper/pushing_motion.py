@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.balance import Balance

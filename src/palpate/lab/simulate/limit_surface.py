@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config.settings import NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel

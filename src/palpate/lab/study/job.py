@@ -7,8 +7,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.geometry.shapes import shape_to_dict
 from palpate.graph.smoother import SmootherName

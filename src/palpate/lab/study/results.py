@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import palpate
-from palpate.config.settings import PRESETS
+from palpate.config import PRESETS
 from palpate.errors import FileError
 from palpate.files import whole_file
 from palpate.lab.study.job import StudySettings

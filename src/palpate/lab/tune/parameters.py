@@ -1,19 +1,68 @@
 """What can be tuned, within which limits, and how a value of it is read from and put into settings."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
-from palpate.config.tunable import Tunable
+from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.touch.modes import TELL_DIRECTION, TELL_TURN
 
 PRESSURE = "pressure"
 """c [m], for recordings of one object."""
 
-_C = Tunable(1e-3, 1.0, usual=False)
+
+class Tunable(NamedTuple):
+    """Range of a setting that can be tuned."""
+
+    lowest: float
+    highest: float
+    by_default: bool = False
+    """Tuned if nothing else is asked for."""
+    components: tuple[int, ...] = ()
+    """Components of a tuple that are scaled together; the setting's value is the first of them."""
+
+
+TUNABLE = {
+    "sensor_pose.deviation": Tunable(1e-6, 1e-2, components=(0, 1, 2)),
+    "first_pose.rest": Tunable(1e-8, 1e-2, components=(0, 1, 2)),
+    "contact.deviation": Tunable(1e-5, 1e-2),
+    "contact.kernel": Tunable(0.1, 100.0),
+    "direction.share": Tunable(1e-2, 100.0, by_default=True),
+    "direction.kernel": Tunable(0.1, 100.0),
+    "place.share": Tunable(1e-2, 100.0),
+    "place.kernel": Tunable(0.1, 100.0),
+    "turn.share": Tunable(1e-2, 1000.0, by_default=True),
+    "turn.kernel": Tunable(0.1, 100.0),
+    "relative_pose.oracle": Tunable(1e-4, 1.0, True, (2,)),
+    "relative_pose.constant": Tunable(1e-3, 10.0, True, (2,)),
+    "sticking.still": Tunable(1e-7, 1e-2),
+    "sticking.share": Tunable(1e-3, 10.0, by_default=True),
+    "sticking.sliding_share": Tunable(1e-3, 100.0, by_default=True),
+    "sticking.margin": Tunable(1e-3, 0.5, by_default=True),
+    "sticking.width": Tunable(1e-3, 0.5),
+    "sticking.kernel": Tunable(0.1, 100.0, by_default=True),
+    "balance.still": Tunable(1e-9, 1e-3),
+    "balance.share": Tunable(1e-3, 10.0, by_default=True),
+    "balance.load": Tunable(1e-2, 10.0),
+    "balance.kernel": Tunable(0.1, 100.0),
+    "friction_cone.still": Tunable(1e-7, 1e-2),
+    "friction_cone.share": Tunable(1e-3, 10.0, by_default=True),
+    "friction_cone.width": Tunable(1e-3, 0.5),
+    "friction_cone.kernel": Tunable(0.1, 100.0),
+    "priors.direction_bias": Tunable(1e-4, 0.1, components=(1,)),
+    "priors.direction_scale": Tunable(1e-4, 0.5, components=(1,)),
+    "priors.place_bias": Tunable(1e-5, 1e-2, components=(1,)),
+    "priors.depth": Tunable(1e-5, 1e-2, components=(1,)),
+    "priors.outline_scale": Tunable(1e-4, 0.5, components=(1,)),
+    "priors.friction_ratio": Tunable(0.01, 2.0, True, (1,)),
+    "priors.friction_center": Tunable(0.01, 1.0, True, (1,)),
+    "priors.grip": Tunable(0.01, 1.0, True, (1,)),
+    PRESSURE: Tunable(1e-3, 1.0),
+}
+"""By default nothing is tuned that the robot knows (`sensor_pose`) or that a simulation knows too well (`contact`,
+`priors.depth`)."""
+
 _ONLY_IN = {
     "relative_pose.oracle": ("oracle",),
     "relative_pose.constant": ("constant",),
@@ -21,22 +70,6 @@ _ONLY_IN = {
     "turn.share": TELL_TURN,
 }
 """Tactile modes in which a setting counts; the others count in all."""
-
-
-def tunable() -> dict[str, Tunable]:
-    """Return what can be tuned, by name: settings as `group.setting`, and `pressure`.
-
-    Each factor says itself what tuning may do with its settings. Nothing is tuned by itself that the robot knows
-    (`sensor_pose`) or the laboratory (`contact`, `priors.depth`): how well outline, gel and motion capture agree is
-    what a simulation knows too well.
-    """
-    noise = NoiseSettings()
-    found = {
-        f"{group.name}.{setting.name}": setting.metadata["tune"]
-        for group in fields(noise)
-        for setting in fields(getattr(noise, group.name))
-    }
-    return {name: tune for name, tune in found.items() if tune is not None} | {PRESSURE: _C}
 
 
 def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evaluations: int = 1) -> tuple[str, ...]:
@@ -53,19 +86,19 @@ def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evalu
     modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
     return tuple(dict.fromkeys(names)) or tuple(
         name
-        for name, tune in tunable().items()
-        if tune.usual and modes & set(_ONLY_IN.get(name, modes)) and _setting(settings, name) is not None
+        for name, tune in TUNABLE.items()
+        if tune.by_default and modes & set(_ONLY_IN.get(name, modes)) and _setting(settings, name) is not None
     )
 
 
 def value_of(settings: TrackerSettings, name: str) -> float:
     """The value of a parameter; SettingError where it has none."""
-    if name not in tunable():
-        raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(tunable())}")
+    if name not in TUNABLE:
+        raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(TUNABLE)}")
     value = _setting(settings, name)
     if value is None:
         raise SettingError(f"parameter {name!r} is off in the settings that tuning starts from; it stays so")
-    components = tunable()[name].components
+    components = TUNABLE[name].components
     return float(value[components[0]] if components else value)
 
 
@@ -74,7 +107,7 @@ def with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSet
     if name == PRESSURE:
         return replace(settings, pressure=_rounded(value))
     changed: Any = _rounded(value)
-    if components := tunable()[name].components:
+    if components := TUNABLE[name].components:
         factor = value / value_of(settings, name)
         changed = tuple(
             _rounded(v * factor) if index in components else v for index, v in enumerate(_setting(settings, name))

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.settings import NoiseSettings
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
 from palpate.lab.study.files import group_of

@@ -29,10 +29,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.lab.tune.likelihood import negative_log_likelihood
-from palpate.lab.tune.parameters import PRESSURE, check_parameters, tunable, value_of, values_of, with_value
+from palpate.lab.tune.parameters import PRESSURE, TUNABLE, check_parameters, value_of, values_of, with_value
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.parallel import spread
 from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
@@ -122,7 +122,7 @@ def tune(
     best = Tuning(start, values_of(names, start, start), before, before, 1)
     if progress:
         progress(best)
-    low, high = np.log([(tunable()[name].lowest, tunable()[name].highest) for name in names]).T
+    low, high = np.log([(TUNABLE[name].lowest, TUNABLE[name].highest) for name in names]).T
     first = np.clip(np.log(np.maximum(begin, 1e-300)), low, high)
 
     def cost(logarithms: Array) -> float:

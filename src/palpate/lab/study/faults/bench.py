@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.config.tracker_settings import TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FrameError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc

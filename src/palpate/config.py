@@ -1,0 +1,426 @@
+"""Settings of the tracker: frozen dataclasses, one group a factor, with unit and reason under each field.
+
+`NoiseSettings` can be kept in a JSON file, which `palpate tune` writes and `--noise FILE` reads.
+"""
+
+import json
+import math
+from dataclasses import asdict, dataclass, fields, replace
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, ClassVar, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError, SettingError
+from palpate.files import read_json, whole_file
+from palpate.geometry.se2 import Sigmas
+from palpate.geometry.shapes import PRESSURES
+from palpate.types.measurements import finite_numbers
+
+Array = NDArray[np.float64]
+Normal = tuple[float, float]
+"""Mean and standard deviation."""
+Kernel = float | None
+"""Scale of a Cauchy kernel [standard deviations]; None is a plain square."""
+
+Tactile = Literal[
+    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
+]
+"""Source of the touch measurements.
+
+- none: no touch measurements; pushing and geometry alone.
+- constant: the sensor does not turn on the object, for pairs of frames (the paper's constant model).
+- oracle: true relative yaw of pairs of frames, from ground truth.
+- learnt: contact direction and turn from the touch model.
+- learnt-linear: relative yaw of pairs, linear in their key points (the paper's best model).
+- learnt-pairs: relative yaw of pairs, each with a predicted variance.
+- learnt-turn: the turn alone.
+- learnt-direction: the contact direction alone.
+"""
+TactileChoice = Literal["auto", Tactile]
+"""auto is learnt if there are images that fit the touch model, else none."""
+
+SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
+"""Solver for the graph of a contact.
+
+- fixed-lag: Gauss-Newton on a sliding window; older steps are marginalised.
+- batch: the same with all steps of the contact.
+- isam2: GTSAM's incremental smoother over all steps, as in the paper.
+- particle-filter: for comparison with the smoothers.
+"""
+
+
+class Settings:
+    """Base of the groups: converts numbers to float and raises SettingError on values out of range.
+
+    Numbers must be above 0 unless named in `zero_allowed`; a field that may be None is typed so.
+    """
+
+    zero_allowed: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        words = type(self).__name__.removesuffix("Settings")
+        group = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in words).lstrip("_")
+        for each in fields(self):  # pyright: ignore[reportArgumentType]
+            value = _checked(
+                f"{group}.{each.name}", getattr(self, each.name), each.type, each.name in self.zero_allowed
+            )
+            object.__setattr__(self, each.name, value)
+
+
+def _checked(name: str, value: Any, kind: Any, zero_allowed: bool) -> Any:
+    optional, is_normal = kind == float | None, kind == Normal
+    size = 1 if kind is float or optional else len(get_args(kind))
+    if value is None and optional:
+        return None
+    numbers: list[Any] = [value] if size == 1 else list(value) if isinstance(value, tuple | list) else []
+    limited = numbers[1:] if is_normal else numbers
+    in_range = len(numbers) == size and all(map(_is_finite, numbers))
+    if not (in_range and all(number > 0.0 or (zero_allowed and number == 0.0) for number in limited)):
+        limit = "at least 0" if zero_allowed else "above 0"
+        count = "a finite number" if size == 1 else f"{size} finite numbers"
+        count = "a finite mean and a finite standard deviation" if is_normal else count
+        raise SettingError(f"{name} is {value!r}; it must be {count} {limit}{', or None' if optional else ''}")
+    return float(numbers[0]) if size == 1 else tuple(map(float, numbers))
+
+
+def _is_finite(number: Any) -> bool:
+    try:
+        return isinstance(number, Real) and not isinstance(number, bool) and math.isfinite(number)
+    except OverflowError:  # an integer too large for a float
+        return False
+
+
+@dataclass(frozen=True)
+class SensorPoseSettings(Settings):
+    """Accuracy of the sensor's pose in the world."""
+
+    zero_allowed = ("calibration",)
+    deviation: Sigmas = (1e-4, 1e-4, 1e-3)
+    """Measured sensor pose [m, m, rad], body frame: a good robot's kinematics or motion capture."""
+    calibration: Sigmas = (1e-3, 1e-3, 9e-3)
+    """Constant offset between sensor, world and outline [m, m, rad]. No measurement reveals it: it is added to the
+    reported covariance and used nowhere else."""
+
+
+@dataclass(frozen=True)
+class FirstPoseSettings(Settings):
+    """Accuracy of the object's first pose, and its motion between contacts."""
+
+    deviation: Sigmas = (3e-3, 3e-3, 5e-2)
+    """Default uncertainty of the first pose when none is given [m, m, rad], body frame: an object placed by hand."""
+    truth: Sigmas = (5e-4, 5e-4, 5e-3)
+    """The same if the first pose is ground truth [m, m, rad]."""
+    rest: Sigmas = (1e-5, 1e-5, 1e-4)
+    """Motion of the object between two contacts [m, m, rad]."""
+
+
+@dataclass(frozen=True)
+class ContactSettings(Settings):
+    """Contact between the sensor's surface and the outline."""
+
+    deviation: float = 1e-3
+    """Distance between sensor and outline in contact [m]: errors of outline, gel and mounting."""
+    kernel: Kernel = 3.0
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
+
+
+@dataclass(frozen=True)
+class DirectionSettings(Settings):
+    """Contact direction on a round tip, measured by touch."""
+
+    share: float = 2.0
+    """Factor on the variance that the touch model predicts, without the bias and scale that all directions share."""
+    kernel: Kernel = 3.0
+    """Scale of the Cauchy kernel [standard deviations]; a single bad image must not bend the path."""
+
+
+@dataclass(frozen=True)
+class PlaceSettings(Settings):
+    """Contact place on a flat pad, measured by touch."""
+
+    share: float = 2.0
+    """Factor on the variance that the touch model predicts."""
+    kernel: Kernel = 3.0
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
+
+
+@dataclass(frozen=True)
+class TurnSettings(Settings):
+    """Turn of the sensor on the object, measured by touch."""
+
+    share: float = 88.0
+    """Factor on the variance that the touch model predicts: on round objects turns are some percent off for a whole
+    contact, and these errors add up."""
+    kernel: Kernel = 3.0
+    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
+
+
+@dataclass(frozen=True)
+class RelativePoseSettings(Settings):
+    """Relative pose of the sensor between two frames, if touch states no covariance."""
+
+    oracle: Sigmas = (1.0, 1.0, 8e-2)
+    """One pair of images [m, m, rad]; only yaw counts. An image takes part in some hundred pairs, which are not
+    independent."""
+    constant: Sigmas = (1.0, 1.0, 5.0)
+    """The same for the constant model: all pairs of a step have the same error."""
+    linear: float | None = None
+    """Yaw of a pair from `learnt-linear` [rad]; None is as measured with the model."""
+
+
+@dataclass(frozen=True)
+class StickingSettings(Settings):
+    """Sticking contact: sliding while the pushing force is inside the friction cone."""
+
+    zero_allowed = ("share", "sliding_share")
+    still: float = 2e-5
+    """Sliding in a step without sensor motion [m]."""
+    share: float = 0.06
+    """Sliding as a share of the sensor's motion, inside the cone: 0.3 % is the median in simulation, but one contact in
+    hundreds creeps by more."""
+    sliding_share: float = 2.0
+    """The same at the cone's edge: slides are long and one-sided, so only a large value leaves them free."""
+    margin: float = 0.04
+    """Angle inside the cone's edge from which the contact sticks [rad]."""
+    width: float = 0.03
+    """A third of the angle over which sticking turns into sliding [rad]."""
+    kernel: Kernel = 2.0
+    """Scale of the Cauchy kernel on both rows together [standard deviations]; None is a plain square."""
+
+
+@dataclass(frozen=True)
+class BalanceSettings(Settings):
+    """Balance of force and torque on the limit surface of the friction between object and table."""
+
+    zero_allowed = ("share", "load")
+    still: float = 2e-7
+    """Imbalance in a step without sensor motion [m^2]."""
+    share: float = 0.013
+    """Imbalance as a share of the sensor's motion times c: with the right c and centre of friction, the ellipsoid fits
+    simulated supports to 1 %."""
+    load: float = 0.8
+    """Error of the load's place on several tips, as a share of the distance between the outermost: tenths of a
+    millimetre decide which tip bears how much."""
+    kernel: Kernel = 2.0
+    """Scale of the Cauchy kernel [standard deviations]; a disturbance breaks the balance."""
+
+
+@dataclass(frozen=True)
+class FrictionConeSettings(Settings):
+    """Force at the edge of the friction cone while the contact slides."""
+
+    zero_allowed = ("share",)
+    still: float = 2e-5
+    """Motion outside the cone in a step without sensor motion [m]."""
+    share: float | None = 0.13
+    """Motion outside the cone as a share of the sensor's motion; None turns the factor off."""
+    width: float = 0.03
+    """A third of the angle over which the edge begins to count [rad]."""
+    kernel: Kernel = 2.0
+    """Scale of the Cauchy kernel [standard deviations]; a disturbance breaks the cone."""
+
+
+@dataclass(frozen=True)
+class Priors(Settings):
+    """Mean and standard deviation of what belongs to the object, before its first contact; see `graph.variables`."""
+
+    direction_bias: Normal = (0.0, 2e-2)
+    """Constant error of all contact directions [rad]."""
+    direction_scale: Normal = (0.0, 0.06)
+    """Relative scale error of contact directions."""
+    place_bias: Normal = (0.0, 1.2e-3)
+    """Constant error of all contact places [m]."""
+    depth: Normal = (3e-4, 4e-4)
+    """Indentation of the gel, with all constant errors of outline and mounting along the push [m]."""
+    outline_scale: Normal = (0.0, 0.007)
+    """Relative size error of the outline."""
+    friction_ratio: Normal = (0.2, 0.66)
+    """Logarithm of c^2 over its value for the chosen pressure; from uniform to rim pressure it grows by 0.8."""
+    friction_center: Normal = (0.0, 0.06)
+    """Centre of friction from the centroid along x and along y, as a share of c."""
+    grip: Normal = (0.4, 0.1)
+    """Coulomb friction coefficient between sensor and object."""
+    friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.003)
+    """Change of the last three from one contact to the next, and in each step, as shares of their standard deviation:
+    friction differs from place to place, and one contact may teach something wrong."""
+
+    @property
+    def mean(self) -> Array:
+        """Means (9,), in the order of the fields, the centre of friction twice."""
+        return np.array([mean for mean, _ in self._of_each_number()])
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations (9,), in the same order."""
+        return np.array([deviation for _, deviation in self._of_each_number()])
+
+    @property
+    def changes_between_contacts(self) -> Array:
+        """Variances (9,) of the changes from one contact to the next, in the same order."""
+        return self._changes(self.friction_changes[0])
+
+    @property
+    def changes_per_step(self) -> Array:
+        """Variances (9,) of the changes in each step of a contact, in the same order."""
+        return self._changes(self.friction_changes[1])
+
+    def _changes(self, share: float) -> Array:
+        return np.square(np.array([0.0] * 5 + [share] * 4) * self.deviation)
+
+    def _of_each_number(self) -> list[Normal]:
+        return [
+            *(self.direction_bias, self.direction_scale, self.place_bias, self.depth, self.outline_scale),
+            *(self.friction_ratio, self.friction_center, self.friction_center, self.grip),
+        ]
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Standard deviations, shares and kernels of all factors.
+
+    Defaults for touch and sliding are tuned by `palpate tune` on simulated recordings; the others state their reasons.
+    """
+
+    sensor_pose: SensorPoseSettings = SensorPoseSettings()
+    """Accuracy of the sensor's pose."""
+    first_pose: FirstPoseSettings = FirstPoseSettings()
+    """Accuracy of the object's first pose, and its motion at rest."""
+    contact: ContactSettings = ContactSettings()
+    """Distance between sensor and outline in contact."""
+    direction: DirectionSettings = DirectionSettings()
+    """Contact direction on a round tip."""
+    place: PlaceSettings = PlaceSettings()
+    """Contact place on a flat pad."""
+    turn: TurnSettings = TurnSettings()
+    """Turn of the sensor on the object."""
+    relative_pose: RelativePoseSettings = RelativePoseSettings()
+    """Relative pose of the sensor between two frames."""
+    sticking: StickingSettings = StickingSettings()
+    """Sliding while the force is inside the friction cone."""
+    balance: BalanceSettings = BalanceSettings()
+    """Balance of push and friction on the limit surface."""
+    friction_cone: FrictionConeSettings = FrictionConeSettings()
+    """Force at the cone's edge while the contact slides."""
+    priors: Priors = Priors()
+    """Bias, indentation, size and friction before the first contact."""
+
+
+STICKING = NoiseSettings(
+    direction=DirectionSettings(share=0.8),
+    turn=TurnSettings(share=20.0),
+    relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 2e-2)),
+    sticking=StickingSettings(share=0.05, sliding_share=0.05),
+    balance=BalanceSettings(still=1e-6, share=0.5),
+    friction_cone=FrictionConeSettings(share=None),
+    priors=Priors(friction_ratio=(0.0, 1e-6), friction_center=(0.0, 1e-6)),
+)
+"""A contact that sticks: c and centre of friction are known, balance hardly counts. Better if the object is disturbed
+and touch measures yaw alone; overconfident if the contact slides."""
+
+_KNOWN = (0.0, 1e-9)
+PUBLISHED = NoiseSettings(
+    sensor_pose=SensorPoseSettings(deviation=(1e-5, 1e-5, 1e-5), calibration=(0.0, 0.0, 0.0)),
+    first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), truth=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
+    contact=ContactSettings(deviation=1e-2, kernel=None),
+    direction=DirectionSettings(share=1.0, kernel=None),
+    place=PlaceSettings(share=1.0, kernel=None),
+    turn=TurnSettings(share=1.0, kernel=None),
+    relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 1e-5), constant=(1.0, 1.0, 1e-5), linear=1e-5),
+    sticking=StickingSettings(still=1e-3, share=0.0, sliding_share=0.0, kernel=None),
+    balance=BalanceSettings(still=1e-3, share=0.0, load=0.0, kernel=None),
+    friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),
+    priors=Priors(_KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN),
+)
+"""Settings of the paper's experiments, from the authors' published code. Pushing hardly counts, so that a contradiction
+between it and touch does not show."""
+
+PRESETS = {"palpate": NoiseSettings(), "sticking": STICKING, "published": PUBLISHED}
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """Settings of a `Tracker`; raises SettingError on a value that is not allowed."""
+
+    tactile: TactileChoice = "auto"
+    """Source of the touch measurements; auto is learnt if there are images that fit the touch model, else none."""
+    smoother: SmootherName = "fixed-lag"
+    """Solver for the graph of a contact."""
+    noise: NoiseSettings = NoiseSettings()
+    """Noise of all factors."""
+    pressure: str | float = "uniform"
+    """Distribution of the object's weight over the table: uniform, rim or corner, which give the friction radius c (the
+    largest torque of friction over its largest force), or c itself [m]."""
+    hypotheses: int = 9
+    """Largest number of hypotheses kept while touch cannot tell which is right. A contact may begin with more for its
+    first frames; 1 keeps one always."""
+
+    def __post_init__(self) -> None:
+        for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):
+            if (found := getattr(self, name)) not in allowed:
+                raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
+        if not isinstance(self.noise, NoiseSettings):
+            raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
+        radius = None if isinstance(self.pressure, str) else finite_numbers(self.pressure, ())
+        if self.pressure not in PRESSURES and (radius is None or radius <= 0.0):
+            allowed = f"{', '.join(PRESSURES)} or a friction radius above 0 [m]"
+            raise SettingError(f"pressure is {self.pressure!r}; allowed are {allowed}")
+        if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
+            raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
+        # NumPy's numbers cannot be written as JSON.
+        object.__setattr__(self, "hypotheses", int(self.hypotheses))
+        if radius is not None:
+            object.__setattr__(self, "pressure", float(radius))
+
+
+FORMAT, VERSION = "palpate-noise", 3
+
+
+def noise_of(name_or_path: str) -> NoiseSettings:
+    """Return a preset, or the settings in a file; raises SettingError if there is neither, FileError on a bad file."""
+    if name_or_path in PRESETS:
+        return PRESETS[name_or_path]
+    if not Path(name_or_path).exists():
+        presets = ", ".join(map(repr, PRESETS))
+        raise SettingError(f"noise is {name_or_path!r}; allowed are {presets} or a file of palpate tune")
+    return read_noise(name_or_path)
+
+
+def read_noise(path: Path | str) -> NoiseSettings:
+    """Return the settings in a file, missing ones with their defaults; raises FileError on a bad file."""
+    content = read_json(path)
+    if (found := content.get("format")) != FORMAT:
+        raise FileError(f"{path}: format is {found!r}, expected {FORMAT!r}, as palpate tune writes it")
+    if type(version := content.get("version")) is not int or version != VERSION:
+        raise FileError(f"{path}: version is {version!r}, expected {VERSION}; make the file anew with palpate tune")
+    try:
+        return noise_from_dict(content.get("noise"))
+    except SettingError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def write_noise(noise: NoiseSettings, path: Path | str, tuned: dict[str, Any], overwrite: bool = False) -> None:
+    """Write a settings file, whole or not at all; `tuned` is a JSON object on how they were found."""
+    content = {"format": FORMAT, "version": VERSION, "noise": asdict(noise), "tuned": tuned}
+    with whole_file(path, overwrite) as part:
+        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def noise_from_dict(given: Any) -> NoiseSettings:
+    """Return the settings that a JSON object of groups holds; raises SettingError on a name or value not allowed."""
+    noise, groups = NoiseSettings(), {}
+    for group, values in _known("noise", given, noise).items():
+        settings = getattr(noise, group)
+        groups[group] = replace(settings, **_known(f"noise {group}", values, settings))
+    return replace(noise, **groups)
+
+
+def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:
+    if not isinstance(given, dict):
+        raise SettingError(f"{name} is {given!r}, expected an object of settings")
+    known = [field.name for field in fields(settings)]
+    if unknown := [one for one in given if one not in known]:
+        raise SettingError(f"{name} has no {unknown[0]!r}; known are {', '.join(known)}")
+    return given

@@ -1,1 +1,0 @@
-"""Settings of the tracker: a group a factor or a stage."""

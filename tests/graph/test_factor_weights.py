@@ -1,0 +1,189 @@
+"""Weights of factors by their settings, computed by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from push_samples import SHAPES, rows_of, sensor, touching, values_at, with_settings
+
+from palpate.config import (
+    PUBLISHED,
+    STICKING,
+    ContactSettings,
+    DirectionSettings,
+    NoiseSettings,
+    StickingSettings,
+    TurnSettings,
+)
+from palpate.geometry import se2
+from palpate.graph.contact_geometry import ContactModel, contact_model
+from palpate.graph.factor_list import make_factors
+from palpate.graph.factors.contact import Contact
+from palpate.graph.factors.direction import Direction
+from palpate.graph.factors.factor import Rows
+from palpate.graph.factors.sticking import Sticking
+from palpate.graph.factors.turn import Turn
+from palpate.graph.variables import (
+    GRIP,
+)
+from palpate.types import measurements as said
+from palpate.types.measurements import ContactDirection
+
+ONE_TIP = contact_model(SHAPES["rectangle"], sensor(), 0.06)
+EDGE = np.arctan(0.4)  # half angle of the friction cone at a grip of 0.4
+SLIDE = with_settings(  # holds to 5e-5 m, slides by 3e-3 m, where the sensor moves by 1 mm
+    NoiseSettings(),
+    sticking={"still": 3e-5, "share": 0.04, "sliding_share": 3.0, "margin": 0.1, "width": 0.02, "kernel": None},
+    balance={"still": 4e-6, "share": 0.5, "kernel": None},
+    friction_cone={"still": 3e-5, "share": 0.05, "width": 0.02, "kernel": None},
+)
+
+
+def pushed_at(angle: Any, model: ContactModel, noise: NoiseSettings, moved: float = 1e-3, grip: float = 0.4) -> dict:
+    """Rows of sticking, balance and cone by name, with the pushing force at angles (N,) from the normal.
+
+    The sensor has moved so far in the step; the contact sticks.
+    """
+    angle = np.atleast_1d(np.asarray(angle, np.float64))
+    g = np.tile(touching(model, 0.02), (len(angle), 2, 1))
+    o = np.zeros((len(angle), 2, 3))
+    o[:, 1, 0], o[:, 1, 1] = 1e-3 * np.cos(angle), 1e-3 * np.sin(angle)
+    at = values_at(model, g, se2.compose(o, g), {GRIP: grip})
+    wanted = ("sticking", "balance", "friction_cone")
+    pushing = [factor for factor in make_factors(noise, model) if factor.name in wanted]
+    if noise.friction_cone.share is None:
+        pushing = [factor for factor in pushing if factor.name != "friction_cone"]
+    return {factor.name: rows_of(factor, at, moved=moved) for factor in pushing}
+
+
+def sigmas(noise: NoiseSettings, angle: Any, moved: float = 1e-3, grip: float = 0.4) -> np.ndarray:
+    """Standard deviations (N, 4) of sticking, balance and cone."""
+    rows = pushed_at(angle, ONE_TIP, noise, moved, grip)
+    with np.errstate(divide="ignore"):
+        found = [rows[name].information[:, 0] ** -0.5 for name in rows]
+    if "friction_cone" not in rows:
+        found.append(np.full((len(found[0]), 1), np.inf))
+    return np.concatenate(found, axis=1)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.1, -0.1])
+def test_inside_the_cone_the_contact_holds(angle):
+    # Still: the floors. Moved by 1 mm: hypot(3e-5, 4e-5) = 5e-5 m and hypot(4e-6, 0.5 * 1e-3 * 0.06 = 3e-5) m^2. The
+    # cone's edge is at 0.3805 rad and sliding begins around 0.2805, nine widths away.
+    found = np.concatenate([sigmas(SLIDE, angle, moved) for moved in (0.0, 1e-3)])
+    np.testing.assert_allclose(found[:, :3], [[3e-5, 3e-5, 4e-6], [5e-5, 5e-5, np.hypot(4e-6, 3e-5)]], rtol=1e-6)
+    # Nothing at all says that it is at the cone's edge, up to one and a half widths from it.
+    assert np.isinf(found[:, 3]).all()
+    assert np.isinf(sigmas(SLIDE, EDGE - 0.0301)[0, 3])
+    assert np.isfinite(sigmas(SLIDE, EDGE - 0.0299)[0, 3])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_outside_the_cone_it_slides_and_the_force_is_at_the_edge(side):
+    # hypot(3e-5, 3 * 1e-3) of sliding, hypot(3e-5, 0.05 * 1e-3) off the edge; the balance as before.
+    wanted = [np.hypot(3e-5, 3e-3)] * 2 + [np.hypot(4e-6, 3e-5), np.hypot(3e-5, 5e-5)]
+    for angle in (EDGE + 0.2, 1.5, 3.1):
+        np.testing.assert_allclose(sigmas(SLIDE, side * angle), [wanted], rtol=1e-6)
+    # Still, nothing slides.
+    np.testing.assert_allclose(sigmas(SLIDE, side * 1.5, 0.0), [[3e-5, 3e-5, 4e-6, 3e-5]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_between_holding_and_sliding(side):
+    holds, slides, off = 5e-5, np.hypot(3e-5, 3e-3), np.hypot(3e-5, 5e-5)
+    # Half way at the margin from the edge: the geometric mean. The cone is still 5 widths away.
+    found = sigmas(SLIDE, side * (EDGE - 0.1))[0]
+    np.testing.assert_allclose(found[:2], np.sqrt(holds * slides), rtol=1e-9)
+    assert np.isinf(found[3])
+    # At the edge it slides, and half the weight is on the cone.
+    found = sigmas(SLIDE, side * EDGE)[0]
+    np.testing.assert_allclose(found[:2], slides, rtol=1e-3)
+    assert found[3] == pytest.approx(off * np.sqrt(2))
+    # A width further, five sixths of the way: (5/6)^2 (3 - 5/3) = 25/27.
+    assert sigmas(SLIDE, side * (EDGE + 0.02))[0, 3] == pytest.approx(off * np.sqrt(27 / 25))
+    # The better the grip the wider the cone.
+    np.testing.assert_allclose(sigmas(SLIDE, side * EDGE, grip=0.8)[0, :2], holds, rtol=1e-4)
+
+
+def test_a_contact_that_holds_whatever_the_angle():
+    # The same share for sliding and sticking, and no cone, is the model without friction's limit.
+    noise = with_settings(SLIDE, sticking={"sliding_share": 0.04}, friction_cone={"share": None})
+    found = sigmas(noise, np.linspace(-3.1, 3.1, 20))
+    np.testing.assert_allclose(found[:, :3], np.tile([5e-5, 5e-5, np.hypot(4e-6, 3e-5)], (20, 1)), rtol=1e-12)
+    assert np.isinf(found[:, 3]).all()
+
+
+def cauchy(rows: Rows, scale: float, together: bool) -> np.ndarray:
+    """Weights by 1 / (1 + e^2 / k^2): 1 at no error, 1/2 at k, 1/10 at 3 k."""
+    square = rows.information * rows.residual**2
+    return rows.information / (1.0 + (square.sum(axis=-1, keepdims=True) if together else square) / scale**2)
+
+
+@pytest.mark.parametrize(
+    ("slid", "left"),
+    [
+        ((6.0, 0.0), 0.2),  # one row at 6 standard deviations leaves 1 / (1 + 36 / 9) to both
+        ((3.0, -6.0), 1 / 6),  # 1 / (1 + 45 / 9)
+        ((0.0, 0.0), 1.0),
+    ],
+)
+def test_the_kernel_of_sticking_is_on_both_rows_together(slid, left):
+    # On a flat side at which the sensor is where it was and the object 3e-5 m times this further, still.
+    factor = Sticking(StickingSettings(still=3e-5, kernel=3.0))
+    g0 = touching(ONE_TIP, 0.02)
+    at = values_at(ONE_TIP, [[g0, g0 - [*(3e-5 * np.array(slid)), 0.0]]], shared={GRIP: 0.4})
+    rows = rows_of(factor, at, moved=0.0)
+    np.testing.assert_allclose(rows.residual[0, 0], 3e-5 * np.array(slid), atol=1e-9)
+    np.testing.assert_allclose(rows.information[0, 0], 3e-5**-2)
+    np.testing.assert_allclose(rows.weight[0, 0], left * 3e-5**-2, rtol=1e-3)
+
+
+def test_the_kernels_of_pushing():
+    rng = np.random.default_rng(1)
+    g = np.tile(touching(ONE_TIP, 0.02), (50, 2, 1)) + rng.normal(0.0, 1e-4, (50, 2, 3))
+    e = g + rng.normal(0.0, 1e-3, (50, 2, 3))
+    at = values_at(ONE_TIP, g, e, {GRIP: 0.4})
+    kernels = with_settings(SLIDE, sticking={"kernel": 3.0}, balance={"kernel": 2.0}, friction_cone={"kernel": 4.0})
+    factors, plain = make_factors(kernels, ONE_TIP), make_factors(SLIDE, ONE_TIP)
+    scale = {"sticking": 3.0, "balance": 2.0, "friction_cone": 4.0}
+    for factor, without in zip(factors, plain, strict=True):
+        if factor.name in scale:
+            rows, free = (rows_of(one, at, moved=1e-3) for one in (factor, without))
+            np.testing.assert_allclose(rows.weight, cauchy(rows, scale[factor.name], factor.name == "sticking"))
+            share = rows.weight[rows.weight > 0.0] / rows.information[rows.weight > 0.0]
+            assert share.min() < 0.5  # there is something to see
+            np.testing.assert_allclose(free.weight, free.information)
+            np.testing.assert_allclose(free.information, rows.information)
+
+
+@pytest.mark.parametrize("kernel", [3.0, None])
+def test_the_weight_of_contact(kernel):
+    # 9 mm are 9 standard deviations: 1 / (1 + 81 / 9) = 0.1.
+    g = touching(ONE_TIP, 0.02)
+    at = values_at(ONE_TIP, [[g], [g - [9e-3, 0.0, 0.0]]])
+    rows = rows_of(Contact(ContactSettings(deviation=1e-3, kernel=kernel)), at)
+    np.testing.assert_allclose(rows.weight[:, 0, 0], [1e6, 1e6 if kernel is None else 1e5], rtol=1e-4)
+    np.testing.assert_allclose(rows.information[:, 0, 0], 1e6)
+
+
+@pytest.mark.parametrize("kernel", [3.0, None])
+def test_the_weights_of_direction_and_turn(kernel):
+    # 0.09 rad at a standard deviation of 0.01 are 9: 1 / (1 + 81 / 9) = 0.1.
+    # The variance is four times what touch says.
+    at = values_at(ONE_TIP, [[touching(ONE_TIP, 0.02)]])
+    for factor, told in (
+        (Direction(DirectionSettings(share=4.0, kernel=kernel)), ContactDirection),
+        (Turn(TurnSettings(share=4.0, kernel=kernel)), said.Turn),
+    ):
+        rows = rows_of(factor, at, [told(0.0, 0.25e-4), told(0.09, 0.25e-4)])
+        np.testing.assert_allclose(rows.information[0, :, 0], 1e4)
+        np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, 1e4 if kernel is None else 1e3], rtol=1e-3)
+
+
+def test_published_and_sticking_settings():
+    angle = np.array([0.0, 0.5, 3.0])
+    for noise in (PUBLISHED, STICKING):
+        found = sigmas(noise, angle)
+        assert (found == found[0]).all()
+        assert np.isinf(found[:, 3]).all()
+    np.testing.assert_allclose(sigmas(PUBLISHED, angle, 0.1)[:, :3], 1e-3)
