@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from view_samples import CAMERA
 
-from palpate.live.clock import Clock
-from palpate.live.images import TouchImage
 from palpate.live.poses import Refused, TimedPose
-from palpate.live.session import Sources
-from palpate.live.state import LiveState
+from palpate.live.session import LiveState
+from palpate.live.sources import Clock, Sources, TouchImage
 from palpate.types.estimate import Estimate
 
 SIZE = (CAMERA.image_height, CAMERA.image_width)

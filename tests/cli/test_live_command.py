@@ -20,9 +20,9 @@ from view_samples import FRAMES, imaged_push, without_display
 
 from palpate import io as formats
 from palpate.cli import main
-from palpate.live import rig
+from palpate.live import setup
 from palpate.live.poses import SensorPlace
-from palpate.live.state import LiveEstimate, LiveState
+from palpate.live.session import LiveEstimate, LiveState
 from palpate.live.table import table_of
 from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
 from palpate.types.estimate import Estimate
@@ -95,8 +95,8 @@ def test_a_bag_is_replayed(capsys):
 
 
 def test_nothing_is_known_of_where_the_object_is(capsys, monkeypatch):
-    real, given = rig.replay_rig, []
-    monkeypatch.setattr(rig, "replay_rig", lambda *said: given.append(said[2:]) or real(*said))
+    real, given = setup.replay_set_up, []
+    monkeypatch.setattr(setup, "replay_set_up", lambda *said: given.append(said[2:]) or real(*said))
     write_bag(Path("bag.mcap"), "mcap", push_messages())
     assert palpate("--replay", "bag.mcap", "--shape", "disc", "--first-pose-unknown", "--seconds", "0.2") == 0
     assert given == [(ANYWHERE, ANYWHERE_SIGMA)]
@@ -134,7 +134,7 @@ def test_a_killed_session_leaves_what_it_recorded():
 def test_the_view_sees_each_frame(monkeypatch):
     from contextlib import contextmanager
 
-    from palpate.viewer import live
+    from palpate.viewer import rerun_view
 
     class Log:
         def __init__(self):
@@ -152,7 +152,7 @@ def test_the_view_sees_each_frame(monkeypatch):
         yield log
 
     monkeypatch.setenv("DISPLAY", ":7")
-    monkeypatch.setattr(live, "live_view", live_view)
+    monkeypatch.setattr(rerun_view, "live_view", live_view)
     assert palpate("--replay", "push.h5", "--view", "--seconds", "0.4") == 0
     assert len(log.times) > 5
 
@@ -185,7 +185,7 @@ def test_the_table_keeps_its_rows():
     state = LiveState(lambda text: None)
     empty = cells(state, 0)
     assert empty == ["images", "latency", "contact", "status", "object", "sensor pose", ""]
-    state.estimated(estimated())
+    state.add(estimated())
     state.note("the camera is lost")
     assert cells(state, 0) == empty
     shown = cells(state, 1)
@@ -196,9 +196,9 @@ def test_the_table_may_be_drawn_while_the_first_estimate_comes(monkeypatch):
     state = LiveState(lambda text: None)
     latency_ms = state.latency_ms
 
-    def in_between(last: int | None = None) -> Any:
+    def in_between(last: int = 0) -> Any:
         before = latency_ms(last)
-        state.estimated(estimated())
+        state.add(estimated())
         return before
 
     monkeypatch.setattr(state, "latency_ms", in_between)
@@ -243,9 +243,9 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
                 said: dict[str, Any] = {"time": time.time(), "pose": [0.1, 0.05, 0.0]}
                 sender.sendto(b"rubbish" if index % 20 == 0 else json.dumps(said).encode(), ("127.0.0.1", port))
 
-    defaults: Any = rig.camera_rig.__defaults__
-    monkeypatch.setattr(rig.camera_rig, "__defaults__", (*defaults[:-1], Fake))
-    monkeypatch.setattr(rig, "camera_path", lambda name: Path("/dev") / name)
+    defaults: Any = setup.camera_set_up.__defaults__
+    monkeypatch.setattr(setup.camera_set_up, "__defaults__", (*defaults[:-1], Fake))
+    monkeypatch.setattr(setup, "camera_path", lambda name: Path("/dev") / name)
     robot = threading.Thread(target=send)
     robot.start()
     words = ("--camera", "fake", "--poses", f"udp:{port}", "--shape", "rectangle", "--first-pose", "0.3", "0.05", "0")

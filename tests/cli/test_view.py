@@ -8,7 +8,7 @@ from view_samples import imaged_push, without_display
 
 from palpate import io as formats
 from palpate.cli import main
-from palpate.viewer import show, viewer
+from palpate.viewer import rerun_view
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
 
@@ -47,7 +47,7 @@ def test_without_a_display_a_file_is_written(capsys):
 def test_with_a_display_a_viewer_is_opened(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":7")
     shown = []
-    monkeypatch.setattr(show, "show_scene", lambda scene: shown.append(scene.name))
+    monkeypatch.setattr(rerun_view, "show_scene", lambda scene: shown.append(scene.name))
     assert main.main(["view", "push.h5"]) == 0
     assert shown == ["push.h5"]
 
@@ -73,4 +73,4 @@ def test_without_rerun_a_sentence_says_what_to_install(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     for words in (("view", "push.h5"), ("track", "push.h5", "--save-rrd", "a.rrd")):
         assert "pip install palpate[view]" in failure(capsys, *words)
-    assert viewer.has_display() is False
+    assert rerun_view.has_display() is False

@@ -25,7 +25,7 @@ from palpate.io.bags.contents import contents
 from palpate.io.outlines.load import load_shape
 from palpate.lab.study.comparison import read_scores
 from palpate.lab.study.trial import Method, read_trial, write_trial
-from palpate.live.udp import pose_in
+from palpate.live.sources import pose_in_packet as pose_in
 from palpate.pipeline.details import read_answers, read_friction
 from palpate.pipeline.inspection import inspect_recording
 from palpate.touch.background import Background

@@ -17,9 +17,8 @@ from palpate.cli.main import main
 from palpate.errors import FileError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.lab.study.files import find_recordings
-from palpate.live.clock import Clock
-from palpate.live.own_poses import own_poses
 from palpate.live.poses import TimedPose
+from palpate.live.sources import Clock, own_poses
 from palpate.own_code import own_code
 from palpate.types.trajectory import Trajectory
 

@@ -12,12 +12,10 @@ from view_samples import CAMERA
 from palpate.errors import SettingError
 from palpate.geometry.shapes import Disc
 from palpate.live import camera as camera_room
-from palpate.live import devices
-from palpate.live.camera import Camera
-from palpate.live.clock import Clock
-from palpate.live.images import TouchImage
-from palpate.live.rig import camera_rig
-from palpate.live.session import Sources, track_live
+from palpate.live.camera import Camera, CameraTiming, V4l2Device, camera_path
+from palpate.live.session import track_live
+from palpate.live.setup import camera_set_up
+from palpate.live.sources import Clock, Sources, TouchImage
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.view import CameraView
@@ -55,7 +53,7 @@ class FakeCamera:
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
-    monkeypatch.setattr(camera_room, "_AGAIN", 0.02)
+    monkeypatch.setattr(camera_room, "TIMING", CameraTiming(reopen_every=0.02))
 
 
 def test_exposure_settles_before_the_first_image_and_the_rate_is_measured():
@@ -71,7 +69,7 @@ def test_exposure_settles_before_the_first_image_and_the_rate_is_measured():
 
 
 def test_exposure_that_never_settles_does_not_hold_it_up(monkeypatch):
-    monkeypatch.setattr(camera_room, "LONGEST_SETTLING", 0.1)
+    monkeypatch.setattr(camera_room, "TIMING", CameraTiming(longest_settling=0.1))
     fake = FakeCamera(brightening=80)
     Camera(fake, Clock(0.0)).close()
     assert 3 <= fake.count < 34
@@ -108,7 +106,7 @@ def test_a_camera_that_is_lost_five_times_is_opened_again_and_settles_again():
     assert len(tracker.frames) > 20
     assert all(np.all(frame.image == (60, 30, 10)) for frame in tracker.frames)  # settled each time
     assert np.diff([frame.time for frame in tracker.frames]).max() > 0.3
-    assert counts.images == counts.tracked + counts.dropped + counts.unplaced
+    assert counts.images == counts.tracked + counts.dropped + counts.without_pose
 
 
 def test_damaged_images_are_passed_over(monkeypatch):
@@ -129,19 +127,19 @@ def test_a_camera_without_images_is_refused():
     assert fake.closed == 1
 
 
-def rig(monkeypatch: Any, fake: FakeCamera, calibration: Calibration | None = None, poses: str = "udp:47811") -> Any:
-    monkeypatch.setattr("palpate.live.rig.camera_path", lambda name: Path("/dev/fake"))
-    return camera_rig("0", poses, Disc(0.05), [0.3, 0.0, 0.0], None, calibration, CAMERA, fake)
+def set_up(monkeypatch: Any, fake: FakeCamera, calibration: Calibration | None = None, poses: str = "udp:47811") -> Any:
+    monkeypatch.setattr("palpate.live.setup.camera_path", lambda name: Path("/dev/fake"))
+    return camera_set_up("0", poses, Disc(0.05), [0.3, 0.0, 0.0], None, calibration, CAMERA, fake)
 
 
 def test_images_lie_as_the_calibration_says(monkeypatch):
     background = Background(np.full((*SIZE, 3), 60, np.float32), np.ones((*SIZE, 3), np.float32))
     unit = Calibration(background, CameraView(1, True, (2, 1, 0)))
     fake = FakeCamera(size=TURNED)
-    found = rig(monkeypatch, fake, unit)
+    found = set_up(monkeypatch, fake, unit)
     assert (found.size, found.sensor.image_height, found.recorded_sensor.image_height) == (TURNED, 40, 30)
     assert 0.1 * RATE < found.sensor.rate <= RATE
-    given = found.begin()
+    given = found.start()
     counts, _ = state()
     stop = threading.Event()
     stop.set()
@@ -153,29 +151,29 @@ def test_images_lie_as_the_calibration_says(monkeypatch):
 def test_images_of_another_size_are_refused(monkeypatch):
     fake = FakeCamera(size=TURNED)
     with pytest.raises(SettingError, match="30 rows and 40 columns, expected 40 and 30; palpate calibrate --presses"):
-        rig(monkeypatch, fake)
+        set_up(monkeypatch, fake)
     assert fake.closed == 1
     with pytest.raises(SettingError, match=r"have 99 rows and 40 columns, expected 40 and 30$"):
-        rig(monkeypatch, FakeCamera(size=(99, 40)))
+        set_up(monkeypatch, FakeCamera(size=(99, 40)))
     fake = FakeCamera()
     with pytest.raises(SettingError, match="'udp:x'; allowed are ports"):
-        rig(monkeypatch, fake, poses="udp:x")
+        set_up(monkeypatch, fake, poses="udp:x")
     assert fake.closed == 1
 
 
 def test_cameras_are_found_by_number_path_and_serial(tmp_path, monkeypatch):
     for name in ("usb-DIGIT_D20001-video-index0", "usb-DIGIT_D20001-video-index1", "usb-DIGIT_D20002-video-index0"):
         (tmp_path / name).touch()
-    monkeypatch.setattr(devices, "BY_ID", tmp_path)
-    assert devices.camera_path("D20002") == tmp_path / "usb-DIGIT_D20002-video-index0"
-    assert devices.camera_path(str(tmp_path)) == tmp_path
-    with pytest.raises(SettingError, match=r"'D2' stands for 2 cameras; cameras are usb-DIGIT_D20001 \(.*D20002"):
-        devices.camera_path("D2")
+    monkeypatch.setattr(camera_room, "BY_ID", tmp_path)
+    assert camera_path("D20002") == tmp_path / "usb-DIGIT_D20002-video-index0"
+    assert camera_path(str(tmp_path)) == tmp_path
+    with pytest.raises(SettingError, match=r"'D2' fits 2 cameras; cameras are usb-DIGIT_D20001 \(.*D20002"):
+        camera_path("D2")
     with pytest.raises(SettingError, match="'D3' is no number, path or serial of a camera; cameras are"):
-        devices.camera_path("D3")
-    monkeypatch.setattr(devices, "BY_ID", tmp_path / "none")
+        camera_path("D3")
+    monkeypatch.setattr(camera_room, "BY_ID", tmp_path / "none")
     with pytest.raises(SettingError, match=r"/dev/video97: there is no such device; no camera is connected"):
-        devices.camera_path("97")
+        camera_path("97")
 
 
 def test_opencv_is_asked_for_a_size_and_its_colours_are_turned(tmp_path, monkeypatch):
@@ -193,7 +191,7 @@ def test_opencv_is_asked_for_a_size_and_its_colours_are_turned(tmp_path, monkeyp
     monkeypatch.setattr(cv2, "VideoCapture", lambda path, api: capture if api == cv2.CAP_V4L2 else None)
     path = tmp_path / "video0"
     path.touch()
-    device = devices.V4l2Device(path, (4, 2))
+    device = V4l2Device(path, (4, 2))
     assert (asked[cv2.CAP_PROP_FRAME_HEIGHT], asked[cv2.CAP_PROP_FRAME_WIDTH]) == (4, 2)
     assert device.grab()
     image = device.image()
@@ -204,4 +202,4 @@ def test_opencv_is_asked_for_a_size_and_its_colours_are_turned(tmp_path, monkeyp
     assert asked[-1] == "closed"
     capture.isOpened = lambda: False
     with pytest.raises(SettingError, match="cannot be opened: another program"):
-        devices.V4l2Device(path, (4, 2))
+        V4l2Device(path, (4, 2))

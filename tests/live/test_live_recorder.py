@@ -15,14 +15,13 @@ from palpate import io as formats
 from palpate.geometry.shapes import Disc
 from palpate.io.bags.containers import raw_messages
 from palpate.io.bags.raw import CutShort
-from palpate.live.images import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
-from palpate.live.truth import TruePose
+from palpate.live.session import LiveEstimate
+from palpate.live.sources import TouchImage
 from palpate.types.answer import Answer
 from palpate.types.estimate import Estimate
 from palpate.types.images import decode_image
-from palpate.types.seen_poses import SIGMA
 
 KILLED = """
 import os, random, signal, sys, time
@@ -32,10 +31,10 @@ from pathlib import Path
 from live_samples import GEL
 from view_samples import CAMERA
 from palpate.geometry.shapes import Disc
-from palpate.live.images import TouchImage
+from palpate.live.sources import TouchImage
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
-from palpate.live.truth import TruePose
+from palpate.live.session import LiveEstimate
 from palpate.types.estimate import Estimate
 
 random.seed(7)
@@ -54,7 +53,7 @@ for number in range(20):
                 taking.pose(TimedPose(when, pose))
                 os.write(its, b"1")
                 estimate = Estimate(when, pose, np.eye(3), False, "resting")
-                taking.estimate(estimate, SensorPlace(pose, "known", 0.0), 0.0)
+                taking.estimate(LiveEstimate(estimate, SensorPlace(pose, "known", 0.0), 0.0))
                 os.write(its, b"4")
     os.close(its)
     os.read(ours, 1)
@@ -96,9 +95,7 @@ def test_what_is_recorded_is_a_recording(tmp_path):
             taking.pose(TimedPose(when, pose))
             taking.image(TouchImage(when, GEL + np.uint8(index), "png"))
             estimate = Estimate(when, pose, np.eye(3), True, "displaced", "it is gone")
-            taking.estimate(estimate, SensorPlace(pose, "held", 0.05), 0.004)
-        for when in (0.08, 0.02, 0.05):  # truth may be told late
-            taking.truth(TruePose(when, np.array([when, 0.1, np.pi + when]), np.array([1e-3, 2e-3, 3e-3])))
+            taking.estimate(LiveEstimate(estimate, SensorPlace(pose, "held", 0.05), 0.004))
     taking.image(TouchImage(9.0, GEL))  # too late, and left out
     recording = formats.load_recording(path)
     assert (recording.shape, recording.sensor, recording.codec) == (Disc(0.05), CAMERA, "png")
@@ -107,11 +104,6 @@ def test_what_is_recorded_is_a_recording(tmp_path):
     assert recording.image is not None
     for index, data in enumerate(recording.image):
         assert np.array_equal(decode_image(data, "png", GEL.shape[:2]), GEL + np.uint8(index))
-    when = recording.time[1:3]  # before and after, nobody knows
-    assert recording.object_pose is not None
-    assert np.allclose(recording.object_pose[1:3], np.column_stack([when, [0.1, 0.1], when - np.pi]))
-    assert np.isnan(recording.object_pose[[0, 3]]).all()
-    assert np.allclose(recording.extra[SIGMA][1:3], [1e-3, 2e-3, 3e-3])
     diagnosis = next(raw for raw in raw_messages(path) if raw.channel.topic == "/palpate/diagnostics").data
     for words in (b"displaced", b"it is gone", b"held", b"sensor pose age [ms]", b"50.0", b"4.0"):
         assert words in diagnosis
@@ -127,7 +119,7 @@ def test_all_answers_are_recorded(tmp_path):
     sure = Estimate(1.5, poses[1], covariance, True, "tracking", "", (Answer(poses[1], covariance, 1.0),))
     with recorder(path, Disc(0.05), CAMERA) as taking:
         for estimate in (ambiguous, sure):
-            taking.estimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004)
+            taking.estimate(LiveEstimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004))
     told: dict[str, list[Any]] = {}
     with path.open("rb") as file:
         for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():

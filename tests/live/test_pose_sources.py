@@ -13,11 +13,9 @@ from live_samples import SIZE, FakeTracker, images_at, state, wait_for
 from test_package import EXAMPLES, python
 
 from palpate.errors import SettingError
-from palpate.live.clock import Clock
-from palpate.live.own_poses import own_poses
 from palpate.live.poses import Refused, TimedPose
 from palpate.live.session import Sources, track_live
-from palpate.live.udp import UdpPoses
+from palpate.live.sources import Clock, UdpPoses, own_poses
 from palpate.own_code import own_code
 
 RUBBISH = [
@@ -114,8 +112,8 @@ def test_a_source_that_is_killed_and_begun_again_five_times():
     track_live(FakeTracker(), Sources(images, source.poses, clock, SIZE), counts, stop)  # pyright: ignore[reportArgumentType]
     hand.join()
     assert sum("have stalled" in text for text in said) == 5 and sum("sensor poses come" in text for text in said) >= 4
-    assert counts.refused == 0 and counts.poses > 100 and counts.unplaced > 0
-    assert counts.images == counts.tracked + counts.dropped + counts.unplaced
+    assert counts.refused == 0 and counts.poses > 100 and counts.without_pose > 0
+    assert counts.images == counts.tracked + counts.dropped + counts.without_pose
 
 
 def install(folder: Path, module: str, code: str, monkeypatch: Any) -> None:
@@ -153,7 +151,7 @@ def test_an_entry_point_that_gives_rubbish_or_raises(tmp_path, monkeypatch):
     install(tmp_path, "bad_poses", code + "    raise KeyError('robot')\n", monkeypatch)
     source, found = own_poses("bad_poses", Clock(time.time())), []
     with pytest.raises(
-        SettingError, match=r"entry point 'bad_poses' of palpate.poses \(bad_poses:poses\) ended with KeyError: 'robot'"
+        SettingError, match=r"entry point bad_poses of palpate.poses, bad_poses:poses, ended with KeyError: 'robot'"
     ):
         for item in source(threading.Event()):
             found.append(item)

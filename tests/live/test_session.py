@@ -7,9 +7,8 @@ import pytest
 from live_samples import GEL, SIZE, FakeTracker, poses_at, sources, state
 
 from palpate.errors import FrameError
-from palpate.live.clock import Clock
-from palpate.live.images import TouchImage
-from palpate.live.session import STALL, Sources, track_live
+from palpate.live.session import POSE_STALL, track_live
+from palpate.live.sources import Clock, Sources, TouchImage
 
 
 def run(given: Sources, tracker: Any, **more: Any) -> tuple[Any, list[str]]:
@@ -40,7 +39,7 @@ def test_while_a_step_runs_only_the_newest_image_waits():
     tracker = FakeTracker(slow_once)
     counts, _ = run(Sources(images, poses_at(clock, np.arange(-1, 20) / 10), clock, SIZE), tracker)
     assert [frame.time for frame in tracker.frames] == [0.0, 0.05]
-    assert (counts.images, counts.tracked, counts.dropped, counts.unplaced) == (6, 2, 4, 0)
+    assert (counts.images, counts.tracked, counts.dropped, counts.without_pose) == (6, 2, 4, 0)
 
 
 def test_a_slow_step_at_60_hz_drops_what_it_must_and_counts_it():
@@ -48,7 +47,7 @@ def test_a_slow_step_at_60_hz_drops_what_it_must_and_counts_it():
     tracker = FakeTracker(lambda frame: time.sleep(0.04))
     counts, _ = run(sources(times, times - 0.002), tracker)
     assert counts.images == 90
-    assert counts.tracked + counts.dropped + counts.unplaced == 90
+    assert counts.tracked + counts.dropped + counts.without_pose == 90
     assert counts.tracked == len(tracker.frames) and 15 <= counts.tracked <= 42
     assert counts.rate == pytest.approx(60.0)
     assert 40.0 <= counts.latency_ms()["p50"] <= 100.0
@@ -73,24 +72,24 @@ def test_a_stall_is_said_within_a_fifth_of_a_second_and_estimates_carry_their_ag
         def pose(self, pose):
             pass
 
-        def estimate(self, estimate, place, latency):
-            recorded.append((estimate.time, place.how, place.age))
+        def estimate(self, last):
+            recorded.append((last.estimate.time, last.place.how, last.place.age))
 
     given = sources(0.1 + np.arange(36) / 30, pose_times, clock)
     track_live(tracker, given, counts, threading.Event(), Recorder())  # pyright: ignore[reportArgumentType]
     (stalled, first), (_, second) = heard
     assert "the sensor's poses have stalled" in first and "sensor poses come, after 0.6" in second
-    assert STALL <= stalled - 0.29 <= 0.2 + 0.05  # a busy machine may take a little longer
+    assert POSE_STALL <= stalled - 0.29 <= 0.2 + 0.05  # a busy machine may take a little longer
     held = [(when, age) for when, how, age in recorded if how == "held"]
     assert held and all(age == pytest.approx(when - 0.29) for when, age in held)
     unplaced = sum(0.49 < when < 0.9 for when in 0.1 + np.arange(36) / 30)
-    assert abs(counts.unplaced - unplaced) <= 1  # a busy machine may take one more for stalled
-    assert counts.images == counts.tracked + counts.unplaced + counts.dropped
+    assert abs(counts.without_pose - unplaced) <= 1  # a busy machine may take one more for stalled
+    assert counts.images == counts.tracked + counts.without_pose + counts.dropped
 
 
 def test_a_session_without_poses_says_so():
     counts, said = run(sources(np.arange(10) / 30, []), FakeTracker())
-    assert (counts.tracked, counts.unplaced + counts.dropped) == (0, 10)
+    assert (counts.tracked, counts.without_pose + counts.dropped) == (0, 10)
     assert len(said) == 1 and "no sensor pose has come for 0." in said[0]
 
 
@@ -108,7 +107,7 @@ def test_a_frame_that_the_tracker_refuses_is_left_out():
 
     counts, said = run(sources(np.arange(18) / 30, np.arange(60) / 100), FakeTracker(refusing))
     assert counts.tracked > 0 and counts.left_out > 0
-    assert counts.images == counts.tracked + counts.dropped + counts.unplaced + counts.left_out
+    assert counts.images == counts.tracked + counts.dropped + counts.without_pose + counts.left_out
     assert "a frame is left out, 1 so far: frame leaps" in said
     assert counts.summary()["left_out"] == counts.left_out
 
@@ -124,7 +123,7 @@ def test_it_ends_after_some_seconds():
     counts, _ = run(sources(np.arange(600) / 60, np.arange(600) / 60), FakeTracker(), seconds=0.4)
     assert 0.4 <= time.monotonic() - begin < 2.0
     assert 15 <= counts.images <= 40
-    assert counts.images == counts.tracked + counts.dropped + counts.unplaced
+    assert counts.images == counts.tracked + counts.dropped + counts.without_pose
 
 
 def test_errors_of_sources_and_trackers_come_through():

@@ -9,9 +9,9 @@ import time
 import rclpy  # pyright: ignore[reportMissingImports]
 from geometry_msgs.msg import PoseStamped  # pyright: ignore[reportMissingImports]
 
-from palpate.live.clock import Clock
 from palpate.live.poses import TimedPose
-from palpate.live.ros2_sources import ros2_poses
+from palpate.live.ros2_topics import ros2_poses
+from palpate.live.sources import Clock
 
 rclpy.init()
 node = rclpy.create_node("robot")

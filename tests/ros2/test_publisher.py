@@ -8,8 +8,8 @@ import pytest
 
 from palpate.io.bags.messages import ros_types
 from palpate.live.poses import SensorPlace
-from palpate.live.state import LiveState
-from palpate.ros2 import publisher
+from palpate.live.session import LiveEstimate, LiveState
+from palpate.ros2 import node as ros2_node
 from palpate.types.answer import Answer
 from palpate.types.estimate import Estimate
 from palpate.types.plane import plane_across
@@ -36,19 +36,19 @@ class Node:
 
 @pytest.fixture
 def node(monkeypatch):
-    monkeypatch.setattr(publisher, "message_type", lambda name: ros_types("cdr").types[name])
+    monkeypatch.setattr(ros2_node, "message_type", lambda name: ros_types("cdr").types[name])
     return Node()
 
 
 def test_all_answers_are_published(node):
     ros: Any = SimpleNamespace(node=node, lost=0)
     plane = plane_across("base", np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 0.25]]))
-    publishing = publisher.Publisher(ros, lambda: plane, 10**9, LiveState(print))
+    publishing = ros2_node.Publisher(ros, lambda: plane, 10**9, LiveState(print))
     several = tuple(Answer(pose, COVARIANCE, weight) for pose, weight in zip(POSES, (0.7, 0.3), strict=True))
     ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
     sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
     for estimate in (ambiguous, sure):
-        publishing.estimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004)
+        publishing.estimate(LiveEstimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004))
     arrays, diagnoses = node.told["~/object_pose_answers"], node.told["~/diagnostics"]
     for index, poses in enumerate((POSES, POSES[1:])):
         array, diagnosis, best = arrays[index], diagnoses[index], node.told["~/object_pose"][index]

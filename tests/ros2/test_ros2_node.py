@@ -21,8 +21,8 @@ from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.lab.simulate.objects import SHAPES
-from palpate.live.clock import Clock
-from palpate.live.ros2_sources import ros2_poses
+from palpate.live.ros2_topics import ros2_poses
+from palpate.live.sources import Clock
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.images import encode_image

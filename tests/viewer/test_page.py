@@ -15,7 +15,7 @@ from palpate.io.palpate_h5 import write_recording
 from palpate.pipeline.run import track
 from palpate.pipeline.run_folder import FILES, PAGE
 from palpate.viewer import page as page_module
-from palpate.viewer.page import page_data, write_page
+from palpate.viewer.page import PageLimits, page_data, write_page
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +62,12 @@ def test_it_holds_what_the_run_says(written):
 
 
 def test_long_runs_are_thinned(monkeypatch):
-    monkeypatch.setattr(page_module, "_MOST_FRAMES", 20)
-    monkeypatch.setattr(page_module, "_MOST_PICTURES", 25)
+    monkeypatch.setattr(page_module, "LIMITS", PageLimits(frames=20, pictures=25))
     data = page_data(tracked_push())
     assert len(data["time"]) == 17 and data["time"][1] == 0.1
     assert list(data["others"]) == ["10"]  # frame 30
     assert len(data["pictures"]) == 25
-    monkeypatch.setattr(page_module, "_PICTURES_SIZE", 12_000)
+    monkeypatch.setattr(page_module, "LIMITS", PageLimits(frames=20, pictures=25, picture_bytes=12_000))
     few = page_data(tracked_push())["pictures"]
     assert 0 < len(few) < 25 and sum(len(each["touch"]) for each in few) < 16_000
 

@@ -23,10 +23,9 @@ from palpate.geometry import se2
 from palpate.geometry.lines import ellipses_95
 from palpate.pipeline.run import track
 from palpate.tracker import Tracker
-from palpate.viewer import colours, live, viewer
-from palpate.viewer.live import LiveLog, live_view
+from palpate.viewer import colours, rerun_view
+from palpate.viewer.rerun_view import LiveLog, live_view, open_stream, save_scene
 from palpate.viewer.scene import Scene
-from palpate.viewer.show import open_stream, save_scene
 
 rerun = pytest.importorskip("rerun", reason="the extra view is not installed")
 
@@ -167,7 +166,7 @@ def tracked_with(watch: Any) -> None:
 
 
 def test_tracking_is_shown_ten_times_a_second(monkeypatch, tmp_path):
-    monkeypatch.setattr(live, "_WAITING", 1000)  # none is dropped on a slow machine
+    monkeypatch.setattr(rerun_view, "WAITING", 1000)  # none is dropped on a slow machine
     recording = imaged_push()
     with live_view(recording, "push", tmp_path / "live.rrd", force=False, window=False) as log:
         tracked_with(log.show)
@@ -183,23 +182,8 @@ def test_tracking_is_shown_ten_times_a_second(monkeypatch, tmp_path):
         np.testing.assert_allclose(found["/above/estimate/path"][when], [[1e3 * x, -1e3 * y]], atol=1e-3)
 
 
-def test_truth_that_comes_beside_the_frames_is_shown_at_its_own_times(monkeypatch, tmp_path):
-    monkeypatch.setattr(live, "_WAITING", 1000)
-    blind = replace(imaged_push(), object_pose=None)
-    with live_view(blind, "push", tmp_path / "live.rrd", force=False, window=False) as log:
-        tracked_with(lambda frame, *more: log.show(replace(frame, object_pose=None), *more))
-        log.show_truth(0.51, np.array([0.3, 0.05, 0.1]), None)
-        log.show_truth(0.55, np.array([0.3, 0.05, 0.1]), None)  # too soon after
-        log.show_truth(0.71, np.array([0.3, 0.05, 0.1]), np.array([0.303, 0.054, 0.1 + np.pi / 180.0]))
-    found = read_back(tmp_path / "live.rrd")
-    assert found["/above/truth/path"] == {0.51: [[300.0, -50.0]], 0.71: [[300.0, -50.0]]}
-    assert list(found["/translation/error"]) == list(found["/rotation/error"]) == [0.71]
-    assert found["/translation/error"][0.71] == pytest.approx([5.0])
-    assert found["/rotation/error"][0.71] == pytest.approx([1.0])
-
-
 def test_a_view_that_stalls_never_holds_up_tracking(caplog, monkeypatch):
-    monkeypatch.setattr(live, "INTERVAL", 0.0)
+    monkeypatch.setattr(rerun_view, "INTERVAL", 0.0)
     stream = open_stream("stalled")
     stream.memory_recording()
     recording, released = imaged_push(), threading.Event()
@@ -226,7 +210,7 @@ def test_a_view_that_fails_ends_and_tracking_goes_on(caplog, tmp_path, monkeypat
     def fail(*_: object) -> None:
         raise RuntimeError("no space left")
 
-    monkeypatch.setattr(live.SceneLog, "send", fail)
+    monkeypatch.setattr(rerun_view.SceneLog, "send", fail)
     with live_view(imaged_push(), "push", tmp_path / "live.rrd", force=False, window=False) as log:
         tracked_with(log.show)
     assert log.dropped >= 13
@@ -261,11 +245,11 @@ class Served(NamedTuple):
 def served(monkeypatch, tmp_path) -> Iterator[Served]:
     """A viewer without a window, of a user whose home is tmp_path."""
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(viewer, "cache_folder", lambda: tmp_path / "cache" / "code")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     before = set(psutil.Process().children(recursive=True))
-    address = viewer.open_viewer("--serve-grpc")
+    address = rerun_view.start_viewer("--serve-grpc")
     found = Served(address, [each for each in psutil.Process().children(recursive=True) if each not in before])
-    monkeypatch.setattr(live, "open_viewer", lambda: address)
+    monkeypatch.setattr(rerun_view, "start_viewer", lambda: address)
     yield found
     found.end()
 
@@ -282,12 +266,14 @@ def test_the_viewer_listens_on_loopback_only_and_reports_to_nobody(served, monke
     assert listening == [("127.0.0.1", port)]
     words = " ".join(served.processes[-1].cmdline())
     assert "--memory-limit 1GiB" in words and "--server-memory-limit 256MiB" in words
-    assert all(each.environ()["XDG_CONFIG_HOME"] == str(tmp_path / "cache" / "rerun") for each in served.processes)
-    monkeypatch.setattr(live, "_WAITING", 1000)
+    assert all(
+        each.environ()["XDG_CONFIG_HOME"] == str(tmp_path / "cache" / "palpate" / "rerun") for each in served.processes
+    )
+    monkeypatch.setattr(rerun_view, "WAITING", 1000)
     with live_view(imaged_push(), "push", None, force=False, window=True) as log:
         tracked_with(log.show)
     assert log.dropped == 0
-    settings = json.loads((tmp_path / "cache" / "rerun" / "rerun" / "analytics.json").read_text())
+    settings = json.loads((tmp_path / "cache" / "palpate" / "rerun" / "rerun" / "analytics.json").read_text())
     assert settings["analytics_enabled"] is False
     assert not (tmp_path / ".config").exists()
 
@@ -295,11 +281,10 @@ def test_the_viewer_listens_on_loopback_only_and_reports_to_nobody(served, monke
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is a window to open")
 @pytest.mark.parametrize("mode", [("--no-such-option",), ()])  # without one it finds no window to open
 def test_a_viewer_that_does_not_start_is_told(mode, monkeypatch):
-    monkeypatch.setattr(viewer, "_WINDOW", 30.0)  # a busy machine takes its time to find no window
     monkeypatch.setenv("DISPLAY", ":no-such-display")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(SettingError, match="the viewer does not start"):
-        viewer.open_viewer(*mode)
+        rerun_view.start_viewer(*mode)
 
 
 @pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")  # it is meant to go on

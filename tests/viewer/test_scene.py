@@ -15,9 +15,8 @@ from palpate.touch.background import background_of
 from palpate.touch.lift import Lift
 from palpate.types.sensor import SensorProfile
 from palpate.viewer import scene
-from palpate.viewer.geometry import contact_points
-from palpate.viewer.images import jpeg, views
-from palpate.viewer.scene import Scene, load_scene
+from palpate.viewer.scene import Scene, contact_points, jpeg, load_scene
+from palpate.viewer.scene import touch_images as views
 
 
 @pytest.fixture(scope="module")

@@ -206,7 +206,7 @@ def check_new(path: Path, force: bool) -> None:
 def check_window(instead: str = "") -> None:
     """Raise SettingError where a view is asked for that cannot be opened; `instead` says what else can be done."""
     from palpate.errors import SettingError
-    from palpate.viewer.viewer import check_rerun, has_display
+    from palpate.viewer.rerun_view import check_rerun, has_display
 
     check_rerun()
     if not has_display():

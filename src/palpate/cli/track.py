@@ -193,7 +193,7 @@ def run_file(
         recording, plane = (reading, flat()) if isinstance(reading, Recording) else (reading.recording, reading.plane)
         view = nullcontext()
         if window or rrd:
-            from palpate.viewer.live import live_view
+            from palpate.viewer.rerun_view import live_view
 
             view = live_view(recording, file.name, rrd, force, window)
         with view as log, progress_bar(file.name, len(recording)) as progress:
@@ -252,7 +252,7 @@ def _fitted_offset(
 def _check_view(files: tuple[Path, ...], view: bool, save_rrd: Path | None, force: bool, resume: bool) -> None:
     """Raise SettingError where a view is asked for that cannot be had, before the work and not after it."""
     from palpate.errors import SettingError
-    from palpate.viewer.viewer import check_rerun
+    from palpate.viewer.rerun_view import check_rerun
 
     if not view and save_rrd is None:
         return

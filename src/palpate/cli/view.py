@@ -27,9 +27,8 @@ def view(
 ) -> int:
     """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time."""
     from palpate.cli.console import busy, print_line
+    from palpate.viewer.rerun_view import check_rerun, has_display, save_scene, show_scene
     from palpate.viewer.scene import load_scene
-    from palpate.viewer.show import save_scene, show_scene
-    from palpate.viewer.viewer import check_rerun, has_display
 
     check_rerun()
     file = save if save or has_display() else Path(f"{path.resolve().stem}.rrd")

@@ -1,1 +1,1 @@
-"""Tracking as it happens: sources of images and sensor poses, the loop between them, what it records and shows."""
+"""Live tracking: sources of images and sensor poses, the loop between them, its recording and its table."""

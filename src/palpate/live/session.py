@@ -1,66 +1,138 @@
-"""The loop of a live session: images and poses come by threads of their own, and the newest image is tracked."""
+"""The loop of a live session: threads read images and poses, and the newest image is tracked.
+
+One thread reads images, one reads poses, and the caller's thread tracks. Images that arrive during a step replace one
+another, so that the estimate never lags behind; all of them are recorded.
+"""
 
 import threading
+from array import array
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import FrameError
-from palpate.live.clock import Clock
-from palpate.live.images import ImageSource, TouchImage, pixels_of
-from palpate.live.newest import Newest
-from palpate.live.poses import PoseSource, PoseTrack, Refused, SensorPlace, TimedPose
-from palpate.live.state import LiveEstimate, LiveState
-from palpate.live.truth import LiveTruth, Picture, TruePose
+from palpate.live.poses import PoseTrack, Refused, SensorPlace, TimedPose
+from palpate.live.sources import Sources, TouchImage
 from palpate.pipeline.run import Watch
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
 
-Compared = Callable[[TruePose, NDArray[np.float64] | None], None]
-"""Takes a true pose of the object and what was estimated for its time, (3,), or None."""
-
-STALL = 0.15
-"""[s] without a sensor pose after which that is said."""
-
-_LOOK = 0.02  # [s] after which the loop looks around while no image comes
-_ENDING = 2.0  # [s] for sources to end; one that waits for something that never comes is left behind
+POSE_STALL = 0.15
+"""Time without a sensor pose after which the user is told [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sources:
-    """Where images and poses come from, and the clock by which they have their times."""
+class LiveEstimate(NamedTuple):
+    """An estimate and the way it came about."""
 
-    images: ImageSource
-    """Touch images."""
-    poses: PoseSource
-    """Poses of the sensor."""
-    clock: Clock
-    """What all times are measured by."""
-    size: tuple[int, int]
-    """Rows and columns of an image as it comes."""
-    truth: LiveTruth | None = None
-    """What tells where the object really is."""
+    estimate: Estimate
+    """Estimate at the image's time."""
+    place: SensorPlace
+    """Sensor pose at that time."""
+    latency: float
+    """Time from image to estimate [s]."""
+
+
+@dataclass
+class LiveState:
+    """Counts of a session; each image is in the end tracked, dropped, without a pose or refused."""
+
+    say: Callable[[str], None]
+    """Receives notes for the user."""
+    images: int = 0
+    """Images that arrived."""
+    tracked: int = 0
+    """Images that became an estimate."""
+    dropped: int = 0
+    """Images replaced by a newer one during a step."""
+    without_pose: int = 0
+    """Images without a sensor pose at their time."""
+    left_out: int = 0
+    """Images that the tracker refused."""
+    poses: int = 0
+    """Sensor poses that arrived and were taken."""
+    refused: int = 0
+    """Things that arrived in place of sensor poses."""
+    pose_age: float | None = None
+    """Age of the last sensor pose [s]; None before the first."""
+    last: LiveEstimate | None = None
+    """The last estimate."""
+    contact_frames: int = 0
+    """Estimates in contact."""
+    statuses: Counter[str] = field(default_factory=Counter)
+    """Estimates by status."""
+    notes: deque[str] = field(default_factory=lambda: deque(maxlen=3))
+    """The last notes."""
+    _latencies: "array[float]" = field(default_factory=lambda: array("d"))
+    _arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=60))
+    _next_note: dict[str, float] = field(default_factory=dict)
+
+    def note(self, text: str) -> None:
+        """Tell the user something."""
+        self.notes.append(text)
+        self.say(text)
+
+    def note_count(self, fault: str, count: int, reason: str, now: float) -> None:
+        """Tell the user about a repeated fault, once a second at most."""
+        if now >= self._next_note.get(fault, -np.inf):
+            self._next_note[fault] = now + 1.0
+            self.note(f"{fault}, {count} so far: {reason}")
+
+    def add(self, last: LiveEstimate) -> None:
+        """Count an estimate."""
+        self.tracked += 1
+        self.contact_frames += last.estimate.contact
+        self.statuses[last.estimate.status] += 1
+        self._latencies.append(1e3 * last.latency)
+        self.last = last
+
+    @property
+    def rate(self) -> float | None:
+        """Measured rate of the last images [Hz]."""
+        times = list(self._arrivals)
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None
+
+    def latency_ms(self, last: int = 0) -> dict[str, float | None]:
+        """Return percentiles of the time from image to estimate [ms], of all estimates or the last ones."""
+        values = np.array(self._latencies[-last:])
+        if not len(values):
+            return dict.fromkeys(("p50", "p95", "p99", "max"))
+        return dict(zip(("p50", "p95", "p99", "max"), np.percentile(values, (50, 95, 99, 100)).tolist(), strict=True))
+
+    def summary(self) -> dict[str, Any]:
+        """Return all counts as plain data for JSON."""
+        return {
+            "images": self.images,
+            "tracked": self.tracked,
+            "dropped": self.dropped,
+            "without_pose": self.without_pose,
+            "left_out": self.left_out,
+            "sensor_poses": self.poses,
+            "refused_poses": self.refused,
+            "rate_hz": self.rate,
+            "latency_ms": self.latency_ms(),
+            "contact_frames": self.contact_frames,
+            "statuses": dict(self.statuses),
+        }
 
 
 class Listener(Protocol):
-    """Is told of everything that comes and is estimated, as it happens and from several threads."""
+    """Receives everything that arrives and is estimated, from several threads."""
 
     def image(self, image: TouchImage) -> None:
-        """Take an image as it came."""
+        """Receive an image as it arrived."""
         ...
 
     def pose(self, pose: TimedPose) -> None:
-        """Take a pose of the sensor as it came."""
+        """Receive a sensor pose as it arrived."""
         ...
 
-    def estimate(self, estimate: Estimate, place: SensorPlace, latency: float) -> None:
-        """Take an estimate, with how the sensor's pose was known and how long it took [s]."""
+    def estimate(self, last: LiveEstimate) -> None:
+        """Receive an estimate."""
         ...
 
 
@@ -72,46 +144,42 @@ def track_live(
     listener: Listener | None = None,
     watch: Watch | None = None,
     seconds: float | None = None,
-    compared: Compared | None = None,
 ) -> None:
-    """Track until the images end, the event is set, or for some seconds.
+    """Track until the images end, `stop` is set, or for some seconds [s].
 
-    Images that come while a step is running replace one another, and the tracker goes on with the newest; all of them
-    are recorded. Each is tracked with the sensor's pose at its time, see `PoseTrack.at`. `state` tells how it goes.
-    A frame that the tracker refuses is left out, counted and said. Raises what a source, the listener or the tracker
-    raises, and a FrameError of the first frame.
+    A frame that the tracker refuses is left out and counted. Raises what a source, the listener or the tracker raises,
+    and the FrameError of the first frame.
     """
     clock, begin = sources.clock, sources.clock.now()
-    stalls = _Stalls(state, begin)
-    with _reading(sources, state, stop, listener, compared) as (newest, track, failures):
-        while not (stop.is_set() or failures or newest.over):
-            image = newest.take(_LOOK)
-            stalls.look(track.last, clock.now())
-            state.truth_age = None if state.true is None else clock.now() - state.true.time
+    stall = _PoseStall(state, begin)
+    with _reading(sources, state, stop, listener) as (newest, track, failures):
+        while not (stop.is_set() or failures or newest.is_over):
+            image = newest.take(0.02)
+            stall.check(track.last_time, clock.now())
             if seconds is not None and clock.now() - begin >= seconds:
                 stop.set()
             if image is None:
                 continue
             place = track.at(image.time)
             if place is None:
-                state.unplaced += 1
+                state.without_pose += 1
                 continue
             try:
-                estimate = tracker.update(Frame(image.time, place.pose, pixels_of(image, sources.size)))
+                estimate = tracker.update(Frame(image.time, place.pose, image.pixels(sources.size)))
             except FrameError as error:
-                if not state.tracked:  # nothing was right so far, so nothing will be
+                if not state.tracked:  # the first frame shows a fault of the set-up
                     raise
-                state.leave_out(str(error), clock.now())
+                state.left_out += 1
+                state.note_count("a frame is left out", state.left_out, str(error), clock.now())
                 continue
-            if not state.tracked and tracker.tactile_reason:
-                state.note(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
-            if not state.tracked and tracker.unusual_colours:
-                state.note(tracker.unusual_colours)
+            if not state.tracked:
+                for note in _first_notes(tracker):
+                    state.note(note)
             last = LiveEstimate(estimate, place, clock.now() - image.time)
-            state.estimated(last)
+            state.add(last)
             state.dropped = newest.dropped
             if listener:
-                listener.estimate(*last)
+                listener.estimate(last)
             if watch:
                 watch(tracker.frame, estimate, tracker.background)
     state.dropped = newest.dropped + (newest.take(0.0) is not None)
@@ -119,44 +187,77 @@ def track_live(
         raise failures[0]
 
 
-class _Stalls:
-    """Says when the sensor's poses stay away, and when they are back."""
+def _first_notes(tracker: Tracker) -> list[str]:
+    """Return what the tracker found out from the first image."""
+    chosen = f"tactile {tracker.tactile}: {tracker.tactile_reason}" if tracker.tactile_reason else ""
+    return [note for note in (chosen, tracker.unusual_colours) if note]
+
+
+class _Newest:
+    """Hands images from one thread to another; a newer image replaces one that was not taken yet."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._waiting: TouchImage | None = None
+        self._has_ended = False
+        self.dropped = 0
+
+    @property
+    def is_over(self) -> bool:
+        with self._changed:
+            return self._has_ended and self._waiting is None
+
+    def put(self, image: TouchImage) -> None:
+        with self._changed:
+            self.dropped += self._waiting is not None
+            self._waiting = image
+            self._changed.notify()
+
+    def end(self) -> None:
+        with self._changed:
+            self._has_ended = True
+            self._changed.notify()
+
+    def take(self, patience: float) -> TouchImage | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None or self._has_ended, patience)
+            taken, self._waiting = self._waiting, None
+            return taken
+
+
+class _PoseStall:
+    """Tells the user when sensor poses stop arriving, and when they are back."""
 
     def __init__(self, state: LiveState, begin: float) -> None:
         self._state, self._begin = state, begin
         self._since: float | None = None
 
-    def look(self, last: float | None, now: float) -> None:
-        """Take the time of the last pose, None before the first, and the time [s]."""
+    def check(self, last: float | None, now: float) -> None:
         self._state.pose_age = None if last is None else now - last
         reference = self._begin if last is None else last
-        if now - reference > STALL and self._since is None:
+        if now - reference > POSE_STALL and self._since is None:
             self._since = reference
-            what = "no sensor pose has come" if last is None else "the sensor's poses have stalled: none"
-            self._state.note(f"{what} for {now - reference:.2f} s")
-        elif now - reference <= STALL and self._since is not None:
+            fault = "no sensor pose has come" if last is None else "the sensor's poses have stalled: none"
+            self._state.note(f"{fault} for {now - reference:.2f} s")
+        elif now - reference <= POSE_STALL and self._since is not None:
             self._state.note(f"sensor poses come, after {reference - self._since:.2f} s without")
             self._since = None
 
 
 @contextmanager
 def _reading(
-    sources: Sources,
-    state: LiveState,
-    stop: threading.Event,
-    listener: Listener | None,
-    compared: Compared | None,
-) -> Iterator[tuple[Newest[TouchImage], PoseTrack, list[BaseException]]]:
-    """Read the sources by threads; yields the newest image, the poses, and what the threads raised."""
-    newest, track, failures = Newest[TouchImage](), PoseTrack(), list[BaseException]()
-    pictures, truth = Newest[Picture](), sources.truth
+    sources: Sources, state: LiveState, stop: threading.Event, listener: Listener | None
+) -> Iterator[tuple[_Newest, PoseTrack, list[BaseException]]]:
+    """Read the sources in threads; yield the newest image, the poses, and the exceptions of the threads."""
+    newest, track, failures = _Newest(), PoseTrack(), list[BaseException]()
 
     def read_images() -> None:
         for image in sources.images(stop):
             if isinstance(image, str):
                 state.note(image)
                 continue
-            state.arrived(image.time)
+            state.images += 1
+            state._arrivals.append(image.time)
             newest.put(image)
             if listener:
                 listener.image(image)
@@ -166,57 +267,27 @@ def _reading(
         for pose in sources.poses(stop):
             if isinstance(pose, str):
                 state.note(pose)
-                continue
-            refused = pose if isinstance(pose, Refused) else track.add(pose)
-            if refused:
-                state.refuse(refused.reason, sources.clock.now())
-                continue
-            assert not isinstance(pose, Refused)
-            state.poses += 1
-            if truth:
-                truth.sensor(pose)
-            if listener:
-                listener.pose(pose)
-
-    def read_pictures(truth: LiveTruth) -> None:
-        for picture in truth.pictures(stop):
-            if isinstance(picture, str):
-                state.note(picture)
+            elif refused := pose if isinstance(pose, Refused) else track.add(pose):
+                state.refused += 1
+                state.note_count("a sensor pose is refused", state.refused, refused.reason, sources.clock.now())
             else:
-                pictures.put(picture)
-        pictures.end()
+                assert isinstance(pose, TimedPose)
+                state.poses += 1
+                if listener:
+                    listener.pose(pose)
 
-    def look_at_pictures(truth: LiveTruth) -> None:
-        while not (stop.is_set() or pictures.over):
-            picture = pictures.take(_LOOK)
-            for found in truth.look(picture) if picture else ():
-                if isinstance(found, str):
-                    state.note(found)
-                    continue
-                estimated = state.compare(found)
-                if compared:
-                    compared(found, estimated)
+    def run(read: Callable[[], None]) -> None:
+        try:
+            read()
+        except Exception as error:  # the loop raises it again
+            failures.append(error)
 
-    reading = [read_images, read_poses]
-    if truth:
-        state.true_poses = 0
-        reading += [partial(read_pictures, truth), partial(look_at_pictures, truth)]
-    threads = [_started(read, failures) for read in reading]
+    threads = [threading.Thread(target=run, args=(read,), daemon=True) for read in (read_images, read_poses)]
+    for thread in threads:
+        thread.start()
     try:
         yield newest, track, failures
     finally:
         stop.set()
         for thread in threads:
-            thread.join(_ENDING)
-
-
-def _started(read: Callable[[], None], failures: list[BaseException]) -> threading.Thread:
-    def run() -> None:
-        try:
-            read()
-        except Exception as error:  # raised again by the loop
-            failures.append(error)
-
-    thread = threading.Thread(target=run, name="palpate-reading", daemon=True)
-    thread.start()
-    return thread
+            thread.join(2.0)  # one that waits for something that never comes is left behind

@@ -1,4 +1,4 @@
-"""A calm table in the terminal: the same rows all the time, some times a second."""
+"""A table in the terminal that shows how a live session goes."""
 
 import sys
 from collections.abc import Iterator
@@ -9,82 +9,45 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from palpate.live.state import LiveState
+from palpate.live.session import LiveState
 from palpate.pipeline.poses import pose_words, world_sigma
 
-_REFRESH = 5  # times a second
-_RECENT = 600  # estimates whose latency is shown
 
-
-class LiveTable:
-    """The table of a session, on standard error; where that is no terminal, there is none."""
-
-    def __init__(self, title: str) -> None:
-        """Take what to write above it."""
-        self._title = title
-        self._console = Console(stderr=True, force_terminal=sys.stderr.isatty())  # whatever FORCE_COLOR says
-
-    @property
-    def shown(self) -> bool:
-        """Whether there is a terminal."""
-        return self._console.is_terminal
-
-    @contextmanager
-    def of(self, state: LiveState) -> Iterator[None]:
-        """Show how a session goes while the block runs."""
-        if not self.shown:
-            yield
-            return
-        table = Live(
-            get_renderable=lambda: table_of(self._title, state),
-            console=self._console,
-            refresh_per_second=_REFRESH,
-            transient=True,
-        )
-        with table:
-            yield
+@contextmanager
+def live_table(title: str, state: LiveState) -> Iterator[None]:
+    """Show the table on standard error while the block runs; nothing is shown where that is no terminal."""
+    console = Console(stderr=True, force_terminal=sys.stderr.isatty())  # FORCE_COLOR would ask for a table in a file
+    if not console.is_terminal:
+        yield
+        return
+    with Live(get_renderable=lambda: table_of(title, state), console=console, refresh_per_second=5, transient=True):
+        yield
 
 
 def table_of(title: str, state: LiveState) -> Table:
-    """How a session goes now."""
+    """Return the table of a session as it stands."""
     table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, show_header=False)
     table.add_column(style="dim")
     table.add_column(min_width=60, overflow="fold")
-    for name, text in _rows(state):
-        table.add_row(name, text)
+    for row in _rows(state):
+        table.add_row(*row)
     return table
 
 
 def _rows(state: LiveState) -> list[tuple[str, str]]:
-    last = state.last  # first, for what is told with it is there by then
-    rate, latency = state.rate, state.latency_ms(_RECENT)
-    counts = f"{state.tracked} tracked, {state.dropped} dropped, {state.unplaced} without a pose"
+    last, rate, latency = state.last, state.rate, state.latency_ms(600)
+    counts = f"{state.tracked} tracked, {state.dropped} dropped, {state.without_pose} without a pose"
+    age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"
     rows = [("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {counts}")]
-    waiting = [("latency", "-"), ("contact", "-"), ("status", "-"), ("object", "-")]
     if last is None:
-        rows += waiting
+        rows += [(name, "-") for name in ("latency", "contact", "status", "object")]
     else:
-        estimate = last.estimate
-        sigma = world_sigma(estimate.pose, estimate.covariance)
+        one = last.estimate
         rows += [
             ("latency", f"{latency['p50']:.1f} ms, 99 %: {latency['p99']:.1f} ms"),
-            ("contact", "yes" if estimate.contact else "no"),
-            ("status", f"{estimate.status}{f': {estimate.reason}' if estimate.reason else ''}"),
-            ("object", pose_words(estimate.pose, sigma)),
+            ("contact", "yes" if one.contact else "no"),
+            ("status", f"{one.status}{one.reason and f': {one.reason}'}"),
+            ("object", pose_words(one.pose, world_sigma(one.pose, one.covariance))),
         ]
-    how = last.place.how if last else "-"
-    age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"
-    rows.append(("sensor pose", f"{age}, {how}; {state.refused} refused"))
-    if state.true_poses is not None:
-        rows.append(("truth", _truth(state)))
+    rows.append(("sensor pose", f"{age}, {last.place.how if last else '-'}; {state.refused} refused"))
     return [*rows, ("", "\n".join(state.notes))]
-
-
-def _truth(state: LiveState) -> str:
-    if state.truth_age is None:
-        return "not known yet"
-    seen = f"seen {1e3 * max(state.truth_age, 0.0):.0f} ms ago"
-    if state.error is None:
-        return f"{seen}, not compared yet"
-    mm, deg = state.error
-    return f"the estimate is {mm:.1f} mm, {deg:.1f}° off; {seen}"

@@ -1,1 +1,1 @@
-"""palpate as a node of ROS 2, `python -m palpate.ros2`: a live session whose sources and outlet are topics."""
+"""palpate as a ROS 2 node, `python -m palpate.ros2`: a live session whose sources and results are topics."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from palpate.cli.console import complain
 from palpate.errors import PalpateError
-from palpate.live.ended import ended_by_signals
-from palpate.live.ros2 import Ros2Node
+from palpate.live.ros2_topics import Ros2Node
+from palpate.live.setup import stop_on_signals
 from palpate.ros2.node import run
 
 
@@ -19,14 +19,14 @@ def main(arguments: Sequence[str]) -> int:
         return 2
     logger = ros.node.get_logger()
     try:
-        with ended_by_signals() as stop:
+        with stop_on_signals() as stop:
             state = run(ros, stop, logger.info)
     except PalpateError as error:
         logger.error(str(error))
         return 2
     else:
         counts = f"{state.images} images, {state.tracked} tracked, {state.dropped} dropped"
-        logger.info(f"{counts}, {state.unplaced} without a sensor pose, {ros.lost} lost by ROS")
+        logger.info(f"{counts}, {state.without_pose} without a sensor pose, {ros.lost} lost by ROS")
         return 0
     finally:
         ros.close()

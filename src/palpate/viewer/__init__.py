@@ -1,1 +1,1 @@
-"""Runs and recordings shown: in Rerun, live and afterwards, and on a page of their own."""
+"""Views of runs and recordings: in Rerun, live or afterwards, and as one HTML page."""

@@ -1,4 +1,4 @@
-"""Colours of all views: Okabe and Ito's, which people with any colour vision tell apart on a light or a dark ground."""
+"""Colours of all views: Okabe and Ito's palette, which people with any colour vision can tell apart."""
 
 from palpate.filter.consistency import Status
 

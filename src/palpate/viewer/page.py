@@ -1,6 +1,7 @@
-"""A run on one page that needs no other file and no network: the push, to be played, with touch and plots."""
+"""A run as one HTML page that needs no other file and no network: the push, played, with touch images and plots."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +14,33 @@ from palpate.geometry.lines import closed_outline, half_axes_95
 from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
 from palpate.pipeline.run import Run
 from palpate.viewer import colours
-from palpate.viewer.geometry import contact_points
-from palpate.viewer.images import jpeg, views
+from palpate.viewer.scene import contact_points, jpeg, touch_images
 from palpate.web_page import picture_uri, rendered_page
 
 Array = NDArray[np.float64]
 
 TEMPLATE = Path(__file__).with_name("page.html.j2")
-_MOST_FRAMES = 3000
-_MOST_PICTURES = 600
-_PICTURES_SIZE = 2_700_000  # [B] of all pictures together
-_WIDTH = 160  # [px] of a picture
+
+
+@dataclass(frozen=True)
+class PageLimits:
+    """Limits that keep a page below 5 MB."""
+
+    frames: int = 3000
+    """Frames, to which longer runs are thinned."""
+    pictures: int = 600
+    """Touch images, likewise."""
+    picture_bytes: int = 2_700_000
+    """Size of all touch images together [B]."""
+    picture_width: int = 160
+    """Width of a touch image [px]."""
+
+
+LIMITS = PageLimits()
 
 
 def write_page(run: Run, name: str, path: Path, force: bool = False) -> None:
-    """Write the page of a run, whole or not at all; FileError if it exists, unless `force`.
-
-    Long runs are thinned to some thousand frames and some hundred touch images, which keeps the page below 5 MB.
-    """
+    """Write the page of a run, whole or not at all; FileError if it exists, unless `force`."""
     with whole_file(path, overwrite=force) as part:
         part.write_text(
             rendered_page(TEMPLATE, name=name, summary=run.summary, colours=colours, data=_json(page_data(run))),
@@ -39,10 +49,10 @@ def write_page(run: Run, name: str, path: Path, force: bool = False) -> None:
 
 
 def page_data(run: Run) -> dict[str, Any]:
-    """Return what the page draws, as plain data: mm, yaw of poses in rad, errors in degrees; None where unknown."""
+    """Return the data of the page: lengths in mm, yaw in rad, errors of yaw in degrees; None where unknown."""
     online, recording = run.online, run.recording
     assert online.covariance is not None and online.contact is not None and online.status is not None
-    frames = np.arange(0, len(online), -(-len(online) // _MOST_FRAMES))
+    frames = np.arange(0, len(online), -(-len(online) // LIMITS.frames))
     pose, sensor, covariance = online.pose[frames], recording.sensor_pose[frames], online.covariance[frames]
     truth = np.full_like(pose, np.nan) if run.truth is None else run.truth[frames]
     distance, angle = deviations(covariance)
@@ -81,19 +91,19 @@ def page_data(run: Run) -> dict[str, Any]:
 
 
 def _pictures(run: Run) -> list[dict[str, Any]]:
-    """Touch images, small, and what the model saw of each, at as many times as there is room for."""
+    """Return small touch images and their differences from the untouched gel, as many as there is room for."""
     recording = run.recording
     if recording.image is None:
         return []
-    every = -(-len(recording) // _MOST_PICTURES)
+    every = -(-len(recording) // LIMITS.pictures)
+    images = enumerate(zip(recording.time, touch_images(recording, run.calibration), strict=True))
+    width = LIMITS.picture_width
     taken = [
-        (float(time - recording.time[0]), jpeg(image, _WIDTH), None if model is None else jpeg(model, _WIDTH))
-        for index, (time, (image, model)) in enumerate(
-            zip(recording.time, views(recording, run.calibration), strict=True)
-        )
+        (float(time - recording.time[0]), jpeg(image, width), None if difference is None else jpeg(difference, width))
+        for index, (time, (image, difference)) in images
         if index % every == 0
     ]
-    while sum(len(touch) + len(model or b"") for _, touch, model in taken) > _PICTURES_SIZE:
+    while sum(len(touch) + len(model or b"") for _, touch, model in taken) > LIMITS.picture_bytes:
         taken = taken[::2]
     return [
         {"time": round(time, 3), "touch": picture_uri(touch), "model": None if model is None else picture_uri(model)}
@@ -102,7 +112,7 @@ def _pictures(run: Run) -> list[dict[str, Any]]:
 
 
 def _poses(pose: Array) -> list[Any]:
-    """Poses (..., 3) in mm and rad, None for those that are not known."""
+    """Return poses (N, 3) in mm and rad, None for unknown ones."""
     return [None if np.isnan(each).any() else [*_rounded(1e3 * each[:2], 2), round(float(each[2]), 5)] for each in pose]
 
 
@@ -111,7 +121,7 @@ def _millimetres(points: Array) -> list[Any]:
 
 
 def _rounded(values: Array, digits: int) -> list[Any]:
-    """Nested lists of numbers, None for what is not known."""
+    """Return nested lists of rounded numbers, None for NaN."""
     rounded = np.round(np.asarray(values, dtype=np.float64), digits)
     numbers = rounded.astype(object)
     numbers[np.isnan(rounded)] = None
@@ -119,7 +129,7 @@ def _rounded(values: Array, digits: int) -> list[Any]:
 
 
 def _json(data: dict[str, Any]) -> str:
-    """JSON that may stand in a script element, whatever it says."""
+    """Return JSON that is safe inside a script element."""
     import markupsafe
 
     text = json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=False)

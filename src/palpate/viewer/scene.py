@@ -1,94 +1,145 @@
-"""What a view shows: frames of a recording and, where it was tracked, what came of it."""
+"""The content of a view: a recording and, where it was tracked, the estimates."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from palpate import io as formats
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.files import read_json
-from palpate.io import estimates_csv
+from palpate.geometry import se2
+from palpate.geometry.distance_field import DistanceField
+from palpate.io import estimates_csv, load_recording
 from palpate.pipeline import details
 from palpate.pipeline.truth import known_truth
-from palpate.touch.calibration import Calibration, load_calibration
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration, load_calibration, turned_as, view_of
+from palpate.touch.detector import detector_for
+from palpate.touch.difference import difference_in_light, reduced
 from palpate.touch.lift import lift_of
 from palpate.types.answer import Answers
 from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
 from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A recording of N frames and what tracking made of it."""
+    """A recording of N frames and its estimates."""
 
     name: str
-    """What to call it."""
+    """Name for people."""
     recording: Recording
-    """What was tracked, or is only to be seen."""
+    """The recording."""
     truth: Array | None
-    """Ground truth (N, 3), NaN where it is not known or not trusted."""
+    """Ground truth (N, 3) [m, m, rad]; NaN where it is unknown or not trusted."""
     estimate: Trajectory | None = None
-    """The estimate at each frame, with covariance, contact and status; None for a recording that was not tracked."""
+    """Estimate at each frame, with covariance, contact and status; None for a recording that was not tracked."""
     answers: Answers = ()
-    """All answers at each of N frames, the best first; none at frames with one."""
+    """All answers at each frame with several, the best first."""
     friction: Array | None = None
-    """Friction as learnt up to each frame, and its standard deviation, (N, 2)."""
+    """Friction as learnt up to each frame and its standard deviation, (N, 2)."""
     calibration: Calibration | None = None
-    """What was known of the sensor unit."""
+    """Calibration of the sensor unit."""
 
     @property
     def contact(self) -> NDArray[np.bool_] | None:
-        """Whether the sensor touches at each frame, (N,): as tracking found, or as the recording says."""
+        """Contact at each frame, (N,): as tracking found it, or as the recording says."""
         return self.recording.contact if self.estimate is None else self.estimate.contact
 
 
 def load_scene(path: Path) -> Scene:
-    """Return what there is to see of a run folder, or of a recording in any known format. Raises FileError."""
-    if path.is_dir():
-        return _load_run(path)
-    recording = formats.load_recording(path)
-    return Scene(path.name, recording, known_truth(recording))
-
-
-def _load_run(folder: Path) -> Scene:
-    if not (folder / "settings.json").exists():
-        raise FileError(f"{folder}: is no run of palpate track: there is no settings.json in it")
-    settings = read_json(folder / "settings.json")
-    recording = formats.load_recording(folder / _said(settings, "recording", folder))
-    estimate = estimates_csv.read(folder / "estimates.csv")
+    """Read the folder of a run, or a recording of any known format; raises FileError."""
+    if not path.is_dir():
+        recording = load_recording(path)
+        return Scene(path.name, recording, known_truth(recording))
+    if not (path / "settings.json").exists():
+        raise FileError(f"{path}: is no run of palpate track: there is no settings.json in it")
+    settings = read_json(path / "settings.json")
+    recording = load_recording(path / _file_name(settings, "recording", path))
+    estimate = estimates_csv.read(path / "estimates.csv")
     if not np.array_equal(estimate.time, recording.time):
         raise FileError(
-            f"{folder}: its {len(estimate)} estimates are not of the {len(recording)} frames of {recording.file}, "
+            f"{path}: its {len(estimate)} estimates are not of the {len(recording)} frames of {recording.file}, "
             "which is another recording now; track it again"
         )
-    return Scene(
-        folder.resolve().name,
-        recording,
-        known_truth(recording),
-        estimate,
-        details.read_answers(folder / "answers.csv", estimate.time),
-        details.read_friction(folder / "friction.csv", estimate.time),
-        _calibration(folder, settings, recording),
-    )
+    answers = details.read_answers(path / "answers.csv", estimate.time)
+    friction = details.read_friction(path / "friction.csv", estimate.time)
+    calibration = _calibration(path, settings, recording)
+    return Scene(path.resolve().name, recording, known_truth(recording), estimate, answers, friction, calibration)
 
 
 def _calibration(folder: Path, settings: dict[str, Any], recording: Recording) -> Calibration | None:
-    """What a run was tracked with: a file or, where it began in contact, the gel after that."""
+    """Return the calibration of a run: a file or, if it began in contact, the gel after its first release."""
     if settings.get("calibration") is not None:
-        return load_calibration(_said(settings, "calibration", folder))
+        return load_calibration(_file_name(settings, "calibration", folder))
     began_in_contact = "untouched_from_s" in read_json(folder / "summary.json")
-    lift = lift_of(recording) if began_in_contact else None
-    return lift and lift.calibration
+    release = lift_of(recording) if began_in_contact else None
+    return release and release.calibration
 
 
-def _said(settings: dict[str, Any], name: str, folder: Path) -> str:
+def _file_name(settings: dict[str, Any], name: str, folder: Path) -> str:
     value = settings.get(name)
     if not isinstance(value, str):
         raise FileError(f"{folder / 'settings.json'}: {name} is {json.dumps(value)}, expected the name of a file")
     return value
+
+
+def contact_points(
+    sensor_pose: ArrayLike, object_pose: ArrayLike, sensor: SensorProfile, field: DistanceField
+) -> Array:
+    """Return the outline's points (N, 2) [m] nearest to the sensor, in the world.
+
+    Takes world_T_sensor and world_T_object (N, 3) and the outline's distance field. Of several tips the nearest counts.
+    """
+    object_pose = np.asarray(object_pose, dtype=np.float64)
+    centers = se2.transform(se2.between(object_pose, sensor_pose)[:, None], sensor.round_centers)
+    distance, gradient, _ = field.value_gradient_hessian(centers)
+    steepness = np.maximum((gradient**2).sum(axis=-1), 1e-6)
+    nearest = centers - (distance / steepness)[..., None] * gradient
+    tip = distance.argmin(axis=1)
+    return se2.transform(object_pose, nearest[np.arange(len(tip)), tip])
+
+
+def touch_images(recording: Recording, calibration: Calibration | None) -> Iterator[tuple[Image, Image | None]]:
+    """Yield each touch image, turned as the profile's are, and its difference from the untouched gel.
+
+    The difference is taken as tracking takes it, from the gel before the contact; it is None while that is unknown.
+    """
+    detector, view = detector_for(turned_as(recording.sensor, calibration), calibration), view_of(calibration)
+    untouched = detector.background
+    for index in range(len(recording)):
+        image = recording[index].image
+        if image is None:
+            raise SettingError("the recording has no images to show")
+        image = detector.read(view.of(image))
+        if not detector.update(image):
+            untouched = detector.background
+        yield image, None if untouched is None else difference_image(image, untouched)
+
+
+def difference_image(image: Image, untouched: Background) -> Image:
+    """Return the touch model's input as an image of the same size: 128 is untouched, 80 levels are a change by 1."""
+    import cv2
+
+    levels = 128.0 + 80.0 * difference_in_light(image, reduced(untouched.mean))
+    levels = np.clip(levels, 0.0, 255.0).astype(np.uint8)
+    return np.asarray(cv2.resize(levels, image.shape[1::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def jpeg(image: Image, width: int | None = None) -> bytes:
+    """Return an RGB image as JPEG, reduced to a width [px] if one is given."""
+    import cv2
+
+    if width is not None and width < image.shape[1]:
+        size = (width, round(image.shape[0] * width / image.shape[1]))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 80])
+    return data.tobytes()
