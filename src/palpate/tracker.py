@@ -8,22 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import TrackerSettings
-from palpate.errors import EstimationError, FrameError
+from palpate.errors import EstimationError
 from palpate.filter.belief import Prior
 from palpate.filter.hypothesis_bank import Hypotheses
 from palpate.filter.mirrored_images import MirroredImages
-from palpate.gate.checked_frame import checked_measurements
-from palpate.gate.stream import Stream
 from palpate.geometry.shapes import Shape
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.smoother import IN_A_WINDOW
 from palpate.graph.variables import GRIP, IN_OBJECT
 from palpate.graph.warm_up import warm_up
+from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, correction_of
 from palpate.touch.colours import unusual_colours
 from palpate.touch.model import TouchModel
-from palpate.touch.modes import GREY, Tactile, TactileChoice, chosen, expected, lacks_colours, make_touch
+from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch
 from palpate.tracker_arguments import ask_how_far, check_arguments, first_pose_of, with_correction
 from palpate.types.estimate import Estimate
@@ -66,7 +65,7 @@ class Tracker:
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up(settings.smoother)
         self._shape, self._sensor, self._settings, self._model = shape, sensor, settings, model
-        self._stream = Stream(sensor, calibration, settings.noise.sensor_pose.deviation)
+        self._gate = InputGate(sensor, calibration, settings.noise.sensor_pose.deviation)
         self._correction = correction_of(calibration)
         self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._tactile: TactileChoice = settings.tactile
@@ -89,7 +88,7 @@ class Tracker:
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
         self._forget_contact()
-        self._stream.reset()
+        self._gate.reset()
         self._begin()
 
     def _begin(self) -> None:
@@ -115,19 +114,21 @@ class Tracker:
         Raises EstimationError, of which FrameError is a kind, where no estimate can be computed, not even by beginning
         anew from the last pose: the contact is over, and the next frame begins another.
         """
-        frame = self._stream.checked(frame, measurements, self._check_readable, self._estimator.gap)
-        if self._stream.last is None:
+        gate = self._gate
+        frame = checked_frame(frame, measurements, len(self._sensor.tips))
+        clearance = self._estimator.gap(frame.sensor_pose) if gate.needs_clearance(frame) else None
+        frame = gate.check(frame, clearance, reads_images=self._feels, needs_colours=self._model is None)
+        if gate.last is None:
             ask_how_far(self._first, frame.sensor_pose)
         self._choose_touch(frame)
-        paused = self._stream.has_paused(frame)
-        if self._estimator.in_contact and (paused or not frame.contact):
-            self._estimator.end_contact(self._stream.moved_unseen(paused))
+        if self._estimator.in_contact and (gate.paused or not frame.contact):
+            self._estimator.end_contact(gate.unobserved_push)
             self._forget_contact()
         if frame.contact:
             self._touch_object(frame)
         else:
             self._estimator.rest(frame.sensor_pose, frame.measurements, frame.time)
-        self._stream.take(frame, paused)
+        gate.accept(frame)
         self._times.append(frame.time)
         self._contacts.append(self._estimator.in_contact)
         return self._estimate(frame.time)
@@ -178,14 +179,14 @@ class Tracker:
 
         Raises EstimationError before the first one.
         """
-        if self._stream.last is None:
+        if self._gate.last is None:
             raise EstimationError(_NO_FRAME)
-        return self._stream.last
+        return self._gate.last
 
     @property
     def background(self) -> Background | None:
         """The untouched gel as it is known now; None before the first images have told, and without images."""
-        return self._stream.background
+        return self._gate.background
 
     def smoothed(self) -> Trajectory:
         """Return the object's poses at all frames so far, each corrected by what was measured later in its contact.
@@ -214,16 +215,16 @@ class Tracker:
 
     def _estimate(self, time: float) -> Estimate:
         """What is known at the last frame, of this time [s]."""
-        estimator, stream, touched = self._estimator, self._stream, self._estimator.touched
+        estimator, gate, touched = self._estimator, self._gate, self._estimator.touched
         if touched:
             self._touched_at = time
-        weaknesses = stream.weakness, self._mirrored_images.reason, self._unread, stream.too_often
-        reasons = stream.doubt, estimator.reason, *weaknesses
-        status, reason = stream.alarm or (estimator.status, next(filter(None, reasons), ""))
+        weaknesses = gate.weakness, self._mirrored_images.reason, self._unread
+        reasons = gate.doubt, estimator.reason, *weaknesses
+        status, reason = gate.alarm or (estimator.status, next(filter(None, reasons), ""))
         return Estimate(
             time=time,
             pose=estimator.known.pose.copy(),
-            covariance=estimator.covariance + estimator.covariance_of_motion(stream.blind),
+            covariance=estimator.covariance + estimator.covariance_of_motion(gate.hidden_motion),
             contact=estimator.in_contact,
             status=status,
             reason=reason,
@@ -255,7 +256,7 @@ class Tracker:
 
     def _told(self, frame: Frame) -> Sequence[Measurement]:
         """What touch tells of a frame of contact; nothing where it has not felt it begin."""
-        if self._stream.is_unfelt and self._feels:
+        if self._gate.touches_since_start and self._feels:
             return ()
         told = self._touch.measure(frame)
         return checked_measurements(frame.time, told, len(self._sensor.tips)) if self._is_touch_given else told
@@ -264,19 +265,9 @@ class Tracker:
         """All that is measured at a frame of which touch tells this."""
         return (*self._mirrored_images.believed(told), *frame.measurements)
 
-    def _check_readable(self, frame: Frame) -> None:
-        """Raise FrameError where a model is to read a frame of contact without an image, or a grey first one."""
-        if not self._feels:
-            return
-        if frame.image is None:
-            if frame.contact:
-                raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-        elif self._stream.last is None and lacks_colours(frame.image, self._model):
-            raise FrameError(f"frame at {frame.time:.3f} s: {GREY}")
-
     def _choose_touch(self, frame: Frame) -> None:
         """Settle what the settings leave open, at the first frame, and note what is unusual about its colours."""
-        if self._stream.last is not None:
+        if self._gate.last is not None:
             return
         if self._tactile == "auto" and not self._is_touch_given:
             self._settle_touch(*chosen(frame.image, self._sensor, self._model))
@@ -288,9 +279,13 @@ class Tracker:
         if tactile == "none":
             self._touch = self._make_touch("none")
 
+    def _known_background(self) -> Background:
+        assert self._gate.background is not None  # it is known before the first contact that an image shows
+        return self._gate.background
+
     def _make_touch(self, tactile: Tactile) -> Touch:
         given = self._settings.noise.relative_pose
-        known = self._sensor, given.oracle, given.constant, self._model, self._stream.known_background, self._correction
+        known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
         return make_touch(tactile, *known, given.linear)
 
 

@@ -20,7 +20,7 @@ from palpate.tracker import Tracker
 from palpate.types.sensor import sensor_from_dict, sensor_to_dict
 
 FORMAT = "palpate-tracker"
-_TRACKER_MADE_WITH = "_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given", "_stream"
+_TRACKER_MADE_WITH = "_shape", "_sensor", "_settings", "_model", "_contact_model", "_is_touch_given", "_gate"
 _STREAM_MADE_WITH = "_sensor", "_deviation"
 """Attributes of a tracker and of its stream that they are made with; all others are what they know."""
 
@@ -32,9 +32,9 @@ def save_tracker(tracker: Tracker, path: Path | str, beside: Any = None) -> None
         raise SettingError("a tracker with the particle filter cannot be saved: what it draws next is in no file")
     if tracker._is_touch_given:
         raise SettingError("a tracker with a touch of your own cannot be saved: palpate cannot make it anew")
-    stream = _known(tracker._stream, _STREAM_MADE_WITH)
-    if tracker._stream.last is not None:
-        stream["_last"] = replace(tracker._stream.last, measurements=())
+    stream = _known(tracker._gate, _STREAM_MADE_WITH)
+    if tracker._gate.last is not None:
+        stream["last"] = replace(tracker._gate.last, measurements=())
     known = {"tracker": _known(tracker, _TRACKER_MADE_WITH), "stream": stream, "beside": beside}
     try:
         write_state(path, _about(tracker), known, _given(tracker))
@@ -66,7 +66,7 @@ def load_tracker_and(path: Path | str) -> tuple[Tracker, Any]:
         tracker = _made(about)
         known = file.state(_given(tracker))
         vars(tracker).update(known["tracker"])
-        vars(tracker._stream).update(known["stream"])
+        vars(tracker._gate).update(known["stream"])
         return tracker, known["beside"]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise FileError(f"{file.path}: is no saved tracker ({error!r})") from error

@@ -51,7 +51,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "neither": ({"image": None, "contact": None}, "neither an image nor a contact flag"),
     "contact of text": ({"contact": "yes"}, "contact 'yes'; it must be True, False or None"),
     "image as list": ({"image": [[[0, 0, 0]]]}, "image of type list; it must be an array of uint8"),
-    "encoded image": ({"image": b"\xff\xd8\xff"}, "image of type bytes.*are to be decoded first"),
+    "encoded image": ({"image": b"\xff\xd8\xff"}, "image of type bytes.*decode encoded images first"),
     "image of floats": ({"image": np.zeros((320, 240, 3))}, r"image of float64 \(320, 240, 3\); it must be an array"),
     "grey image": ({"image": np.zeros((320, 240), np.uint8)}, r"image of uint8 \(320, 240\); it must be"),
     "turned image": ({"image": np.zeros((240, 320, 3), np.uint8)}, "turned by a quarter"),
@@ -204,4 +204,4 @@ def test_what_is_worse_in_a_stream_is_the_reason_beside_the_status():
     assert said[-1].status == "tracking" and said[-1].reason.startswith("frames come ")
     rng = np.random.default_rng(0)
     shaken = [dataclasses.replace(each, sensor_pose=each.sensor_pose + rng.normal(size=3) * 5e-4) for each in seen]
-    assert "place trembles by" in [noisy.update(frame) for frame in shaken][-1].reason
+    assert "position has noise of" in [noisy.update(frame) for frame in shaken][-1].reason

@@ -87,7 +87,7 @@ def test_a_calibrated_unit_goes_on(tmp_path):
     ]
     tracker = Tracker(SHAPES["disc"], DIGIT, np.zeros(3), TrackerSettings("learnt-pairs"), calibration=unit)
     loaded = goes_on(tracker, seen, 7, tmp_path / "state.npz")
-    assert loaded._correction == unit.direction and loaded._stream._view == unit.view
+    assert loaded._correction == unit.direction and loaded._gate._view == unit.view
     for one in (tracker, loaded):
         one.reset()
     late = dataclasses.replace(seen[0], contact=None)
@@ -110,10 +110,10 @@ def test_isam2_goes_on_between_contacts_and_says_that_it_cannot_in_them(tmp_path
 
 def test_what_tracker_and_stream_call_alike_stays_apart(tmp_path):
     tracker: Any = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings("none"))
-    tracker._alike, tracker._stream._alike = 1.0, 2.0
+    tracker._alike, tracker._gate._alike = 1.0, 2.0
     tracker.save(tmp_path / "state.npz")
     loaded: Any = Tracker.load(tmp_path / "state.npz")
-    assert (loaded._alike, loaded._stream._alike) == (1.0, 2.0)
+    assert (loaded._alike, loaded._gate._alike) == (1.0, 2.0)
 
 
 class Deep(OwnMeasurement):

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.gate.quality import too_often
 from palpate.geometry import se2
 from palpate.pipeline.knocks import FASTER, knocked_frames
 from palpate.pipeline.time_gaps import time_gaps
 from palpate.pipeline.truth import flag_runs, trusted_truth
+from palpate.stream_monitor import too_often
 from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.units import check_metres, other_time_unit, wrong_width

@@ -1,1 +1,0 @@
-"""What of a stream of frames can be believed, before anything is estimated from it."""

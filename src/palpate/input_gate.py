@@ -1,0 +1,241 @@
+"""Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import FrameError, PalpateError, SettingError
+from palpate.graph.factors.measured import check_own
+from palpate.limits import FARTHEST
+from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration, view_of
+from palpate.touch.detector import detector_for
+from palpate.touch.modes import GREY, lacks_colours
+from palpate.touch.steady import first_frames
+from palpate.types.estimate import Status
+from palpate.types.frame import Frame
+from palpate.types.measurements import (
+    ContactDirection,
+    ContactPlace,
+    Measurement,
+    OwnMeasurement,
+    RelativePoses,
+    Turn,
+    finite_numbers,
+)
+from palpate.types.sensor import SensorProfile
+
+_PAUSE = 10  # intervals without a frame after which a contact is a new one
+_NEAR, _INSIDE = 3.0, 5e-3  # [standard deviations] and [m] of clearance: may touch, and touches for sure
+_FARTHEST_POSE = np.array([1e4, 1e4, FARTHEST])  # [m, m, rad]
+
+
+class InputGate:
+    """Checks the frames of one sensor: `check` returns one as it can be used, `accept` makes it the last one."""
+
+    def __init__(self, sensor: SensorProfile, calibration: Calibration | None, deviation: Sequence[float]) -> None:
+        """Take the standard deviations of the sensor's measured pose (3,) [m, m, rad]."""
+        self._sensor, self._deviation = sensor, math.hypot(*deviation[:2]) / math.sqrt(2.0)
+        self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
+        self._begin()
+
+    def reset(self) -> None:
+        """Start again at any time; the untouched gel stays known unless its images may show a touch."""
+        if self._may_touch_since_start:
+            self._detector.forget()
+        self._begin()
+
+    def _begin(self) -> None:
+        rate = self._sensor.rate
+        self._poses, self._quality = PoseMonitor(rate), StreamQuality(rate, self._deviation)
+        # Without a calibration the first images are taken as untouched, which is wrong if the sensor was at the object.
+        self._may_touch_since_start = self._detector.background is None
+        self._near: deque[bool] = deque(maxlen=first_frames(rate) - 1)  # at these images, all but the last one
+        self.last: Frame | None = None
+        """The last accepted frame."""
+        self.paused = False
+        """The sensor was not observed before the checked frame, so a contact in it is a new one."""
+        self.touches_since_start = False
+        """In contact since before the untouched gel was known, so touch cannot measure."""
+
+    def needs_clearance(self, frame: Frame) -> bool:
+        """Return true if `check` needs the predicted clearance at this frame."""
+        return frame.image is not None and self._may_touch_since_start
+
+    def check(
+        self,
+        frame: Frame,
+        clearance: tuple[float, float] | None = None,
+        reads_images: bool = False,
+        needs_colours: bool = False,
+    ) -> Frame:
+        """Return a frame with its image in the profile's view, and contact as the image shows.
+
+        `frame` comes from `checked_frame`. `clearance` is the predicted distance between sensor and object and its
+        standard deviation [m]. `reads_images` and `needs_colours` are what the source of touch measurements needs.
+        Raises FrameError if the frame cannot be used; see `Tracker.update`.
+        """
+        when = f"frame at {frame.time:.3f} s"
+        if self.last is not None and frame.time <= self.last.time:
+            raise FrameError(f"{when} follows one at {self.last.time:.3f} s; times must increase")
+        self._poses.check_time(frame.time)
+        touches_since_start = False
+        if frame.image is not None:
+            try:
+                image = self._detector.read(self._view.of(frame.image))
+                if reads_images and needs_colours and self.last is None and lacks_colours(image, None):
+                    raise SettingError(GREY)
+                frame = replace(frame, image=image, contact=self._detector.update(image))
+            except (SettingError, IndexError) as error:  # the latter for an image without three channels
+                raise FrameError(f"{when}: {error}") from error
+            touches_since_start = self._touches_since_start(clearance, bool(frame.contact))
+            frame = replace(frame, contact=frame.contact or touches_since_start)
+        elif reads_images and frame.contact:
+            raise FrameError(f"{when} has no image, and learnt touch needs one")
+        jumped = self._poses.check_pose(frame.time, frame.sensor_pose, bool(frame.contact))
+        self.touches_since_start = touches_since_start
+        late = self.last is not None and frame.time - self.last.time > _PAUSE * self._quality.interval
+        self.paused = self.last is not None and (jumped or late)
+        if frame.image is not None and self._poses.drawn_back:
+            self._detector.forget()  # the gel or the light has changed
+            self._may_touch_since_start = self.touches_since_start = False
+            return replace(frame, contact=False)
+        return frame
+
+    def _touches_since_start(self, clearance: tuple[float, float] | None, in_contact: bool) -> bool:
+        if self.touches_since_start or not self._may_touch_since_start or clearance is None:
+            return self.touches_since_start
+        distance, deviation = clearance
+        if self.background is None:
+            self._near.append(distance < _NEAR * deviation)
+        elif in_contact or not all(self._near):  # it came to the object after the first images
+            self._may_touch_since_start = False
+        # Mounting and outline may be wrong by some millimetres.
+        return self._may_touch_since_start and distance < -max(deviation, _INSIDE)
+
+    def accept(self, frame: Frame) -> None:
+        """Make a checked frame the last one."""
+        self.last = frame
+        in_contact = bool(frame.contact) and frame.image is not None and not self.paused
+        self._quality.add(frame.time, frame.sensor_pose, self._detector.light, in_contact)
+
+    @property
+    def background(self) -> Background | None:
+        """The untouched gel as known now; None before the first images, and without images."""
+        return self._detector.background
+
+    @property
+    def unobserved_push(self) -> float:
+        """Distance by which the object may have been pushed while not observed [m], if a contact ends now."""
+        if self.paused:
+            return self._poses.pushed
+        return max(self._poses.hidden_before, DRAWN_BACK if self._poses.drawn_back else 0.0)
+
+    @property
+    def hidden_motion(self) -> float:
+        """Distance that the sensor may have moved in a contact while its pose was frozen [m]."""
+        return self._poses.hidden
+
+    @property
+    def alarm(self) -> tuple[Status, str] | None:
+        """Status of the last frame that overrides the estimator's, with its reason."""
+        if hidden := self.hidden_motion:
+            return "faulty", f"the sensor's pose is frozen; the sensor may have moved {1e3 * hidden:.0f} mm since"
+        if self.touches_since_start:
+            return (
+                "uncertain",
+                "in contact since before the untouched gel was known: touch cannot measure before a release",
+            )
+        return None
+
+    @property
+    def doubt(self) -> str:
+        """Reason to doubt the calibration's untouched gel; empty if there is none."""
+        return self._detector.doubt
+
+    @property
+    def weakness(self) -> str:
+        """Sentence on what is wrong with the stream; empty if all is well."""
+        return self._quality.weakness
+
+
+def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
+    """Return a copy of a frame, so that a driver may reuse its arrays, with further measurements added.
+
+    `tips` is the sensor's number of tips. Raises FrameError on a value that is not allowed.
+    """
+    if not isinstance(frame, Frame):
+        raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
+    is_number = isinstance(frame.time, Real) and not isinstance(frame.time, bool)
+    if not is_number or finite_numbers(frame.time, ()) is None:
+        raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
+    when = f"frame at {frame.time:.3f} s"
+    if frame.contact is None and frame.image is None:
+        raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
+    if frame.contact is not None and not isinstance(frame.contact, bool | np.bool_):
+        raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
+    pose = finite_numbers(frame.sensor_pose, (3,))
+    if pose is None or (np.abs(pose) > _FARTHEST_POSE).any():
+        limits = f"x and y up to {_FARTHEST_POSE[0]:g}, theta up to {_FARTHEST_POSE[2]:g}"
+        allowed = f"three finite numbers x [m], y [m], theta [rad], {limits}"
+        raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
+    if frame.image is not None:
+        _check_image(when, frame.image)
+    truth = None if frame.object_pose is None else finite_numbers(frame.object_pose, (3,))
+    if truth is None and frame.object_pose is not None and not _is_missing(frame.object_pose):
+        raise FrameError(f"{when} has object pose {frame.object_pose}; it must be three finite numbers or NaN")
+    contact = None if frame.contact is None else bool(frame.contact)
+    several = (
+        *checked_measurements(frame.time, frame.measurements, tips),
+        *checked_measurements(frame.time, measurements, tips),
+    )
+    time = float(frame.time)
+    return replace(frame, time=time, sensor_pose=pose, contact=contact, object_pose=truth, measurements=several)
+
+
+def _check_image(when: str, image: Any) -> None:
+    wanted = "an array of uint8 (height, width, 3): rows, columns, red green blue"
+    if not isinstance(image, np.ndarray):
+        encoded = "; decode encoded images first" if isinstance(image, bytes | bytearray) else ""
+        raise FrameError(f"{when} has an image of type {type(image).__name__}; it must be {wanted}{encoded}")
+    if image.dtype != np.uint8 or image.ndim != 3:
+        raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {wanted}")
+
+
+def _is_missing(pose: Any) -> bool:
+    """Return true if a pose is three numbers with NaN, as when motion capture loses the object."""
+    try:
+        return np.shape(pose) == (3,) and bool(np.isnan(np.asarray(pose, np.float64)).any())
+    except (TypeError, ValueError):
+        return False
+
+
+def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Measurement, ...]:
+    """Return the measurements of a frame as a tuple; raises FrameError on one that is not allowed."""
+    when = f"frame at {time:.3f} s"
+    try:
+        several = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)
+    except TypeError:
+        found = type(measurements).__name__
+        raise FrameError(f"{when} has measurements of type {found}; they must be a list of measurements") from None
+    for one in several:
+        kind = type(one).__name__
+        if not isinstance(one, Measurement):
+            allowed = "palpate's measurements, as ObjectPose"
+            raise FrameError(f"{when} has a measurement of type {kind}; allowed are {allowed}")
+        if tips > 1 and isinstance(one, ContactDirection | ContactPlace | Turn):
+            raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
+        if isinstance(one, RelativePoses) and not (np.linalg.eigvalsh(one.covariance) > 0.0).all():
+            raise FrameError(f"{when} has a measurement RelativePoses whose covariance is not positive definite")
+        if isinstance(one, OwnMeasurement):
+            try:
+                check_own(one)
+            except PalpateError as error:
+                raise FrameError(f"{when}: {error}") from error
+    return several
