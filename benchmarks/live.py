@@ -28,10 +28,9 @@ import psutil
 import tyro
 
 from palpate.geometry.objects import SHAPES
-from palpate.io.bags.containers import raw_messages
-from palpate.io.bags.estimates_mcap import POSES
-from palpate.io.bags.recording_mcap import IMAGES
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.estimates_mcap import POSES
+from palpate.io.recording_mcap import IMAGES, write_recording
+from palpate.io.rosbag_reader import bag_messages
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.types.sensor import DIGIT
 
@@ -56,7 +55,7 @@ sys.exit(main.main(sys.argv[1:]))
 def main(rate: float = 30.0, seconds: float = 300.0, view: bool = True) -> None:
     """Make the push, replay it and print what was found."""
     with tempfile.TemporaryDirectory() as made:
-        path, recorded = Path(made) / "push.h5", Path(made) / "live.mcap"
+        path, recorded = Path(made) / "push.mcap", Path(made) / "live.mcap"
         push = simulate_recording(SHAPES["rectangle"], "rectangle-edges", 1, seconds * rate / DIGIT.rate)
         write_recording(replace(push, time=push.time * DIGIT.rate / rate), path)
         words = ["live", "--replay", str(path), "--record", str(recorded), "--json", *(["--view"] if view else [])]
@@ -107,7 +106,7 @@ def resident(process: psutil.Process) -> float:
 def counts_agree(said: dict[str, Any], recorded: Path) -> bool:
     """Whether a file holds all images, and an estimate for each but those that were counted as having none."""
     stamps: dict[str, set[int]] = {IMAGES: set(), POSES: set()}
-    for raw in raw_messages(recorded):
+    for raw in bag_messages(recorded):
         if raw.channel.topic in stamps:
             stamps[raw.channel.topic].add(raw.log_time)
     without = said["dropped"] + said["without_pose"] + said["left_out"]

@@ -1,7 +1,7 @@
 """Track a recording frame by frame, and say where the object is in the end.
 
-palpate demo                                            # leaves demo-run/recording.h5
-python 01_track_a_recording.py demo-run/recording.h5
+palpate demo                                            # leaves demo-run/recording.mcap
+python 01_track_a_recording.py demo-run/recording.mcap
 """
 
 import sys

@@ -42,7 +42,7 @@ images = render(draw_unit(palpate.DIGIT, 1), BOX, se2.between(box, gel), depth, 
 recording = palpate.Recording.from_arrays(
     seen_at + LATE, images, hand_time, world_T_hand, BOX, "digit", sensor_T_gel=hand_T_gel, time_offset=-LATE
 )
-file = Path(sys.argv[1] if len(sys.argv) > 1 else mkdtemp()) / "push.h5"
+file = Path(sys.argv[1] if len(sys.argv) > 1 else mkdtemp()) / "push.mcap"
 palpate.write_recording(recording, file)
 tracker = palpate.Tracker(BOX, recording.sensor, first_pose=box[0], settings=palpate.TrackerSettings(tactile="learnt"))
 estimates = [tracker.update(frame) for frame in palpate.load_recording(file)]

@@ -2,8 +2,8 @@
 
 `next_touch` stands for your camera and your robot; here it replays a recording at the pace it was made.
 
-    palpate demo                                            # leaves demo-run/recording.h5
-    python 03_live_loop.py demo-run/recording.h5
+    palpate demo                                            # leaves demo-run/recording.mcap
+    python 03_live_loop.py demo-run/recording.mcap
 
 `palpate live` has such a loop for a camera, with sensor poses by UDP or by a function like that of own_package.
 """

@@ -41,8 +41,8 @@ random = np.random.default_rng(0)
 images = tuple(encode_image(camera(pressed, random), "png") for pressed in touching)
 recording = palpate.Recording(np.arange(120) / 30, sensor_pose, BOX, SENSOR, box_pose, image=images, codec="png")
 with TemporaryDirectory() as folder:  # files keep the profile
-    palpate.write_recording(recording, Path(folder) / "push.h5")
-    sensor = palpate.load_recording(Path(folder) / "push.h5").sensor
+    palpate.write_recording(recording, Path(folder) / "push.mcap")
+    sensor = palpate.load_recording(Path(folder) / "push.mcap").sensor
 
 tracker = palpate.Tracker(recording.shape, sensor, first_pose=box_pose[0])
 estimates = [tracker.update(frame) for frame in recording]

@@ -18,7 +18,7 @@ import palpate
 from palpate.lab.train.train import TrainSettings, train
 from palpate.pipeline.run import track
 
-recordings = sorted(Path(sys.argv[1]).glob("*.h5"))
+recordings = sorted(Path(sys.argv[1]).glob("*.mcap"))
 folder = Path(sys.argv[2])
 steps = int(sys.argv[3]) if len(sys.argv) > 3 else None  # None: as many as the training is made for
 

@@ -2,7 +2,7 @@
 
     python scripts/readme_steps.py README.md            # with --short, of a simulation of three seconds
 
-They run in the current folder, one after the other, as a reader would; what a reader brings is put there: `push.h5`
+They run in the current folder, one after the other, as a reader would; what a reader brings is put there: `push.mcap`
 from the recording that was simulated, and arrays as `Recording.from_arrays` takes them. How to install is left out.
 """
 
@@ -45,12 +45,12 @@ def used(kind: str, text: str) -> str:
 
 
 def prepare(text: str) -> None:
-    """Put there what a step takes: a recording `push.h5`, or arrays; a recording that it writes must not be there."""
-    recorded = sorted(Path("recordings").glob("*.h5"))
-    if 'load_recording("push.h5")' in text:
-        Path("push.h5").write_bytes(recorded[0].read_bytes())
+    """Put there what a step takes: a recording `push.mcap`, or arrays; a recording that it writes must not be there."""
+    recorded = sorted(Path("recordings").glob("*.mcap"))
+    if 'load_recording("push.mcap")' in text:
+        Path("push.mcap").write_bytes(recorded[0].read_bytes())
     if "from_arrays" in text:
-        Path("push.h5").unlink(missing_ok=True)
+        Path("push.mcap").unlink(missing_ok=True)
         recording = palpate.load_recording(recorded[0])
         np.save("image_time.npy", recording.time)
         np.save("images.npy", np.stack([frame.image for frame in recording if frame.image is not None]))

@@ -46,7 +46,7 @@ def learn(folder: Path) -> None:
     with progress_bar("simulating", len(learned)) as progress:
         simulate_folder(folder / "train", learned, seconds=6.0, workers=2, resume=True, progress=progress)
     settings = TrainSettings(keypoint=FitSettings(steps=200), touch=FitSettings(steps=2500))
-    train(sorted((folder / "train").glob("*.h5")), folder / "model", settings, progress_bar)
+    train(sorted((folder / "train").glob("*.mcap")), folder / "model", settings, progress_bar)
 
 
 def study(folder: Path, model: Path) -> None:

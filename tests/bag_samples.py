@@ -4,12 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
-
-from palpate.types.images import encode_image
 
 CONTAINERS = ("mcap", "ros2", "ros1")
 START = 1_700_000_000_000_000_000
@@ -80,7 +79,7 @@ def image_message(stamp: int, pixels: Any, encoding: str = "rgb8", padding: int 
 
 def compressed_message(stamp: int, pixels: Any, codec: Any = "jpeg", format: str = "bgr8; jpeg compressed") -> Message:
     """A `sensor_msgs/CompressedImage`."""
-    data = np.frombuffer(encode_image(pixels, codec), np.uint8)
+    _, data = cv2.imencode(f".{codec}", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
     content = {"header": header(stamp, "digit"), "format": format, "data": data}
     return Message("/digit/image/compressed", int(stamp) + 3_000_000, "sensor_msgs/msg/CompressedImage", content)
 

@@ -1,7 +1,7 @@
 import os
 import shutil
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from palpate.cli.main import main
 from palpate.graph.warm_up import warm_up
 
 # A shared machine may stall for longer than any deadline; random inputs must not differ from run to run.
@@ -32,6 +33,18 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("real data is not there: no folder ../shared/data")
     return folder
+
+
+@pytest.fixture
+def run_palpate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a command of palpate in this process; returns its exit code and what it printed, output and errors."""
+
+    def run(*words: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = main([str(word) for word in words])
+        return code, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture

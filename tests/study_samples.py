@@ -68,7 +68,7 @@ def lost(method: Method, number: int) -> bool:
 
 def recording_name(group: str, number: int) -> str:
     """Return the name of a recording, real ones in folders."""
-    return f"{group}/StraightLine{number}.json.gz" if group in ("mit", "cmu") else f"{group}-{1100000 + number}.h5"
+    return f"{group}/StraightLine{number}.json.gz" if group in ("mit", "cmu") else f"{group}-{1100000 + number}.mcap"
 
 
 def source_of(group: str, number: int) -> str:
@@ -136,11 +136,11 @@ def drawn_results(trials: Sequence[Trial]) -> dict[str, Any]:
         for index, trial in enumerate(trials)
     }
     broken = [
-        {"recording": "disc-2.h5", "error": "disc-2.h5: is truncated or damaged (<bad> & worse)"},
-        {"recording": "disc-3.h5", "error": "disc-3.h5: is empty"},
+        {"recording": "disc-2.mcap", "error": "disc-2.mcap: is truncated or damaged (<bad> & worse)"},
+        {"recording": "disc-3.mcap", "error": "disc-3.mcap: is empty"},
     ]
     skipped = [{"recording": "mit/a.json.gz", "method": "learnt", "reason": "a.json.gz: has no images"}]
-    failed = [{"recording": "disc-4.h5", "method": "none", "error": "frame 7: cannot be solved"}]
+    failed = [{"recording": "disc-4.mcap", "method": "none", "error": "frame 7: cannot be solved"}]
     return {
         "command": "palpate evaluate recordings --out report",
         "settings": {

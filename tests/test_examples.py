@@ -11,7 +11,7 @@ from recording_samples import pushed
 from test_package import EXAMPLES
 from view_samples import imaged_push
 
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 
 
 @pytest.fixture
@@ -38,16 +38,16 @@ def test_examples_are_short_and_numbered():
 
 def test_track_a_recording(example, tmp_path):
     push = pushed()
-    write_recording(replace(push, first_pose=push.object_pose[0]), tmp_path / "push.h5")
-    *said, pose, sigma, off = example("01_track_a_recording.py", tmp_path / "push.h5")
+    write_recording(replace(push, first_pose=push.object_pose[0]), tmp_path / "push.mcap")
+    *said, pose, sigma, off = example("01_track_a_recording.py", tmp_path / "push.mcap")
     assert [line.split()[:3] for line in said][:2] == [["0.00", "s:", "resting"], ["0.17", "s:", "tracking"]]
     assert len(numbers(pose)) == len(numbers(sigma)) == 3
     assert off == f"{numbers(off)[0]:.1f} mm from the ground truth"
 
 
 def test_a_live_loop(example, tmp_path):
-    write_recording(imaged_push(), tmp_path / "push.h5")
-    *said, counts = example("03_live_loop.py", tmp_path / "push.h5", 20)
+    write_recording(imaged_push(), tmp_path / "push.mcap")
+    *said, counts = example("03_live_loop.py", tmp_path / "push.mcap", 20)
     # A line a second: frames 0 and 30, in the middle of the push.
     assert [line.split()[0] for line in said] == ["free", "touching"]
     assert abs(numbers(said[-1])[0] - 322.0) < 10.0  # the object is at 300 mm and was pushed for 22 mm
@@ -86,19 +86,19 @@ def test_train_on_your_data(example, tmp_path, monkeypatch):
         monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(train.figures, "training_figures", lambda *_: None)
     monkeypatch.setattr(train, "exported", lambda *_: TouchModel(SHIPPED).networks)
-    write_recording(pushes(DISC, 3), tmp_path / "push-0.h5")
-    write_recording(pushes(RECTANGLE, 2), tmp_path / "push-1.h5")
-    write_recording(pushed(), tmp_path / "bare.h5")
+    write_recording(pushes(DISC, 3), tmp_path / "push-0.mcap")
+    write_recording(pushes(RECTANGLE, 2), tmp_path / "push-1.mcap")
+    write_recording(pushed(), tmp_path / "bare.mcap")
     said = example("07_train_on_your_data.py", tmp_path, tmp_path / "model", 1)
     assert "key points, 1 to do" in said and "touch, 1 to do" in said
-    assert f"left out: {tmp_path / 'bare.h5'}: has no image; learning needs them" in said
-    assert [line.split(":")[0] for line in said[-4:]] == ["constant", "descriptor pair", "image turn", "push-1.h5"]
+    assert f"left out: {tmp_path / 'bare.mcap'}: has no image; learning needs them" in said
+    assert [line.split(":")[0] for line in said[-4:]] == ["constant", "descriptor pair", "image turn", "push-1.mcap"]
 
 
 def test_a_study_on_a_cluster(example, tmp_path):
     pytest.importorskip("distributed", reason="not installed: pip install palpate[cluster]")
     for number in range(2):
-        write_recording(pushed(20 + number), tmp_path / f"disc-{number}.h5")
+        write_recording(pushed(20 + number), tmp_path / f"disc-{number}.mcap")
     counts, *table = example("08_study_on_a_cluster.py", tmp_path, tmp_path / "report")
     assert counts == "4 runs of 2 recordings, 0 of them from before"
     assert [line.split(":")[0] for line in table] == ["none", "constant"]

@@ -14,7 +14,7 @@ def test_own_arrays(tmp_path):
     assert frames == "95 frames, 49 in contact"
     found, true = (float(word) for word in moved.split() if word[0].isdigit())
     assert true > 30.0 and abs(found - true) < 1.5
-    assert len(formats.load_recording(tmp_path / "push.h5")) == 95
+    assert len(formats.load_recording(tmp_path / "push.mcap")) == 95
 
 
 def test_own_outline(tmp_path):

@@ -37,5 +37,5 @@ def test_every_public_name_is_there():
 def test_python_m_palpate_is_the_command_line():
     assert python("-m", "palpate", "--version") == f"palpate {palpate.__version__}\n"
     assert python("-m", "palpate", "track", "--help").startswith("usage: palpate track")
-    done = subprocess.run([sys.executable, "-m", "palpate", "info", "nowhere.h5"], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (2, "palpate: nowhere.h5: no such file\n")
+    done = subprocess.run([sys.executable, "-m", "palpate", "info", "nowhere.mcap"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "palpate: nowhere.mcap: no such file\n")

@@ -22,8 +22,8 @@ README = """# a thing
 
 ## Use
 
-    palpate info push.h5      # what is in it
-    palpate track push.h5
+    palpate info push.mcap      # what is in it
+    palpate track push.mcap
 
 ```python
 for frame in recording:
@@ -42,7 +42,7 @@ for frame in recording:
 
 def test_steps_are_the_blocks_of_code_but_for_installing():
     assert runpy.run_path(str(STEPS))["steps"](README) == [
-        ("shell", "palpate info push.h5      # what is in it\npalpate track push.h5\n"),
+        ("shell", "palpate info push.mcap      # what is in it\npalpate track push.mcap\n"),
         ("python", "for frame in recording:\n    print(frame)\n"),
         ("shell", "palpate live\n"),
     ]

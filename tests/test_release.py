@@ -13,7 +13,7 @@ import pytest
 from recording_samples import pushed
 
 import palpate
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -67,14 +67,14 @@ def test_the_wheel_works_without_the_extras(wheel, tmp_path):
     words = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(tmp_path)]
     subprocess.run([*words, str(wheel)], check=True)
     assert (tmp_path / "bin" / "palpate").exists()
-    write_recording(pushed(), tmp_path / "push.h5")
+    write_recording(pushed(), tmp_path / "push.mcap")
     lacking = {
         "sim": "simulate out",
         "train": "train . --out out",
-        "view": "view push.h5",
-        "ros": "convert push.h5 push.mcap",
+        "view": "view push.mcap",
+        "ros": "convert push.mcap push.mcap",
     }
-    words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.h5 push.tum --lossy"]
+    words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.mcap push.tum --lossy"]
     environment = {"PYTHONPATH": str(tmp_path), "NO_COLOR": "1"}
     done = subprocess.run([*words, *lacking.values()], cwd=tmp_path, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr

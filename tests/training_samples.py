@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import Samples
 from palpate.touch.model import KINDS, ModelSettings, Spread
 from palpate.types.images import encode_image
@@ -97,8 +97,8 @@ def pushes(shape: Shape, contacts: int, seed: int = 0) -> Recording:
 def write_pushes(folder: Path) -> Path:
     """Write four recordings of three contacts each, which are 720 frames, and one without images; return `folder`."""
     for seed in range(4):
-        write_recording(pushes((DISC, RECTANGLE)[seed % 2], 3, seed), folder / f"push-{seed}.h5")
-    write_recording(dataclasses.replace(pushes(DISC, 1), image=None), folder / "bare.h5")
+        write_recording(pushes((DISC, RECTANGLE)[seed % 2], 3, seed), folder / f"push-{seed}.mcap")
+    write_recording(dataclasses.replace(pushes(DISC, 1), image=None), folder / "bare.mcap")
     return folder
 
 

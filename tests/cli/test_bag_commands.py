@@ -25,9 +25,9 @@ from palpate.cli.options import ShapeUnit
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io import estimates_csv
-from palpate.io.bags.choices import BagChoices
 from palpate.io.outlines.load import Unit
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
+from palpate.io.rosbag_recording import BagChoices
 from palpate.pipeline import details
 from palpate.pipeline import time_offset as offsets
 from palpate.pipeline.run_folder import FILES
@@ -36,10 +36,10 @@ from palpate.pipeline.time_offset import TimeOffset
 
 @pytest.fixture(autouse=True)
 def _in_folder(tmp_path, monkeypatch, no_figures):
-    """Every test works in a folder of its own that holds the bag push.bag and the recording push.h5."""
+    """Every test works in a folder of its own that holds the bag push.bag and the recording push.mcap."""
     monkeypatch.chdir(tmp_path)
     write_bag(Path("push"), "ros1", push_messages())
-    write_recording(pushed(), "push.h5")
+    write_recording(pushed(), "push.mcap")
 
 
 def palpate(*words: str) -> int:
@@ -147,7 +147,7 @@ def test_a_time_offset_is_fitted_said_and_used(capsys, monkeypatch):
         used = seconds if sigma < 0.01 else 0.0
         assert ("cannot be told from 0" in err) == (used == 0.0)
         assert abs(times[0] - image_times()[0] - used * 1e9) < 1000
-    line = failure(capsys, "convert", "push.bag", "a.h5", "--shape", "disc", "--time-offset", "fit")
+    line = failure(capsys, "convert", "push.bag", "a.mcap", "--shape", "disc", "--time-offset", "fit")
     assert "--time-offset fit is for palpate track" in line
 
 
@@ -155,35 +155,35 @@ def test_what_is_said_of_bags_in_vain(capsys):
     assert "tell no outline of the object; palpate track and convert take it by --shape" in failure(
         capsys, "track", "push.bag"
     )
-    assert "push.h5 is no bag" in failure(capsys, "track", "push.h5", "--shape", "disc")
-    line = failure(capsys, "track", "push.h5", "--time-offset", "-0.1", "--plane", "fit")
+    assert "push.mcap is no bag" in failure(capsys, "track", "push.mcap", "--shape", "disc")
+    line = failure(capsys, "track", "push.mcap", "--time-offset", "-0.1", "--plane", "fit")
     assert "--time-offset, --plane can be used for bags only, with --shape" in line
     assert "shape is 'potato'" in failure(capsys, "track", "push.bag", "--shape", "potato")
     Path("box.csv").write_text("0 0\n90 0\n90 60\n0 60\n")
     assert "are these millimetres" in failure(capsys, "track", "push.bag", "--shape", "box.csv")
-    assert "are these millimetres" in failure(capsys, "convert", "push.bag", "a.h5", "--shape", "90x60")
+    assert "are these millimetres" in failure(capsys, "convert", "push.bag", "a.mcap", "--shape", "90x60")
     assert "--first-pose X Y THETA" in failure(capsys, "track", "push.bag", "--shape", "disc")
     assert "mm off the plane" in failure(capsys, *TRACK, "--plane", "0", "-1", "0")
     assert not Path("runs").exists()
 
 
 def test_convert_names_what_would_be_lost(capsys):
-    line = failure(capsys, "convert", "push.h5", "push.tum")
+    line = failure(capsys, "convert", "push.mcap", "push.tum")
     assert "push.tum would lack sensor poses, outline and sensor, contact flags; --lossy" in line
-    line = failure(capsys, "convert", "push.bag", "bag.h5", "--shape", "disc")
-    assert "bag.h5 would lack poses between images, heights and tilts, topic /chatter; --lossy" in line
-    assert not Path("push.tum").exists() and not Path("bag.h5").exists()
-    assert palpate("convert", "push.bag", "box.h5", "--shape", "90x60", "--shape-unit", "mm", "--lossy") == 0
-    assert formats.load_recording("box.h5").shape == Rectangle(0.09, 0.06)
-    assert palpate("convert", "push.bag", "bag.h5", "--shape", "disc", "--lossy") == 0
-    found: Any = formats.read("bag.h5")
+    line = failure(capsys, "convert", "push.bag", "bag.mcap", "--shape", "disc")
+    assert "bag.mcap would lack poses between images, heights and tilts, topic /chatter; --lossy" in line
+    assert not Path("push.tum").exists() and not Path("bag.mcap").exists()
+    assert palpate("convert", "push.bag", "box.mcap", "--shape", "90x60", "--shape-unit", "mm", "--lossy") == 0
+    assert formats.load_recording("box.mcap").shape == Rectangle(0.09, 0.06)
+    assert palpate("convert", "push.bag", "bag.mcap", "--shape", "disc", "--lossy") == 0
+    found: Any = formats.read("bag.mcap")
     assert se2.between(found.sensor_pose, true_pose(image_times())) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_messages_of_a_run_hold_its_answers():
     """Where the first pose is known roughly, a contact begins with several."""
     roughly = ("--first-pose-sigma", "0.02", "0.02", "0.3")
-    assert palpate("track", "push.h5", *roughly, "--tactile", "none", "--mcap") == 0
+    assert palpate("track", "push.mcap", *roughly, "--tactile", "none", "--mcap") == 0
     online = estimates_csv.read(Path("runs/push/estimates.csv"))
     answers = details.read_answers(Path("runs/push/answers.csv"), online.time)
     with AnyReader([Path("runs/push/estimates.mcap")]) as bag:  # none of our code
@@ -200,11 +200,10 @@ def test_messages_of_a_run_hold_its_answers():
 
 
 def test_convert_to_mcap_and_back_is_the_same_file(capsys):
-    write_recording(tiny_recording(), "tiny.h5")
-    assert palpate("convert", "tiny.h5", "tiny.mcap") == 0
-    assert palpate("convert", "tiny.mcap", "back.h5") == 0
-    assert Path("back.h5").read_bytes() == Path("tiny.h5").read_bytes()
+    write_recording(tiny_recording(), "tiny.mcap")
+    assert palpate("convert", "tiny.mcap", "back.mcap") == 0
+    assert Path("back.mcap").read_bytes() == Path("tiny.mcap").read_bytes()
     capsys.readouterr()
     assert palpate("info", "tiny.mcap", "--json") == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["format"], found["frames"], found["shape"]["type"]) == ("bag", 5, "disc")
+    assert (found["format"], found["frames"], found["shape"]["type"]) == ("palpate", 5, "disc")

@@ -11,7 +11,7 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.errors import FileError, SettingError
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.touch.background import Background, background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration, write_calibration
 from palpate.touch.untouched import MARGIN, NEEDED, calibrate, untouched_frames
@@ -178,7 +178,7 @@ def test_damaged_files_are_refused(tmp_path, background):
 
 
 def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
-    source, out = tmp_path / "rest.h5", tmp_path / "unit.npz"
+    source, out = tmp_path / "rest.mcap", tmp_path / "unit.npz"
     write_recording(recorded(), source)
     assert palpate("calibrate", source, "--out", out) == 0
     line = f"{out}: 48 x 32 px, noise 2.0 grey levels, from 56 frames without contact\n"
@@ -196,13 +196,13 @@ def test_command_writes_a_calibration_and_says_so(tmp_path, capsys):
 
 def test_a_run_names_its_calibration(tmp_path, monkeypatch, capsys, no_figures):
     monkeypatch.chdir(tmp_path)
-    write_recording(recorded(), "rest.h5")
-    assert palpate("calibrate", "rest.h5", "--out", "unit.npz") == 0
+    write_recording(recorded(), "rest.mcap")
+    assert palpate("calibrate", "rest.mcap", "--out", "unit.npz") == 0
     for options, wanted in (((), None), (("--calibration", "unit.npz"), "unit.npz")):
         assert (
             palpate(
                 "track",
-                "rest.h5",
+                "rest.mcap",
                 "--tactile",
                 "none",
                 "--out",
@@ -221,16 +221,16 @@ def test_a_run_names_its_calibration(tmp_path, monkeypatch, capsys, no_figures):
 
 
 def test_command_fails_in_one_line_and_leaves_nothing(tmp_path, capsys):
-    blind, short = tmp_path / "blind.h5", tmp_path / "short.h5"
+    blind, short = tmp_path / "blind.mcap", tmp_path / "short.mcap"
     write_recording(pushed(), blind)
     write_recording(recorded(touched=slice(20, 80)), short)
-    text = tmp_path / "text.h5"
+    text = tmp_path / "text.mcap"
     text.write_text("no recording")
     for file, words in (
         (blind, "has no images"),
         (short, "found 18 frames"),
-        (text, "text.h5"),
-        (Path("no.h5"), "no such"),
+        (text, "text.mcap"),
+        (Path("no.mcap"), "no such"),
     ):
         assert palpate("calibrate", file, "--out", tmp_path / "unit.npz") == 2
         out, err = capsys.readouterr()

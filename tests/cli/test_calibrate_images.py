@@ -14,7 +14,7 @@ from recording_samples import pushed
 from palpate.cli import main
 from palpate.errors import FileError
 from palpate.geometry.shapes import Rectangle
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.simulate.gel import render, touch_image
 from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.calibration import load_calibration
@@ -104,7 +104,7 @@ def of_sensor(path: Path, sensor: SensorProfile) -> Path:
 
 def test_the_sensor_of_a_recording_counts_and_is_not_contradicted(tmp_path, stills, capsys, monkeypatch):
     small = replace(GELSIGHT_MINI, image_height=24, image_width=32)
-    mini, digit = of_sensor(tmp_path / "mini.h5", small), of_sensor(tmp_path / "digit.h5", DIGIT)
+    mini, digit = of_sensor(tmp_path / "mini.mcap", small), of_sensor(tmp_path / "digit.mcap", DIGIT)
     out = ("--out", tmp_path / "unit.npz")
     cases = [
         ((mini, "--sensor", "digit"), f"{mini}: is of sensor 'GelSight Mini', and --sensor digit is 'DIGIT'"),

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
-import h5py
 import numpy as np
 import pytest
 from recording_samples import pushed, seen, unit_seen
@@ -19,7 +18,7 @@ from recording_samples import pushed, seen, unit_seen
 from palpate.cli import evaluate as evaluate_command
 from palpate.cli import main
 from palpate.errors import EstimationError
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import read_recording, write_recording
 from palpate.lab.study import job as study_job
 from palpate.lab.study.results import ALL
 from palpate.lab.study.trial import read_trial
@@ -37,8 +36,8 @@ def _in_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     Path("recordings").mkdir()
-    write_recording(pushed(20), "recordings/disc-1.h5")
-    write_recording(pushed(40), "recordings/edges-1.h5")
+    write_recording(pushed(20), "recordings/disc-1.mcap")
+    write_recording(pushed(40), "recordings/edges-1.mcap")
 
 
 @pytest.fixture(autouse=True)
@@ -106,7 +105,7 @@ def test_a_study_leaves_tables_and_a_report(capsys, reports):
 def test_recovery_is_shown_where_there_are_knocks(capsys):
     told = np.zeros(40, np.bool_)
     told[0] = told[10] = True
-    write_recording(replace(pushed(40), extra={"knocked": told}), "recordings/edges-1.h5", overwrite=True)
+    write_recording(replace(pushed(40), extra={"knocked": told}), "recordings/edges-1.mcap", overwrite=True)
     assert palpate("recordings", "--out", "out", "--tactile", "none", "constant") == 0
     out = capsys.readouterr().out
     row = results()["table"]["edges"]["none"]
@@ -118,10 +117,10 @@ def test_recovery_is_shown_where_there_are_knocks(capsys):
     assert shown[7:] == ["0.00", "-", f"{100 * row['silently_wrong_unfelt']:.0f}"]
     with Path("out/sequences.csv").open(newline="") as file:
         rows = {(row["recording"], row["tactile"]): row for row in csv.DictReader(file)}
-    assert rows["edges-1.h5", "none"]["knocks"] == "2" and rows["disc-1.h5", "none"]["knocks"] == "0"
-    assert float(rows["edges-1.h5", "none"]["error_after_knock_mm_0.5"]) == errors[0]
+    assert rows["edges-1.mcap", "none"]["knocks"] == "2" and rows["disc-1.mcap", "none"]["knocks"] == "0"
+    assert float(rows["edges-1.mcap", "none"]["error_after_knock_mm_0.5"]) == errors[0]
     for key, shown in (("recovery_contact_s", "0.0"), ("recovered_in_2s", ""), ("error_after_knock_mm_3", "")):
-        assert (rows["edges-1.h5", "none"][key], rows["disc-1.h5", "none"][key]) == (shown, "")
+        assert (rows["edges-1.mcap", "none"][key], rows["disc-1.mcap", "none"][key]) == (shown, "")
 
 
 def test_the_page_is_drawn_from_what_was_found(monkeypatch):
@@ -151,27 +150,24 @@ def test_images_are_felt():
     shapes = pytest.importorskip("palpate.geometry.objects").SHAPES
     made = recordings.simulate_recording(shapes["disc"], "disc", 3, 3.0)
     Path("images").mkdir()
-    write_recording(made, "images/disc-3.h5")
+    write_recording(made, "images/disc-3.mcap")
     assert palpate("images", "--out", "out", "--tactile", "learnt", "oracle") == 0
     row = results()["table"]["disc"]["learnt"]
     assert row["sequences"] == 1 and row["final_mm"]["worst"] < 10.0
-    assert results()["recordings"]["disc-3.h5"]["images"]
+    assert results()["recordings"]["disc-3.mcap"]["images"]
 
 
 def test_smoothers_multiply(capsys):
     words = ("--tactile", "none", "--smoother", "isam2", "fixed-lag", "--smoother", "isam2")
     assert palpate("recordings", "--out", "out", *words) == 0
     assert results()["settings"]["methods"] == ["none, isam2", "none"]
-    assert Path("out/trials/none+isam2/disc-1.h5.npz").exists()
+    assert Path("out/trials/none+isam2/disc-1.mcap.npz").exists()
 
 
 def test_options_reach_the_tracker():
     words = ("--noise", "published", "--pressure", "0.03", "--first-pose", "0", "0", "3", "--tactile", "none")
-    with h5py.File("recordings/blind-1.h5", "w") as blind, h5py.File("recordings/disc-1.h5") as push:
-        for name, value in push.attrs.items():
-            blind.attrs[name] = value
-        for name in ("time", "sensor_pose", "contact"):
-            push.copy(name, blind)
+    push = read_recording("recordings/disc-1.mcap")
+    write_recording(replace(push, object_pose=None, episode=None), "recordings/blind-1.mcap")
     assert palpate("recordings", "--out", "out", *words) == 0
     found = results()
     settings = found["settings"]
@@ -179,7 +175,7 @@ def test_options_reach_the_tracker():
     assert settings["first_pose"] == [0.0, 0.0, 3.0]
     assert found["command"].endswith("--tactile none --noise published --pressure 0.03 --first-pose 0.0 0.0 3.0")
     assert found["table"]["blind"]["none"]["unscored"] == 1
-    assert not found["recordings"]["blind-1.h5"]["truth"]
+    assert not found["recordings"]["blind-1.mcap"]["truth"]
 
 
 def test_a_first_pose_that_is_known_roughly_or_not_at_all(capsys):
@@ -187,14 +183,14 @@ def test_a_first_pose_that_is_known_roughly_or_not_at_all(capsys):
     assert palpate(*rough) == 0
     assert results("rough")["settings"]["first_pose_sigma"] == [0.02, 0.03, 0.2]
     assert results("rough")["command"] == f"palpate evaluate {' '.join(rough)}"
-    trial = read_trial(Path("rough/trials/none/disc-1.h5.npz"))
+    trial = read_trial(Path("rough/trials/none/disc-1.mcap.npz"))
     assert np.array_equal(trial.pose[0], trial.truth[0])
     capsys.readouterr()
     unknown = ("recordings", "--out", "unknown", "--tactile", "none", "--first-pose-unknown")
     assert palpate(*unknown) == 0
     assert results("unknown")["command"] == f"palpate evaluate {' '.join(unknown)}"
     for name in ("disc-1", "edges-1"):  # though their ground truth is known
-        trial = read_trial(Path(f"unknown/trials/none/{name}.h5.npz"))
+        trial = read_trial(Path(f"unknown/trials/none/{name}.mcap.npz"))
         assert trial.pose[0].tolist() == [0.0, 0.0, 0.0] and trial.summary["scored_frames"]
     capsys.readouterr()
     assert "first_pose was [0.0, 0.0, 0.0], is None" in failure(capsys, *unknown[:-1], "--resume")
@@ -205,12 +201,12 @@ def test_a_first_pose_that_is_known_roughly_or_not_at_all(capsys):
 
 def test_what_is_known_of_the_sensor_unit_reaches_the_tracker_and_the_report(capsys):
     Path("images").mkdir()
-    write_recording(seen(pushed(40)), "images/edges-1.h5")
+    write_recording(seen(pushed(40)), "images/edges-1.mcap")
     for name, level in (("unit", 100.0), ("same", 100.0), ("other", 101.0)):
         write_calibration(unit_seen(level), f"{name}.npz")
     words = ("images", "--tactile", "none", "--out")
     assert palpate(*words, "without") == palpate(*words, "with", "--calibration", "unit.npz") == 0
-    contacts = [read_trial(Path(out, "trials/none/edges-1.h5.npz")).contact for out in ("without", "with")]
+    contacts = [read_trial(Path(out, "trials/none/edges-1.mcap.npz")).contact for out in ("without", "with")]
     # Without it the first half second, in which there is a touch, counts as untouched.
     assert [contact[:15].any() for contact in contacts] == [False, True]
     assert results("without")["settings"]["calibration"] is None
@@ -241,22 +237,22 @@ def test_broken_and_failed_ones_are_named_and_counted(capsys, monkeypatch, repor
         return track(recording, settings, *args, **options)
 
     monkeypatch.setattr(study_job, "track", stumble)
-    Path("recordings/bad.h5").write_text("not HDF5")
+    Path("recordings/bad.mcap").write_text("not HDF5")
     assert palpate("recordings", "--out", "out", *FAST, "--json") == 3
     out, err = capsys.readouterr()
     lines = err.splitlines()
     assert len(lines) == 2
-    assert lines[0].startswith("palpate: recordings/bad.h5: ")
-    assert lines[1] == "palpate: recordings/edges-1.h5 by constant, oracle: frame at 0.300 s: cannot be solved"
+    assert lines[0].startswith("palpate: recordings/bad.mcap: ")
+    assert lines[1] == "palpate: recordings/edges-1.mcap by constant, oracle: frame at 0.300 s: cannot be solved"
     printed, found = json.loads(out), results()
-    assert printed["broken"] == found["broken"] and found["broken"][0]["recording"] == "bad.h5"
+    assert printed["broken"] == found["broken"] and found["broken"][0]["recording"] == "bad.mcap"
     assert [each["method"] for each in found["failed"]] == ["constant", "oracle"]
     assert (found["study"]["broken"], found["study"]["failed"], len(reports[0][2])) == (1, 2, 4)
 
 
 def test_nothing_but_broken_ones(capsys, reports):
     Path("bad").mkdir()
-    Path("bad/one.h5").write_text("not HDF5")
+    Path("bad/one.mcap").write_text("not HDF5")
     assert palpate("bad", "--out", "out", *FAST) == 3
     assert "1 broken" in capsys.readouterr().out
     assert results()["table"] == {} and reports == []
@@ -264,7 +260,7 @@ def test_nothing_but_broken_ones(capsys, reports):
 
 def test_nothing_that_can_be_tracked(capsys):
     said = failure(capsys, "recordings", "--out", "out", "--tactile", "learnt", "learnt-turn")
-    assert "nothing in it can be tracked in these ways; the first reason: disc-1.h5 has no images" in said
+    assert "nothing in it can be tracked in these ways; the first reason: disc-1.mcap has no images" in said
 
 
 @pytest.mark.parametrize(
@@ -301,11 +297,11 @@ def test_a_report_is_not_overwritten_but_resumed(capsys):
     assert palpate("recordings", "--out", "recordings/out", *FAST) == 0
     capsys.readouterr()
     assert "recordings/out: is not empty; --resume goes on" in failure(capsys, "recordings", "--out", "recordings/out")
-    stamp = Path("recordings/out/trials/none/disc-1.h5.npz").stat().st_mtime_ns
-    write_recording(pushed(30), "recordings/disc-2.h5")
+    stamp = Path("recordings/out/trials/none/disc-1.mcap.npz").stat().st_mtime_ns
+    write_recording(pushed(30), "recordings/disc-2.mcap")
     assert palpate("recordings", "--out", "recordings/out", *FAST, "--resume") == 0
     assert "9 trials, 6 kept" in capsys.readouterr().out
-    assert Path("recordings/out/trials/none/disc-1.h5.npz").stat().st_mtime_ns == stamp
+    assert Path("recordings/out/trials/none/disc-1.mcap.npz").stat().st_mtime_ns == stamp
 
 
 def test_against_an_earlier_study(capsys, reports):
@@ -322,7 +318,7 @@ def test_against_an_earlier_study(capsys, reports):
     assert change["final_mm"]["after"] == pytest.approx(found["table"][ALL]["oracle"]["final_mm"]["median"])
     assert reports[-1][1]["against"] == found["against"]
     Path("others").mkdir()
-    write_recording(pushed(20), "others/else-1.h5")
+    write_recording(pushed(20), "others/else-1.mcap")
     said = failure(capsys, "others", "--out", "none", *FAST, "--against", "old")
     assert "--against old: has no recording and method in common" in said
     assert not Path("none").exists()
@@ -330,7 +326,7 @@ def test_against_an_earlier_study(capsys, reports):
 
 def test_an_interrupt_leaves_what_can_be_resumed():
     for index in range(60):  # enough that the interrupt comes long before the end
-        shutil.copy("recordings/edges-1.h5", f"recordings/more-{index}.h5")
+        shutil.copy("recordings/edges-1.mcap", f"recordings/more-{index}.mcap")
     words = ("evaluate", "recordings", "--out", "out", *FAST, "--workers", "2")
     code = (
         "import sys, types; module = types.ModuleType('palpate.lab.study.report'); "

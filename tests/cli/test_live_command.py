@@ -30,10 +30,10 @@ from palpate.types.estimate import Estimate
 
 @pytest.fixture(autouse=True)
 def _in_folder(tmp_path, monkeypatch):
-    """Every test works in a folder of its own that holds push.h5 at 60 Hz, and has no display."""
+    """Every test works in a folder of its own that holds push.mcap at 60 Hz, and has no display."""
     without_display(tmp_path, monkeypatch)
     push = imaged_push()
-    formats.write(replace(push, time=np.arange(FRAMES) / 60.0), "push.h5")
+    formats.write(replace(push, time=np.arange(FRAMES) / 60.0), "push.mcap")
 
 
 def palpate(*words: str) -> int:
@@ -52,7 +52,7 @@ def failure(capsys: Any, *words: str) -> str:
 
 def same_frames(name: str, count: int | None = None) -> None:
     """What was recorded is the push: all of it, or its beginning."""
-    push: Any = formats.load_recording("push.h5")
+    push: Any = formats.load_recording("push.mcap")
     found: Any = formats.load_recording(name)
     assert len(found) == (count or len(found))
     assert found.image == push.image[: len(found)]
@@ -63,7 +63,7 @@ def same_frames(name: str, count: int | None = None) -> None:
 
 def test_a_replay_is_tracked_in_real_time_and_recorded(capsys):
     begin = time.monotonic()
-    assert palpate("--replay", "push.h5", "--record", "live.mcap", "--json") == 0
+    assert palpate("--replay", "push.mcap", "--record", "live.mcap", "--json") == 0
     assert time.monotonic() - begin > (FRAMES - 1) / 60
     out, err = capsys.readouterr()
     found = json.loads(out)
@@ -104,11 +104,11 @@ def test_nothing_is_known_of_where_the_object_is(capsys, monkeypatch):
 
 def test_ctrl_c_ends_it_and_the_file_is_whole(capsys):
     push = imaged_push()
-    formats.write(replace(push, time=np.arange(FRAMES) / 2.0), "push.h5", overwrite=True)
+    formats.write(replace(push, time=np.arange(FRAMES) / 2.0), "push.mcap", overwrite=True)
     before = signal.getsignal(signal.SIGINT)
     timer = threading.Timer(1.5, os.kill, [os.getpid(), signal.SIGINT])
     timer.start()
-    assert palpate("--replay", "push.h5", "--record", "live.mcap", "--json") == 0
+    assert palpate("--replay", "push.mcap", "--record", "live.mcap", "--json") == 0
     timer.join()
     assert signal.getsignal(signal.SIGINT) is before
     found = json.loads(capsys.readouterr().out)
@@ -119,7 +119,7 @@ def test_ctrl_c_ends_it_and_the_file_is_whole(capsys):
 
 
 def test_a_killed_session_leaves_what_it_recorded():
-    words = ("live", "--replay", "push.h5", "--tactile", "none", "--record", "live.mcap")
+    words = ("live", "--replay", "push.mcap", "--tactile", "none", "--record", "live.mcap")
     process = subprocess.Popen([sys.executable, "-m", "palpate.cli.main", *words], stderr=subprocess.DEVNULL)
     last = time.monotonic() + 60.0
     while time.monotonic() < last and not (Path("live.mcap").exists() and Path("live.mcap").stat().st_size > 30_000):
@@ -148,26 +148,26 @@ def test_the_view_sees_each_frame(monkeypatch):
 
     @contextmanager
     def live_view(recording, name, file, force, window):
-        assert (len(recording), name, file, window) == (FRAMES, "push.h5", None, True)
+        assert (len(recording), name, file, window) == (FRAMES, "push.mcap", None, True)
         yield log
 
     monkeypatch.setenv("DISPLAY", ":7")
     monkeypatch.setattr(rerun_view, "live_view", live_view)
-    assert palpate("--replay", "push.h5", "--view", "--seconds", "0.4") == 0
+    assert palpate("--replay", "push.mcap", "--view", "--seconds", "0.4") == 0
     assert len(log.times) > 5
 
 
 def test_what_cannot_be_tracked_live(capsys):
     push = imaged_push()
-    formats.write(replace(push, image=None), "blind.h5")
+    formats.write(replace(push, image=None), "blind.mcap")
     Path("there.mcap").write_text("mine")
-    assert "there is no display" in failure(capsys, "--replay", "push.h5", "--view")
-    assert "oracle takes the truth" in failure(capsys, "--replay", "push.h5", "--tactile", "oracle")
-    assert "--seconds is 0" in failure(capsys, "--replay", "push.h5", "--seconds", "0")
-    assert "there.mcap: already exists" in failure(capsys, "--replay", "push.h5", "--record", "there.mcap")
-    assert "folder nowhere does not exist" in failure(capsys, "--replay", "push.h5", "--record", "nowhere/a.mcap")
-    assert "has no images" in failure(capsys, "--replay", "blind.h5", "--record", "new.mcap")
-    assert "gone.h5: no such file" in failure(capsys, "--replay", "gone.h5")
+    assert "there is no display" in failure(capsys, "--replay", "push.mcap", "--view")
+    assert "oracle takes the truth" in failure(capsys, "--replay", "push.mcap", "--tactile", "oracle")
+    assert "--seconds is 0" in failure(capsys, "--replay", "push.mcap", "--seconds", "0")
+    assert "there.mcap: already exists" in failure(capsys, "--replay", "push.mcap", "--record", "there.mcap")
+    assert "folder nowhere does not exist" in failure(capsys, "--replay", "push.mcap", "--record", "nowhere/a.mcap")
+    assert "has no images" in failure(capsys, "--replay", "blind.mcap", "--record", "new.mcap")
+    assert "gone.mcap: no such file" in failure(capsys, "--replay", "gone.mcap")
 
 
 def cells(state: LiveState, column: int) -> list[Any]:

@@ -9,7 +9,7 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.files import whole_folder
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.locks import held_folder, only_writer
 
 
@@ -17,7 +17,7 @@ from palpate.locks import held_folder, only_writer
 def _in_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("all").mkdir()
-    write_recording(pushed(20), "all/push.h5")
+    write_recording(pushed(20), "all/push.mcap")
 
 
 @contextmanager
@@ -34,8 +34,8 @@ def grows(path: Path) -> Iterator[None]:
         ("evaluate all --out out --tactile none", grows),
         ("evaluate all --out out --tactile none --resume", grows),
         ("tune all --out out --tactile oracle --evaluations 3", only_writer),
-        ("track all/push.h5 --tactile oracle --out out", whole_folder),
-        ("track all/push.h5 --tactile oracle --out out --force", whole_folder),
+        ("track all/push.mcap --tactile oracle --out out", whole_folder),
+        ("track all/push.mcap --tactile oracle --out out --force", whole_folder),
     ],
 )
 def test_the_second_is_told(words, first, capsys):

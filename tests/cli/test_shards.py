@@ -12,7 +12,7 @@ from recording_samples import pushed
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.locks import held_folder
 from palpate.shards import Shard, part_of_work
 
@@ -29,7 +29,7 @@ def _in_folder(tmp_path, monkeypatch):
     for index in range(3):
         given = pushed(20)
         bent = given.sensor_pose + np.array([0.0, 1e-4 * index, 0.0])
-        write_recording(replace(given, sensor_pose=bent), f"pushes/push-{index}.h5")
+        write_recording(replace(given, sensor_pose=bent), f"pushes/push-{index}.mcap")
 
 
 def contents(folder: str) -> dict[str, Any]:
@@ -122,16 +122,16 @@ def test_shards_work_at_once_each_by_one_process(tmp_path):
 def test_a_shard_leaves_alone_what_others_write(capsys):
     """Where a file system knows no locks, what others write cannot be told from what the dead left."""
     Path("parts/trials/oracle").mkdir(parents=True)
-    theirs = [Path("parts/.study-shard-2-of-2.json.part"), Path("parts/trials/oracle/.push-1.h5.npz.part")]
+    theirs = [Path("parts/.study-shard-2-of-2.json.part"), Path("parts/trials/oracle/.push-1.mcap.npz.part")]
     for path in theirs:
         path.write_text("half")
     assert main.main([*STUDY, "--out", "parts", "--shard", "2/2"]) == 2  # trials of nobody knows what
     theirs[1].parent.rename("elsewhere")
     Path("parts/trials").rmdir()
     assert main.main([*STUDY, "--out", "parts", "--shard", "1/2"]) == 0
-    Path("parts/trials/oracle/.push-1.h5.npz.part").touch()
+    Path("parts/trials/oracle/.push-1.mcap.npz.part").touch()
     assert main.main([*STUDY, "--out", "parts", "--shard", "1/2", "--resume"]) == 0
-    assert Path("parts/trials/oracle/.push-1.h5.npz.part").exists() and theirs[0].exists()
+    assert Path("parts/trials/oracle/.push-1.mcap.npz.part").exists() and theirs[0].exists()
     assert main.main([*STUDY, "--out", "parts", "--resume"]) == 0
     assert not [path for path in Path("parts").rglob(".*") if path.is_file()]
 

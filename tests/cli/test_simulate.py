@@ -16,7 +16,7 @@ from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Disc, Polygon
-from palpate.io.palpate_h5 import read_recording, write_recording
+from palpate.io.recording_mcap import read_recording, write_recording
 from palpate.lab.simulate.folder import plan, simulate_folder
 from palpate.lab.simulate.objects import find_shape
 from palpate.lab.simulate.places import kinds
@@ -79,12 +79,12 @@ def test_a_recording_with_images():
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
-    for name, seed in (("a.h5", 3), ("b.h5", 3), ("c.h5", 4)):
+    for name, seed in (("a.mcap", 3), ("b.mcap", 3), ("c.mcap", 4)):
         write_recording(simulate_recording(DISC, "disc", seed, 3.0), name)
-    first, again, other = (Path(name).read_bytes() for name in ("a.h5", "b.h5", "c.h5"))
+    first, again, other = (Path(name).read_bytes() for name in ("a.mcap", "b.mcap", "c.mcap"))
     assert first == again
     assert first != other
-    seen, blind = read_recording("a.h5"), simulate_recording(DISC, "disc", 3, 3.0, images=False)
+    seen, blind = read_recording("a.mcap"), simulate_recording(DISC, "disc", 3, 3.0, images=False)
     assert np.array_equal(seen.sensor_pose, blind.sensor_pose)
     assert seen.extra.keys() == blind.extra.keys()
     for name, values in seen.extra.items():
@@ -125,12 +125,12 @@ def test_the_oracle_tracks_a_simulated_push():
 
 def test_a_plan_has_every_kind_and_no_seed_of_the_next_plan():
     jobs = plan({"disc": DISC, "box": SHAPES["rectangle"]}, 4, seed=2)
-    assert [job.name for job in jobs if job.shape == DISC] == [f"disc-20000{i}.h5" for i in range(4)]
+    assert [job.name for job in jobs if job.shape == DISC] == [f"disc-20000{i}.mcap" for i in range(4)]
     assert [job.name for job in jobs if job.shape != DISC] == [
-        "box-edges-200000.h5",
-        "box-near-corners-200001.h5",
-        "box-corners-200002.h5",
-        "box-edges-200003.h5",
+        "box-edges-200000.mcap",
+        "box-near-corners-200001.mcap",
+        "box-corners-200002.mcap",
+        "box-edges-200003.mcap",
     ]
     whole, following = plan({"disc": DISC}, 100_000, seed=2), plan({"disc": DISC}, 1, seed=3)
     assert whole[-1].seed + 1 == following[0].seed
@@ -150,7 +150,7 @@ def test_resume_keeps_whole_files_and_makes_the_rest():
     assert done == [2, 3]
     assert whole.stat().st_mtime_ns == stamp
     assert contents("some") == contents("all")
-    with pytest.raises(SettingError, match=r"disc-000000\.h5: was made with other options .*3\.0 s.*4\.0 s"):
+    with pytest.raises(SettingError, match=r"disc-000000\.mcap: was made with other options .*3\.0 s.*4\.0 s"):
         simulate_folder(Path("some"), JOBS, 4.0, images=False, resume=True)
 
 
@@ -179,9 +179,9 @@ def test_what_cannot_be_made_does_not_stop_the_rest(capsys):
     assert palpate(*words, "--json") == 3
     out, err = capsys.readouterr()
     found = json.loads(out)
-    assert found["made"] == ["disc-000000.h5"]
-    assert [failed["file"] for failed in found["failed"]] == ["star-edges-000000.h5"]
-    assert err.count("\n") == 1 and "star-edges-000000.h5: no place was found" in err
+    assert found["made"] == ["disc-000000.mcap"]
+    assert [failed["file"] for failed in found["failed"]] == ["star-edges-000000.mcap"]
+    assert err.count("\n") == 1 and "star-edges-000000.mcap: no place was found" in err
 
 
 def test_command_line(capsys):
@@ -191,9 +191,9 @@ def test_command_line(capsys):
     out, err = capsys.readouterr()
     found = json.loads(out)
     assert err == ""
-    assert found["made"] == sorted(contents("out")) == ["disc-000000.h5", "square-edges-000000.h5"]
+    assert found["made"] == sorted(contents("out")) == ["disc-000000.mcap", "square-edges-000000.mcap"]
     assert (found["folder"], found["kept"], found["failed"]) == ("out", [], [])
-    assert read_recording("out/square-edges-000000.h5").shape == Polygon([(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1)])
+    assert read_recording("out/square-edges-000000.mcap").shape == Polygon([(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1)])
     assert "holds 2 recordings already; --resume" in failure(capsys, "out", *words)
     assert palpate("out", *words, "--resume") == 0
     assert "0 made, 2 kept, 0 failed" in capsys.readouterr().out
@@ -203,7 +203,7 @@ def test_command_line(capsys):
 def test_knocks(capsys):
     words = ("--shape", "disc", "--count", "1", "--seconds", "3", "--no-images", "--ideal")
     assert palpate("out", *words, "--knocks") == 0
-    made = read_recording("out/disc-000000.h5")
+    made = read_recording("out/disc-000000.mcap")
     knocked = made.extra["knocked"]
     assert set(knocked) == {0.0, 1.0}
     assert made.source.endswith(", knocked") and "knocked" in made.frames["extra"]
@@ -216,7 +216,7 @@ def test_knocks(capsys):
     assert "0 made, 1 kept" in capsys.readouterr().out
     assert "was made with other options" in failure(capsys, "out", *words, "--resume")
     assert "--knocks, --ideal cannot go" in failure(
-        capsys, "new", "--replay", "out/disc-000000.h5", "--knocks", "--ideal"
+        capsys, "new", "--replay", "out/disc-000000.mcap", "--knocks", "--ideal"
     )
 
 
@@ -298,13 +298,13 @@ def test_an_interrupt_leaves_whole_files_only():
     command = [sys.executable, "-m", "palpate.cli.main", *words]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, env=environment, text=True)
     until = time.monotonic() + 60
-    while len(list(Path().glob("out/*.h5"))) < 2 and time.monotonic() < until:
+    while len(list(Path().glob("out/*.mcap"))) < 2 and time.monotonic() < until:
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     names = contents("out")
-    assert 2 <= len(names) < 200 and all(name.endswith(".h5") for name in names)
+    assert 2 <= len(names) < 200 and all(name.endswith(".mcap") for name in names)
     assert all(len(read_recording(Path("out") / name)) == 90 for name in names)
 
 

@@ -98,12 +98,12 @@ def networks(model) -> tuple[Touch, Keypoints]:
 
 def test_what_the_command_says(trained, recordings):
     assert trained.code == 3  # one of several recordings was left out, which is said once
-    assert trained.error == f"palpate: left out: {recordings / 'bare.h5'}: has no image; learning needs them\n"
+    assert trained.error == f"palpate: left out: {recordings / 'bare.mcap'}: has no image; learning needs them\n"
     found = trained.found
     assert found["model"] == str(trained.folder) and found["wall_s"] > 0.0
     # 12 contacts of 60 frames: 15 % of 12 are 2 to judge by, 10 % of 10 is 1 held out, the rest to learn from.
     assert found["frames"] == 120
-    assert list(found["recordings"]["left_out"]) == [str(recordings / "bare.h5")]
+    assert list(found["recordings"]["left_out"]) == [str(recordings / "bare.mcap")]
     table = found["mean_square_of_sine"]
     assert list(table) == MODELS
     kinds = list(found["pairs"])
@@ -264,12 +264,12 @@ def test_fine_tuning_leaves_key_points_alone(trained, model, networks, no_export
     some = tmp_path / "some"
     some.mkdir()
     for seed in range(4):
-        shutil.copy(recordings / f"push-{seed}.h5", some)
+        shutil.copy(recordings / f"push-{seed}.mcap", some)
     words = ("train", some, "--from", trained.folder, "--out", tmp_path / "fine", "--test", recordings)
     assert palpate(*words, "--steps", 4) == 3  # of the recordings to judge by, one has no images
     out, error = capsys.readouterr()
     assert "mean square error of sin(yaw)" in out and f"model: {tmp_path / 'fine'}" in out
-    assert error == f"palpate: left out: {recordings / 'bare.h5'}: has no image; learning needs them\n"
+    assert error == f"palpate: left out: {recordings / 'bare.mcap'}: has no image; learning needs them\n"
     ((keypoints, touch),) = no_export
     for (key, value), before in zip(
         keypoints.encoder.state_dict().items(), networks[1].encoder.state_dict().values(), strict=True

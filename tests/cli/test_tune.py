@@ -11,7 +11,7 @@ from recording_samples import pushed, seen, unit_seen
 
 from palpate.cli import main
 from palpate.config import ContactSettings, NoiseSettings, read_noise, write_noise
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.tune import tuning
 from palpate.touch.calibration import DirectionCorrection, load_calibration, write_calibration
 
@@ -28,7 +28,7 @@ def _in_folder(tmp_path, monkeypatch, no_figures):
     for index in range(5):
         recording = pushed(30)
         bent = recording.sensor_pose + np.array([0.0, 1e-4 * index, 0.0])
-        write_recording(replace(recording, sensor_pose=bent), f"all/push-{index}.h5")
+        write_recording(replace(recording, sensor_pose=bent), f"all/push-{index}.mcap")
 
 
 def palpate(*words: str) -> int:
@@ -55,8 +55,8 @@ def test_tune_leaves_a_file_that_track_takes(capsys):
     assert found["noise"] == content["noise"]
     tuned = content["tuned"]
     assert {key: found[key] for key in tuned} == tuned
-    assert tuned["recordings"] == ["push-0.h5", "push-1.h5", "push-2.h5", "push-4.h5"]
-    assert tuned["held_out"] == ["push-3.h5"]
+    assert tuned["recordings"] == ["push-0.mcap", "push-1.mcap", "push-2.mcap", "push-4.mcap"]
+    assert tuned["held_out"] == ["push-3.mcap"]
     assert (tuned["evaluations"], tuned["tactile"], tuned["smoother"]) == (8, "oracle", "fixed-lag")
     assert (tuned["start"], tuned["model"], tuned["calibration"]) == ("palpate", None, None)
     assert tuned["after"]["score"] < tuned["before"]["score"]
@@ -70,7 +70,7 @@ def test_tune_leaves_a_file_that_track_takes(capsys):
     assert deviation == {"before": 1e-3, "after": contact.deviation}
     assert oracle == {"before": before.relative_pose.oracle[2], "after": relative_pose.oracle[2]}
 
-    assert palpate("track", "all/push-0.h5", "--noise", "noise.json", "--json") == 0
+    assert palpate("track", "all/push-0.mcap", "--noise", "noise.json", "--json") == 0
     settings = json.loads(Path("runs/push-0/settings.json").read_text())
     assert settings["noise"] == content["noise"] and settings["noise_preset"] is None
 
@@ -92,12 +92,12 @@ def test_a_tuning_knows_the_unit_that_all_recordings_are_of(capsys):
     Path("images").mkdir()
     touched = seen(replace(pushed(40), contact=np.ones(40, np.bool_)))  # taken for untouched without the unit
     for index in range(5):
-        write_recording(touched, f"images/push-{index}.h5")
+        write_recording(touched, f"images/push-{index}.mcap")
     for name, unit in (("unit", unit_seen()), ("small", unit_seen(height=8, width=8))):
         write_calibration(unit, f"{name}.npz")
     words = ("tune", "images", "--out", "noise.json", "--tactile", "none", "--evaluations", "1", "--json")
     for calibration, said in (
-        ((), "push-0.h5: is never in contact where ground truth is known"),
+        ((), "push-0.mcap: is never in contact where ground truth is known"),
         (("--calibration", "small.npz"), "small.npz: is of images of 8 x 8 px"),
         (("--calibration", "nowhere.npz"), "nowhere.npz: no such file"),
     ):
@@ -151,16 +151,16 @@ def test_an_interrupted_tuning_leaves_the_best_so_far(monkeypatch):
 
 
 def test_recordings_that_are_of_no_use_are_named_and_the_others_used(capsys):
-    Path("all/broken.h5").write_text("no")
-    write_recording(replace(pushed(), object_pose=None), "all/blind.h5")
+    Path("all/broken.mcap").write_text("no")
+    write_recording(replace(pushed(), object_pose=None), "all/blind.mcap")
     assert palpate(*WORDS, "--evaluations", "1", "--json") == 3
     out, err = capsys.readouterr()
     found = json.loads(out)
-    assert [left["file"] for left in found["left_out"]] == ["all/blind.h5", "all/broken.h5"]
+    assert [left["file"] for left in found["left_out"]] == ["all/blind.mcap", "all/broken.mcap"]
     lines = err.splitlines()
     assert len(lines) == 2 and all(line.startswith("palpate: left out: all/b") for line in lines)
     assert "no ground truth" in lines[0]
-    assert len(found["recordings"]) == 4 and found["held_out"] == ["push-3.h5"]
+    assert len(found["recordings"]) == 4 and found["held_out"] == ["push-3.mcap"]
 
 
 def test_what_cannot_be_tuned(capsys):
@@ -168,7 +168,7 @@ def test_what_cannot_be_tuned(capsys):
     Path("empty").mkdir()
     assert "empty: holds no recordings" in failure(capsys, "tune", "empty", *WORDS[2:])
     said = failure(capsys, "tune", "all", "--out", "noise.json")
-    assert "no recording can be tuned on; the first: all/push-0.h5: has no images, which tactile learnt needs" in said
+    assert "no recording can be tuned on; the first: all/push-0.mcap: has no images, which tactile learnt needs" in said
     assert "evaluations is 0; it must be at least 1" in failure(capsys, *WORDS, "--evaluations", "0")
     said = failure(capsys, *WORDS[:4], "--parameters", "magic")
     assert "'magic' cannot be tuned; allowed are" in said and "contact.kernel" in said

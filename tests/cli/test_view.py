@@ -15,9 +15,9 @@ pytest.importorskip("rerun", reason="the extra view is not installed")
 
 @pytest.fixture(autouse=True)
 def _in_folder(tmp_path, monkeypatch):
-    """Every test works in a folder of its own that holds push.h5, and has no display."""
+    """Every test works in a folder of its own that holds push.mcap, and has no display."""
     without_display(tmp_path, monkeypatch)
-    formats.write(imaged_push(), "push.h5")
+    formats.write(imaged_push(), "push.mcap")
 
 
 def names() -> set[str]:
@@ -35,11 +35,11 @@ def failure(capsys: Any, *words: str) -> str:
 
 
 def test_without_a_display_a_file_is_written(capsys):
-    assert main.main(["track", "push.h5", "--out", "run"]) == 0
+    assert main.main(["track", "push.mcap", "--out", "run"]) == 0
     capsys.readouterr()
     assert main.main(["view", "run"]) == 0
     assert "run.rrd: open it with `rerun run.rrd`" in capsys.readouterr().out
-    assert main.main(["view", "push.h5", "--save", "seen.rrd"]) == 0
+    assert main.main(["view", "push.mcap", "--save", "seen.rrd"]) == 0
     assert {"run.rrd", "seen.rrd"} < names()
     assert all(Path(name).read_bytes().startswith(b"RRF2") for name in ("run.rrd", "seen.rrd"))
 
@@ -48,29 +48,29 @@ def test_with_a_display_a_viewer_is_opened(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":7")
     shown = []
     monkeypatch.setattr(rerun_view, "show_scene", lambda scene: shown.append(scene.name))
-    assert main.main(["view", "push.h5"]) == 0
-    assert shown == ["push.h5"]
+    assert main.main(["view", "push.mcap"]) == 0
+    assert shown == ["push.mcap"]
 
 
 def test_tracking_is_saved_for_rerun(capsys):
-    assert main.main(["track", "push.h5", "--save-rrd", "live.rrd", "--json"]) == 0
+    assert main.main(["track", "push.mcap", "--save-rrd", "live.rrd", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 50
     assert Path("live.rrd").read_bytes().startswith(b"RRF2")
 
 
 def test_what_cannot_be_viewed(capsys):
     Path("there.rrd").write_text("mine")
-    assert "there.rrd: already exists; --force" in failure(capsys, "view", "push.h5", "--save", "there.rrd")
-    assert "there.rrd: already exists; --force" in failure(capsys, "track", "push.h5", "--save-rrd", "there.rrd")
-    assert "gone.h5: no such file" in failure(capsys, "view", "gone.h5")
-    assert "the folder nowhere does not exist" in failure(capsys, "view", "push.h5", "--save", "nowhere/a.rrd")
-    assert "no display to open a window on; --save-rrd" in failure(capsys, "track", "push.h5", "--view")
-    words = failure(capsys, "track", "push.h5", "push.h5", "--save-rrd", "a.rrd")
+    assert "there.rrd: already exists; --force" in failure(capsys, "view", "push.mcap", "--save", "there.rrd")
+    assert "there.rrd: already exists; --force" in failure(capsys, "track", "push.mcap", "--save-rrd", "there.rrd")
+    assert "gone.mcap: no such file" in failure(capsys, "view", "gone.mcap")
+    assert "the folder nowhere does not exist" in failure(capsys, "view", "push.mcap", "--save", "nowhere/a.rrd")
+    assert "no display to open a window on; --save-rrd" in failure(capsys, "track", "push.mcap", "--view")
+    words = failure(capsys, "track", "push.mcap", "push.mcap", "--save-rrd", "a.rrd")
     assert "show one recording, and 2 are given" in words
 
 
 def test_without_rerun_a_sentence_says_what_to_install(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    for words in (("view", "push.h5"), ("track", "push.h5", "--save-rrd", "a.rrd")):
+    for words in (("view", "push.mcap"), ("track", "push.mcap", "--save-rrd", "a.rrd")):
         assert "pip install palpate[view]" in failure(capsys, *words)
     assert rerun_view.has_display() is False

@@ -68,10 +68,10 @@ def test_the_example_reads_tracks_and_gives_poses(site, monkeypatch, capsys):
     assert main(["info", "push.log"]) == 0 and "my robot, push.log" in capsys.readouterr().out
     words = ["track", "push.log", "--first-pose", "0.1", "0.1", "0", "--tactile", "none", "--out", "run"]
     assert main(words) == 0 and Path("run/summary.json").exists()
-    assert main(["convert", "push.log", "push.h5"]) == 0
-    copy: Any = formats.read("push.h5")
+    assert main(["convert", "push.log", "push.mcap"]) == 0
+    copy: Any = formats.read("push.mcap")
     assert np.array_equal(copy.sensor_pose, found.sensor_pose)
-    assert find_recordings(Path(), leave_out=Path("run")) == {"push.h5": Path("push.h5"), "push.log": Path("push.log")}
+    assert sorted(find_recordings(Path(), leave_out=Path("run"))) == ["push.log", "push.mcap"]
     Path("cut.log").write_text(LOG[:-3])
     with pytest.raises(FileError, match=r"cut.log: expected lines of five numbers"):
         formats.read("cut.log")
@@ -92,9 +92,12 @@ def test_the_page_of_the_guide_is_the_example():
     [
         (
             "raise ImportError('no driver')",
-            "entry point 'bad' of palpate.io (bad_reader) cannot be loaded: ",
+            "entry point 'bad' of palpate.io (bad_reader) ended with ImportError: no driver",
         ),
-        ("def detect(path): return True", "(bad_reader) lacks read; it needs detect(path) and read(path)"),
+        (
+            "def detect(path): return True",
+            "AttributeError: module 'bad_reader' has no attribute 'read'",
+        ),
         (
             "def detect(path): raise KeyError('x')\ndef read(path): pass",
             "push.log: entry point 'bad' of",

@@ -95,10 +95,10 @@ def test_time_begins_at_the_first_frame(tracked):
 
 
 def test_a_name_that_is_no_text_or_a_formula_is_drawn_as_it_is(tracked, tmp_path):
-    odd = Path(os.fsdecode(b"push \xff $x^2$.h5"))
+    odd = Path(os.fsdecode(b"push \xff $x^2$.mcap"))
     run = dataclasses.replace(tracked, recording=dataclasses.replace(tracked.recording, file=odd))
     figure = run_figure(run)
-    assert figure.get_suptitle().startswith("push ? $x^2$.h5\n")
+    assert figure.get_suptitle().startswith("push ? $x^2$.mcap\n")
     figure.savefig(tmp_path / "figure.png")  # x^2$ alone would be no formula and raise
 
 

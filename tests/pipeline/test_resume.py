@@ -13,7 +13,7 @@ from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError
 from palpate.filter.hypothesis_bank import Hypotheses
 from palpate.geometry.shapes import Disc
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.pipeline import steps
 from palpate.pipeline.failed_step import load_failed_step
 from palpate.pipeline.run import track
@@ -97,8 +97,8 @@ def test_a_tracker_that_cannot_be_saved_is_tracked_all_the_same(tmp_path):
 
 def test_the_command_goes_on_and_keeps_what_is_whole(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_recording(recording, tmp_path / "push.h5")
-    words = ["track", "push.h5", "--tactile", "oracle", "--hypotheses", "1", "--out"]
+    write_recording(recording, tmp_path / "push.mcap")
+    words = ["track", "push.mcap", "--tactile", "oracle", "--hypotheses", "1", "--out"]
     assert main([*words, "alone"]) == 0
     with monkeypatch.context() as patched, pytest.raises(Killed):
         patched.setattr("palpate.cli.console.progress_bar", lambda title, total: nullcontext(killed_at(14)))
@@ -126,17 +126,17 @@ def test_the_command_goes_on_and_keeps_what_is_whole(recording, tmp_path, monkey
     ):
         assert main([*words, "out", "--resume", *options]) == 2
         assert f"holds a run {other}; --force replaces it" in capsys.readouterr().err
-    write_recording(pushed(20), tmp_path / "push.h5", overwrite=True)
+    write_recording(pushed(20), tmp_path / "push.mcap", overwrite=True)
     assert main([*words, "out", "--resume"]) == 2
     assert "holds a run with another recording" in capsys.readouterr().err
 
 
 def test_what_an_earlier_run_left_is_of_no_account_unless_asked_for(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_recording(pushed(20), tmp_path / "push.h5")
+    write_recording(pushed(20), tmp_path / "push.mcap")
     (tmp_path / ".out.part").mkdir()
     (tmp_path / ".out.part" / "state.npz").write_bytes(b"damaged")
-    words = ["track", "push.h5", "--tactile", "oracle", "--hypotheses", "1", "--out", "out"]
+    words = ["track", "push.mcap", "--tactile", "oracle", "--hypotheses", "1", "--out", "out"]
     assert main([*words, "--resume"]) == 2
     assert main(words) == 0
     assert not (tmp_path / ".out.part").exists()
@@ -144,7 +144,7 @@ def test_what_an_earlier_run_left_is_of_no_account_unless_asked_for(tmp_path, mo
 
 def test_a_step_that_fails_is_written_and_fails_again(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_recording(recording, tmp_path / "push.h5")
+    write_recording(recording, tmp_path / "push.mcap")
     last = int(np.flatnonzero(recording.contact)[-4])  # in the second contact
     touch, broken_at, poses = Hypotheses.touch, recording.time[last], last - 1  # one frame is left out
 
@@ -154,7 +154,7 @@ def test_a_step_that_fails_is_written_and_fails_again(recording, tmp_path, monke
         return touch(self, sensor_pose, measurements, time)
 
     monkeypatch.setattr(Hypotheses, "touch", breaks)
-    words = ["track", "push.h5", "--tactile", "oracle", "--hypotheses", "1", "--out", "out"]
+    words = ["track", "push.mcap", "--tactile", "oracle", "--hypotheses", "1", "--out", "out"]
     with pytest.raises(ZeroDivisionError):
         main(words)
     assert main([*words, "--dump"]) == 2

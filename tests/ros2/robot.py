@@ -1,7 +1,7 @@
 """A robot as the node sees it, run by the Python that has rclpy: publishes a recording, writes down what comes back.
 
-python robot.py PUSH.h5 HEARD.json: the first frame over and over until an estimate comes, a second without images, then
-each frame once. Poses come some frames before their time, so that the node need not guess any.
+python robot.py PUSH.mcap HEARD.json: the first frame over and over until an estimate comes, a second without images,
+then each frame once. Poses come some frames before their time, so that the node need not guess any.
 """
 
 import json
@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor  # pyright: ignore[reportMiss
 from sensor_msgs.msg import Image  # pyright: ignore[reportMissingImports]
 from std_msgs.msg import Bool  # pyright: ignore[reportMissingImports]
 
-from palpate.io.palpate_h5 import read_recording
+from palpate.io.recording_mcap import read_recording
 from palpate.types.plane import flat, out_of_plane
 
 RATE, DEPTH, HEIGHT = 60.0, 100, 0.25

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.io.bags.messages import ros_types
+from palpate.io.ros_messages import ros_types
 from palpate.live.poses import SensorPlace
 from palpate.live.session import LiveEstimate, LiveState
 from palpate.ros2 import node as ros2_node

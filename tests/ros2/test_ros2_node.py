@@ -97,7 +97,7 @@ def node(*given: str) -> Iterator[subprocess.Popen[str]]:
 
 @needs_rclpy
 def test_two_processes_at_60_hz(tmp_path):
-    recording = push(tmp_path / "push.h5")
+    recording = push(tmp_path / "push.mcap")
     command = words(
         python=str(PYTHON),
         shape="rectangle",
@@ -106,7 +106,8 @@ def test_two_processes_at_60_hz(tmp_path):
         sensor_pose="/robot/sensor_pose",
         tactile="none",
     )
-    robot = [str(PYTHON), str(Path(__file__).with_name("robot.py")), str(tmp_path / "push.h5"), str(tmp_path / "heard")]
+    played, heard = tmp_path / "push.mcap", tmp_path / "heard"
+    robot = [str(PYTHON), str(Path(__file__).with_name("robot.py")), str(played), str(heard)]
     with node(*command) as process:
         subprocess.run(robot, check=True, env=environment(), timeout=PATIENCE + FRAMES / 60)
         process.send_signal(signal.SIGINT)

@@ -13,7 +13,7 @@ from study_samples import drawn_trial, with_summary
 from palpate.cli import main
 from palpate.cli.console import complain, print_line, print_table
 from palpate.errors import FileError
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.study.comparison import read_scores
 from palpate.lab.study.results import write_results
 from palpate.lab.study.trial import Method
@@ -36,13 +36,13 @@ def test_control_characters_are_spelt():
 
 
 def test_a_message_does_not_quote_a_file_at_length():
-    said = str(FileError("push.h5: noise has no '" + 150_000 * "x" + "'; known are sticking, balance"))
+    said = str(FileError("push.mcap: noise has no '" + 150_000 * "x" + "'; known are sticking, balance"))
     assert (
         len(said) < 2000
-        and said.startswith("push.h5: noise has no 'xxx")
+        and said.startswith("push.mcap: noise has no 'xxx")
         and said.endswith("known are sticking, balance")
     )
-    assert str(FileError("push.h5: is empty")) == "push.h5: is empty"
+    assert str(FileError("push.mcap: is empty")) == "push.mcap: is empty"
 
 
 def test_nothing_that_is_printed_moves_the_cursor(capsys):
@@ -66,16 +66,16 @@ def test_info_of_a_strangers_recording(tmp_path, capsys):
     plain = pushed(5)
     sensor = SensorProfile(name=EVIL, radius=0.01)
     made = Recording(plain.time, plain.sensor_pose, plain.shape, sensor, source=EVIL, frames={EVIL: EVIL})
-    write_recording(made, tmp_path / "a.h5")
-    assert main.main(["info", str(tmp_path / "a.h5")]) == 0
+    write_recording(made, tmp_path / "a.mcap")
+    assert main.main(["info", str(tmp_path / "a.mcap")]) == 0
     said = capsys.readouterr()
     assert is_harmless(said.out) and is_harmless(said.err) and "owned" in said.out
-    assert main.main(["info", str(tmp_path / "a.h5"), "--json"]) == 0
+    assert main.main(["info", str(tmp_path / "a.mcap"), "--json"]) == 0
     said = capsys.readouterr().out
     assert is_harmless(said) and json.loads(said)["source"] == EVIL
 
 
-@pytest.mark.parametrize("name", ["=1+1.h5", "+a.h5", "-a.h5", "@a.h5", "\ta.h5", "'a.h5", "a.h5"])
+@pytest.mark.parametrize("name", ["=1+1.mcap", "+a.mcap", "-a.mcap", "@a.mcap", "\ta.mcap", "'a.mcap", "a.mcap"])
 def test_no_cell_begins_a_formula(tmp_path, name):
     trial = with_summary(drawn_trial(Method("none", "fixed-lag"), seconds=1.0))
     object.__setattr__(trial, "recording", name)

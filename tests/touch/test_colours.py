@@ -9,7 +9,7 @@ import pytest
 from palpate import Frame, Tracker
 from palpate.cli.main import main
 from palpate.geometry.shapes import Disc
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.colours import sides, unusual_colours
@@ -104,8 +104,8 @@ def test_track_asks_of_recordings_that_no_simulator_made(tmp_path, capsys, sourc
         image=[encode_image(SWAPPED)] * count,
         source=source,
     )
-    write_recording(recording, tmp_path / "push.h5")
-    words = ("track", str(tmp_path / "push.h5"), "--first-pose", "0", "0", "0", "--out", str(tmp_path / "run"))
+    write_recording(recording, tmp_path / "push.mcap")
+    words = ("track", str(tmp_path / "push.mcap"), "--first-pose", "0", "0", "0", "--out", str(tmp_path / "run"))
     assert main(words) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert (unusual_colours(SWAPPED, DIGIT) in said) == asks

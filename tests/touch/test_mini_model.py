@@ -62,7 +62,7 @@ def test_simulated_and_tracked_by_the_commands(tmp_path, capsys, monkeypatch, no
     monkeypatch.setattr("palpate.lab.study.report.study_sheets", lambda *_: [])
     made = ["simulate", str(tmp_path / "pushes"), "--sensor", "gelsight-mini", "--shape", "disc", "--count", "1"]
     assert main([*made, "--seconds", "3"]) == 0
-    assert main(["track", str(tmp_path / "pushes/disc-000000.h5"), "--out", str(tmp_path / "run")]) == 0
+    assert main(["track", str(tmp_path / "pushes/disc-000000.mcap"), "--out", str(tmp_path / "run")]) == 0
     assert "GelSight Mini" in capsys.readouterr().out
     study = ["evaluate", str(tmp_path / "pushes"), "--out", str(tmp_path / "study"), "--tactile", "learnt"]
     assert main(study) == 0

@@ -16,7 +16,7 @@ from palpate.config import TrackerSettings
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.simulate.gel import ball_overlap, render, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.lab.train.presses_of import presses_of
@@ -256,7 +256,7 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, capsys):
         (("--presses", tmp_path / "grey.png", *still), "grey.png"),
         (("--presses", tmp_path / "presses.csv", *still[2:]), "name a recording or --untouched images, one of the two"),
         (("--out", tmp_path / "unit.npz"), "name a recording"),
-        ((tmp_path / "rest.h5", *still[2:], "--model", tmp_path / "gone"), "--model reads presses"),
+        ((tmp_path / "rest.mcap", *still[2:], "--model", tmp_path / "gone"), "--model reads presses"),
         (("--presses", "a.csv", *still[:2], "--out", tmp_path / "a.png", "--force"), "is where the figure of presses"),
     ]
     (tmp_path / "grey.csv").write_text("file,angle_deg\ngrey.png,3\n")
@@ -302,18 +302,18 @@ def test_the_command_takes_a_recording_of_presses_on_an_edge(tmp_path, unit, cap
     presses = presses_of(recording)
     assert presses.names[0] == "the recording: frame 14"
     np.testing.assert_allclose(presses.angle, ANGLES, atol=1e-3)
-    write_recording(recording, tmp_path / "presses.h5")
+    write_recording(recording, tmp_path / "presses.mcap")
     out = tmp_path / "unit.npz"
-    assert palpate("calibrate", "--presses", tmp_path / "presses.h5", "--out", out) == 0
+    assert palpate("calibrate", "--presses", tmp_path / "presses.mcap", "--out", out) == 0
     assert "6 presses: directions are off by" in capsys.readouterr().out
     calibration = load_calibration(out)
     assert calibration.view.mirrored != (calibration.view.quarter_turns == 2)
     np.testing.assert_allclose(calibration.background.mean, calibration.view.of(unit.no_contact[:, ::-1]), atol=8.0)
     alike = [encode_image(np.repeat(image[..., :1], 3, axis=2)) for image in images]
-    write_recording(dataclasses.replace(recording, image=alike), tmp_path / "grey.h5")
-    assert palpate("calibrate", "--presses", tmp_path / "grey.h5", "--out", out, "--force") == 2
-    assert "grey.h5: images are grey, and the touch model reads colours" in capsys.readouterr().err
-    assert palpate("info", tmp_path / "grey.h5") == 0
+    write_recording(dataclasses.replace(recording, image=alike), tmp_path / "grey.mcap")
+    assert palpate("calibrate", "--presses", tmp_path / "grey.mcap", "--out", out, "--force") == 2
+    assert "grey.mcap: images are grey, and the touch model reads colours" in capsys.readouterr().err
+    assert palpate("info", tmp_path / "grey.mcap") == 0
     assert "px, grey" in capsys.readouterr().out
     without = dataclasses.replace(recording, object_pose=None)
     with pytest.raises(FileError, match="the recording: has no object_pose; presses need them"):

@@ -9,7 +9,7 @@ from palpate.cli import main
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import draw_unit
 from palpate.lab.train.presses_of import presses_of
@@ -73,7 +73,7 @@ def test_a_ball_that_moved_between_presses_is_noticed():
 
 
 def test_the_command_calibrates_on_a_ball_whose_place_nobody_knows(tmp_path, capsys):
-    file, out = tmp_path / "ball.h5", tmp_path / "unit.npz"
+    file, out = tmp_path / "ball.mcap", tmp_path / "unit.npz"
     write_recording(pressed(ALL_ROUND, with_images=True), file)
     assert main.main(["calibrate", "--presses", str(file), "--out", str(out)]) == 0
     assert "6 presses: directions are off by" in capsys.readouterr().out

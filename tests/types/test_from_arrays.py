@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
-from palpate.io.bags.choices import BagChoices
+from palpate.io.rosbag_recording import BagChoices
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, POINT

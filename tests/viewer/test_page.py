@@ -11,7 +11,7 @@ from view_samples import FIRST, FRAMES, LAST, tracked_push
 
 from palpate.cli import main
 from palpate.errors import FileError
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.run import track
 from palpate.pipeline.run_folder import FILES, PAGE
 from palpate.viewer import page as page_module
@@ -79,10 +79,10 @@ def test_a_page_is_replaced_only_if_asked_for(written):
 
 def test_track_leaves_a_page_in_the_folder_of_the_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_recording(pushed(), "push.h5")
-    assert main.main(["track", "push.h5", "--html"]) == 0
+    write_recording(pushed(), "push.mcap")
+    assert main.main(["track", "push.mcap", "--html"]) == 0
     assert {path.name for path in (tmp_path / "runs" / "push").iterdir()} == {*FILES, PAGE}
-    assert main.main(["track", "push.h5", "--force"]) == 0  # a page is part of a run, which is replaced
+    assert main.main(["track", "push.mcap", "--force"]) == 0  # a page is part of a run, which is replaced
     assert not (tmp_path / "runs" / "push" / PAGE).exists()
 
 

@@ -61,9 +61,9 @@ def test_friction_is_as_believed_until_something_tells(run_folder):
 
 
 def test_a_recording_shows_itself(tmp_path):
-    formats.write(imaged_push(), tmp_path / "push.h5")
-    found = load_scene(tmp_path / "push.h5")
-    assert found.estimate is None and found.name == "push.h5"
+    formats.write(imaged_push(), tmp_path / "push.mcap")
+    found = load_scene(tmp_path / "push.mcap")
+    assert found.estimate is None and found.name == "push.mcap"
     np.testing.assert_array_equal(found.contact, imaged_push().contact)
 
 
@@ -82,7 +82,7 @@ def test_a_run_that_began_in_contact_shows_the_gel_after_it(run_folder, monkeypa
     [
         ("settings.json", None, "is no run of palpate track"),
         ("settings.json", "{}", r"settings.json: recording is null, expected the name of a file"),
-        ("settings.json", '{"recording": "gone.h5"}', "gone.h5: no such file"),
+        ("settings.json", '{"recording": "gone.mcap"}', "gone.mcap: no such file"),
         ("friction.csv", "time,friction,deviation\n0.0,0.4,0.1\n", "has 1 times that are not those of the run's 50"),
         ("friction.csv", "time,friction\n", "line 1: expected the header time,friction,deviation"),
         ("answers.csv", None, "answers.csv: no such file"),
@@ -112,7 +112,7 @@ def test_answers_that_cannot_be_read(run_folder, row, message):
 
 
 def test_a_recording_that_has_changed_since(run_folder):
-    formats.write(imaged_push(), run_folder / "shorter.h5")
+    formats.write(imaged_push(), run_folder / "shorter.mcap")
     settings = json.loads((run_folder / "settings.json").read_text())
     lines = (run_folder / "estimates.csv").read_text().splitlines(keepends=True)
     (run_folder / "estimates.csv").write_text("".join(lines[:-1]))

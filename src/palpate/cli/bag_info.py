@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.io.bags.contents import Contents, Topic
+    from palpate.io.rosbag_reader import Contents, Topic
 
 
 def show_bag(path: Path, json: bool) -> None:
     """Print what a bag holds."""
     from palpate.cli.console import busy, print_json
-    from palpate.io.bags.contents import contents
+    from palpate.io.rosbag_reader import contents
 
     with busy(f"inspecting {path.name}"):
         found = contents(path)
@@ -35,8 +35,7 @@ def show_bag(path: Path, json: bool) -> None:
 def _proposal(found: "Contents") -> tuple[str | None, str | None, str]:
     """The topic of images, the source of sensor poses, and what to do next, in a sentence."""
     from palpate.errors import FileError
-    from palpate.io.bags.choices import BagChoices, mapping, written
-    from palpate.io.bags.clocks import check_stamps
+    from palpate.io.rosbag_recording import BagChoices, check_stamps, mapping, written
 
     try:
         chosen = mapping(found, BagChoices())

@@ -9,8 +9,7 @@ import tyro
 from palpate.cli.options import SensorOption, ShapeUnitOption
 
 if TYPE_CHECKING:
-    from palpate.io.bags.bag_recording import BagReading
-    from palpate.io.bags.choices import BagChoices
+    from palpate.io.rosbag_recording import BagChoices, BagReading
     from palpate.types.recording import Recording
 
 
@@ -77,7 +76,7 @@ Bag = Annotated[BagOptions, tyro.conf.arg(name="")]
 
 def choices_of(options: BagOptions) -> "BagChoices":
     """What the options say of a bag, object and sensor left out; an offset that is still to be fitted is none."""
-    from palpate.io.bags.choices import BagChoices
+    from palpate.io.rosbag_recording import BagChoices
 
     said = asdict(options)
     del said["shape"], said["shape_unit"], said["sensor"]
@@ -93,9 +92,8 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
     """
     from palpate import io as formats
     from palpate.errors import SettingError
-    from palpate.io.bags.bag_recording import read_bag
-    from palpate.io.bags.containers import container_of, existing_bag
     from palpate.io.outlines.load import load_shape
+    from palpate.io.rosbag_recording import read_bag
     from palpate.types.sensor import known_sensor
 
     if options.shape is None:
@@ -104,7 +102,7 @@ def read_with(file: Path, options: BagOptions) -> "Recording | BagReading":
             names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
             raise SettingError(f"{names} can be used for bags only, with --shape")
         return formats.load_recording(file)
-    if container_of(existing_bag(file)) is None:
+    if formats.detect_format(file) != "bag":
         raise SettingError(f"--shape {options.shape}: {file} is no bag, so it tells the object's outline itself")
     sensor = known_sensor(options.sensor)
     return read_bag(file, load_shape(options.shape, options.shape_unit), choices_of(options), sensor)

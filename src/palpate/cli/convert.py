@@ -14,7 +14,7 @@ def convert(
     target: Annotated[
         tyro.conf.Positional[Path],
         tyro.conf.arg(
-            metavar="OUT", help="File to write; its extension says the format: .h5, .mcap, .json, .tum, .csv."
+            metavar="OUT", help="File to write; its extension says the format: .mcap, .json, .tum, .csv."
         ),
     ],
     /,

@@ -30,15 +30,13 @@ def info(
     from palpate.cli.calibration_info import show_calibration
     from palpate.cli.console import busy, print_json
     from palpate.geometry.shapes import shape_to_dict
-    from palpate.io.bag import read_own
     from palpate.pipeline.inspection import inspect_recording
-    from palpate.types.recording import Recording
     from palpate.types.sensor import sensor_to_dict
 
     if formats.detect_format(file) is None and file.suffix.lower() == ".npz":
         show_calibration(file, json)
         return 0
-    if formats.detect_format(file) == "bag" and not isinstance(read_own(file), Recording):
+    if formats.detect_format(file) in ("bag", "estimates-mcap"):
         show_bag(file, json)
         return 0
     with busy(f"inspecting {file.name}"):

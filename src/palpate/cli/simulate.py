@@ -147,7 +147,7 @@ def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[s
     found: dict[str, Recording] = {}
     failed: dict[str, str] = {}
     for file in files:
-        name = f"{(file.with_suffix('') if file.suffix == '.gz' else file).stem}.h5"
+        name = f"{(file.with_suffix('') if file.suffix == '.gz' else file).stem}.mcap"
         if name in sources:
             raise SettingError(f"--replay {sources[name]} and --replay {file} would both be {name}; replay them apart")
         sources[name] = file

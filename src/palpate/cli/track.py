@@ -284,5 +284,5 @@ def _folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:
 
 
 def _name(file: Path) -> str:
-    """The file's name without .json.gz, .h5 and the like."""
+    """The file's name without .json.gz, .mcap and the like."""
     return (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name

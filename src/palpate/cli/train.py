@@ -16,7 +16,7 @@ def train(
         tyro.conf.Positional[Path],
         tyro.conf.arg(
             metavar="DIR|PRESSES.csv",
-            help="Folder of recordings (.h5), or presses at known angles: columns file, an image beside the CSV, and "
+            help="Folder of recordings (.mcap), or presses at known angles: columns file, an image beside the CSV, and "
             "angle_deg, of the contact on the tip. These give a model of directions alone.",
         ),
     ],
@@ -144,9 +144,9 @@ def _files(folder: Path) -> list[Path]:
 
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder of recordings")
-    files = sorted(folder.glob("*.h5"))
+    files = sorted(folder.glob("*.mcap"))
     if not files:
-        raise FileError(f"{folder}: holds no recordings (*.h5)")
+        raise FileError(f"{folder}: holds no recordings (*.mcap)")
     return files
 
 

@@ -58,7 +58,7 @@ def truth(
     /,
     *,
     camera: CameraOption,
-    out: Annotated[Path, tyro.conf.arg(metavar="OUT.h5", help="The recording with ground truth.")],
+    out: Annotated[Path, tyro.conf.arg(metavar="OUT.mcap", help="The recording with ground truth.")],
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> int:

@@ -1,4 +1,4 @@
-"""The recording of a live session, written as it goes on."""
+"""The recording of a live session, written as it goes on; a kill loses at most the last second."""
 
 import threading
 from collections.abc import Iterator, Mapping
@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from palpate.geometry.shapes import Shape
-from palpate.io.bags.estimates_mcap import NOTHING, add_estimates
-from palpate.io.bags.live_mcap import ATTACHMENT, MEDIA_TYPE, live_attachment
-from palpate.io.bags.mcap_writer import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
-from palpate.io.bags.message_sink import MessageSink
-from palpate.io.bags.messages import COMPRESSED_IMAGE, POSE
-from palpate.io.bags.recording_mcap import IMAGES, SENSOR_POSES
+from palpate.io.estimates_mcap import NOTHING, add_estimates
+from palpate.io.mcap_file import MessageWriter, growing_mcap, nanoseconds, scratch_mcap
+from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
+from palpate.io.ros_messages import COMPRESSED_IMAGE, POSE, MessageSink
 from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.session import LiveEstimate
 from palpate.live.sources import TouchImage
@@ -39,7 +37,6 @@ class Recorder:
             if not self._is_closed:
                 header = self._file.header(stamp, "sensor")
                 self._file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=image.codec, data=data)
-                self._file.flush()
 
     def pose(self, pose: TimedPose) -> None:
         """Record a sensor pose as it arrived."""
@@ -49,7 +46,6 @@ class Recorder:
             if not self._is_closed:
                 header, placed = self._file.header(stamp, self._plane.frame), self._file.pose(position, rotation)
                 self._file.add(SENSOR_POSES, POSE, stamp, header=header, pose=placed)
-                self._file.flush()
 
     def estimate(self, last: LiveEstimate) -> None:
         """Record an estimate."""
@@ -57,7 +53,6 @@ class Recorder:
         with self._lock:
             if not self._is_closed:
                 add_live_estimate(self._file, self._plane, stamp, last)
-                self._file.flush()
 
     def close(self) -> None:
         """Ignore everything that still arrives."""
@@ -94,7 +89,7 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
     """Record into a new MCAP; `sensor` has the size of arriving images. FileError if it exists, unless `force`."""
     _write_one_of_each(Recorder(path, scratch_mcap()))
     with growing_mcap(path, force) as file:
-        file.attach(ATTACHMENT, MEDIA_TYPE, live_attachment(shape, sensor))
+        describe(file, shape, sensor)
         file.flush()
         taking = Recorder(path, file)
         try:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.errors import SettingError
-from palpate.io.bags.choices import BagChoices
-from palpate.io.bags.messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
+from palpate.io.ros_messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
+from palpate.io.rosbag_recording import BagChoices
 from palpate.live.poses import PoseSource, Refused, TimedPose, on_clock
 from palpate.live.sources import Clock, TouchImage
 from palpate.types.plane import STEEPEST, Plane, into_plane, plane_across

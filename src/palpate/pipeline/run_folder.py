@@ -12,8 +12,8 @@ import palpate
 from palpate.config import PRESETS
 from palpate.errors import FileError
 from palpate.files import read_json, remove_left_of, whole_folder
-from palpate.io import estimates_csv, palpate_h5, tum
-from palpate.io.bags.estimates_mcap import write_estimates_mcap
+from palpate.io import estimates_csv, recording_mcap, tum
+from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.pipeline import details
 from palpate.pipeline.figures import run_figure
 from palpate.pipeline.run import Run
@@ -29,7 +29,7 @@ FILES = (
     "figure.png",
 )
 """What a run folder holds."""
-RECORDING, PAGE, MCAP = "recording.h5", "page.html", "estimates.mcap"
+RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """What it may hold beside: the recording, where that is in no other file, and the page and messages asked for."""
 _STATE = "state.npz"
 
@@ -86,7 +86,7 @@ def write_files(
     _write_json(folder / "summary.json", run.summary)
     run_figure(run).savefig(folder / "figure.png", dpi=150)
     if run.recording.file is None:
-        palpate_h5.write_recording(run.recording, folder / RECORDING)
+        recording_mcap.write_recording(run.recording, folder / RECORDING)
 
 
 def check_folder(folder: Path, force: bool = False) -> None:

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 
 from palpate.config import TrackerSettings
 from palpate.errors import SettingError
-from palpate.io.bags.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
-from palpate.io.bags.message_sink import MessageSink
-from palpate.io.bags.messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE
+from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines.load import load_shape
+from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
 from palpate.live.poses import TimedPose
 from palpate.live.recorder import add_live_estimate
 from palpate.live.ros2_topics import Ros2Clock, Ros2Images, Ros2Node, Ros2Poses, message_type

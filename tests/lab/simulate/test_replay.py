@@ -13,7 +13,7 @@ from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Polygon, Rectangle
-from palpate.io.palpate_h5 import read_recording, write_recording
+from palpate.io.recording_mcap import read_recording, write_recording
 from palpate.lab.simulate.real_motion import real_contacts, real_motion
 from palpate.lab.simulate.replay import replay_folder, replay_recording
 from palpate.lab.simulate.unit import draw_unit
@@ -306,16 +306,16 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
     first, again, other = (replay_recording(recording, seed=seed) for seed in (1, 1, 2))
     renamed = replay_recording(replace(recording, file=Path("other.json")), seed=1)
     for name, made in (("a", first), ("b", again), ("c", other), ("d", renamed)):
-        write_recording(made, tmp_path / f"{name}.h5")
-    a, b, c, d = ((tmp_path / f"{name}.h5").read_bytes() for name in "abcd")
+        write_recording(made, tmp_path / f"{name}.mcap")
+    a, b, c, d = ((tmp_path / f"{name}.mcap").read_bytes() for name in "abcd")
     assert a == b
     assert len({a, c, d}) == 3
     fixed = replay_recording(recording, seed=1, unit=7)
     assert "images of unit 7;" in fixed.source
-    recordings = {"x.h5": recording, "y.h5": replace(recording, file=Path("other.json"))}
+    recordings = {"x.mcap": recording, "y.mcap": replace(recording, file=Path("other.json"))}
     replay_folder(tmp_path / "two", recordings, seed=1, workers=2)
-    assert (tmp_path / "two/x.h5").read_bytes() == a
-    assert (tmp_path / "two/y.h5").read_bytes() == d
+    assert (tmp_path / "two/x.mcap").read_bytes() == a
+    assert (tmp_path / "two/y.mcap").read_bytes() == d
 
 
 def palpate(*words):
@@ -330,29 +330,29 @@ def files(tmp_path, monkeypatch):
     """One recording that can be replayed, one that cannot, and one that is none."""
     monkeypatch.chdir(tmp_path)
     good, _ = push(12)
-    write_recording(good, "good.h5")
-    write_recording(replace(good, contact=None), "mute.h5")
+    write_recording(good, "good.mcap")
+    write_recording(replace(good, contact=None), "mute.mcap")
     Path("words.json").write_text("no recording")
 
 
 @pytest.mark.usefixtures("files")
 def test_command_line(capsys):
-    words = ("out", "--replay", "good.h5", "--replay", "mute.h5", "--replay", "words.json", "--seed", "3")
+    words = ("out", "--replay", "good.mcap", "--replay", "mute.mcap", "--replay", "words.json", "--seed", "3")
     assert palpate(*words, "--json") == 3
     out, err = capsys.readouterr()
     found = json.loads(out)
-    assert (found["made"], found["kept"]) == (["good.h5"], [])
-    assert sorted(failed["file"] for failed in found["failed"]) == ["mute.h5", "words.h5"]
-    assert err.count("\n") == 2 and "palpate: mute.h5: has no contact flags" in err and "palpate: words.json: " in err
-    made = read_recording("out/good.h5")
+    assert (found["made"], found["kept"]) == (["good.mcap"], [])
+    assert sorted(failed["file"] for failed in found["failed"]) == ["mute.mcap", "words.mcap"]
+    assert err.count("\n") == 2 and "palpate: mute.mcap: has no contact flags" in err and "palpate: words.json: " in err
+    made = read_recording("out/good.mcap")
     assert (made.sensor, len(made)) == (DIGIT, REST + 12)
     assert made.source.startswith("motion of a push; touch rendered by palpate: seed 3, drawn images of unit ")
     assert made.frames["sensor_pose"].startswith("made: ") and made.frames["object_pose"].startswith("real: ")
     assert made.frames["image"].startswith("rendered")
-    assert palpate("out", "--replay", "good.h5", "--seed", "3", "--resume") == 0
+    assert palpate("out", "--replay", "good.mcap", "--seed", "3", "--resume") == 0
     assert "0 made, 1 kept, 0 failed" in capsys.readouterr().out
-    Path("out/good.h5").write_bytes(Path("out/good.h5").read_bytes()[:5000])
-    assert palpate("out", "--replay", "good.h5", "--seed", "3", "--resume") == 0
+    Path("out/good.mcap").write_bytes(Path("out/good.mcap").read_bytes()[:5000])
+    assert palpate("out", "--replay", "good.mcap", "--seed", "3", "--resume") == 0
     assert "1 made, 0 kept, 0 failed" in capsys.readouterr().out
 
 
@@ -363,14 +363,14 @@ def test_command_line(capsys):
         (("--shape", "disc"), "--replay takes object and motion from its file; --shape cannot go with it"),
         (("--count", "3", "--seconds", "5"), "its file; --count, --seconds cannot go with it"),
         (("--no-images",), "--no-images cannot go with it"),
-        (("--replay", "good.h5"), "--replay good.h5 and --replay good.h5 would both be good.h5; replay them apart"),
+        (("--replay", "good.mcap"), "--replay good.mcap and --replay good.mcap would both be good.mcap"),
         (("--seed", "-1"), "seed is -1; allowed is 0 or more"),
         (("--unit", "-1"), "unit is -1; allowed is 0 or more"),
         (("--workers", "0"), "workers is 0; allowed is 1 or more"),
     ],
 )
 def test_bad_options_are_one_line(capsys, words, said):
-    assert palpate("out", "--replay", "good.h5", *words) == 2
+    assert palpate("out", "--replay", "good.mcap", *words) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and said in err
     assert not list(Path().glob("out/*"))
@@ -378,15 +378,15 @@ def test_bad_options_are_one_line(capsys, words, said):
 
 @pytest.mark.usefixtures("files")
 def test_folders_are_spared(capsys):
-    assert palpate("out", "--replay", "good.h5") == 0
-    assert palpate("out", "--replay", "good.h5") == 2
-    assert palpate("out", "--replay", "good.h5", "--seed", "1", "--resume") == 2
-    assert palpate("good.h5", "--replay", "good.h5") == 2
+    assert palpate("out", "--replay", "good.mcap") == 0
+    assert palpate("out", "--replay", "good.mcap") == 2
+    assert palpate("out", "--replay", "good.mcap", "--seed", "1", "--resume") == 2
+    assert palpate("good.mcap", "--replay", "good.mcap") == 2
     _, err = capsys.readouterr()
     again, other, file = err.splitlines()
     assert "holds 1 recordings already; --resume" in again
-    assert "out/good.h5: was made with other options" in other
-    assert "good.h5: cannot be a folder of recordings" in file
+    assert "out/good.mcap: was made with other options" in other
+    assert "good.mcap: cannot be a folder of recordings" in file
 
 
 def test_a_real_push_is_replayed_and_felt(shared_data):

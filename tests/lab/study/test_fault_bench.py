@@ -14,7 +14,7 @@ from palpate.cli import main
 from palpate.config import TrackerSettings
 from palpate.errors import FileError, FrameError
 from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.study.faults import bench
 from palpate.lab.study.faults.bench import FaultRun, run_faults, run_stream
 from palpate.lab.study.faults.faults import FAULTS, is_of
@@ -105,16 +105,16 @@ def test_a_row_is_the_median_of_its_runs(tmp_path):
 
 
 def test_any_name_can_be_written(tmp_path):
-    write_table(tmp_path, [replace(made("none", 1.0), recording="=a\udcff.h5")])
+    write_table(tmp_path, [replace(made("none", 1.0), recording="=a\udcff.mcap")])
     (row,) = csv.DictReader((tmp_path / "fault_runs.csv").read_text().splitlines())
-    assert row["recording"] == "'=a\\udcff.h5"  # no formula
+    assert row["recording"] == "'=a\\udcff.mcap"  # no formula
     assert (tmp_path / "faults.csv").exists()
 
 
 def test_recordings_without_images_are_refused(tmp_path):
-    write_recording(pushed(20), tmp_path / "disc-1.h5")
-    with pytest.raises(FileError, match=r"disc-1\.h5: has no images, contact flags or ground truth"):
-        run_faults({"disc-1.h5": tmp_path / "disc-1.h5"})
+    write_recording(pushed(20), tmp_path / "disc-1.mcap")
+    with pytest.raises(FileError, match=r"disc-1\.mcap: has no images, contact flags or ground truth"):
+        run_faults({"disc-1.mcap": tmp_path / "disc-1.mcap"})
 
 
 def flagged(contact: str) -> Recording:
@@ -134,9 +134,9 @@ def flagged(contact: str) -> Recording:
     ],
 )
 def test_recordings_that_faults_cannot_be_made_of_are_refused(tmp_path, contact, said):
-    write_recording(flagged(contact), tmp_path / "disc-1.h5")
-    with pytest.raises(FileError, match=rf"disc-1\.h5: {said}"):
-        run_faults({"disc-1.h5": tmp_path / "disc-1.h5"})
+    write_recording(flagged(contact), tmp_path / "disc-1.mcap")
+    with pytest.raises(FileError, match=rf"disc-1\.mcap: {said}"):
+        run_faults({"disc-1.mcap": tmp_path / "disc-1.mcap"})
 
 
 def test_all_faults_can_be_made_of_others():
@@ -149,7 +149,7 @@ def test_all_faults_can_be_made_of_others():
 
 def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
     (tmp_path / "recordings").mkdir()
-    write_recording(pushed(20), tmp_path / "recordings" / "disc-1.h5")
+    write_recording(pushed(20), tmp_path / "recordings" / "disc-1.mcap")
     asked: list[Any] = []
 
     def found(*_: Any, **options: Any) -> list[FaultRun]:

@@ -247,17 +247,17 @@ def test_a_reported_study_that_does_not_tell_what_is_ambiguous_is_read(tmp_path,
 
 def test_names_of_a_reported_study_are_as_they_were(tmp_path):
     trials, results = study(1)
-    write_results(tmp_path, results, [dataclasses.replace(trials[0], recording="=disc.h5")])
-    assert "'=disc.h5" in (tmp_path / "sequences.csv").read_text()
-    assert read_reported(tmp_path)[1][0].recording == "=disc.h5"
+    write_results(tmp_path, results, [dataclasses.replace(trials[0], recording="=disc.mcap")])
+    assert "'=disc.mcap" in (tmp_path / "sequences.csv").read_text()
+    assert read_reported(tmp_path)[1][0].recording == "=disc.mcap"
 
 
 def test_a_damaged_table_of_a_reported_study_is_named(tmp_path):
     trials, results = study(1)
     write_results(tmp_path, results, trials)
-    (tmp_path / "sequences.csv").write_text("recording,group\na.h5,a\n")
+    (tmp_path / "sequences.csv").write_text("recording,group\na.mcap,a\n")
     with pytest.raises(FileError, match=r"sequences\.csv: is not a table of sequences"):
         read_reported(tmp_path)
-    (tmp_path / "sequences.csv").write_text("recording,group\na.h5\n")
+    (tmp_path / "sequences.csv").write_text("recording,group\na.mcap\n")
     with pytest.raises(FileError, match=r"sequences\.csv: row 2 has 1 cells, expected 2 as in the first"):
         read_reported(tmp_path)

@@ -12,7 +12,7 @@ from recording_samples import pushed
 from palpate.config import PUBLISHED, ContactSettings, NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.geometry.shapes import Disc
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.study import job as study_job
 from palpate.lab.study import study as study_module
 from palpate.lab.study.comparison import Figures, Scores, check_common, compare, read_scores
@@ -25,7 +25,7 @@ from palpate.pipeline.run import track
 
 NONE, ORACLE, LEARNT = (Method(tactile, "fixed-lag") for tactile in ("none", "oracle", "learnt"))
 SETTINGS = StudySettings((NONE, ORACLE))
-NAMES = ("disc-1.h5", "disc-2.h5", "edges-1.h5", "edges-2.h5")
+NAMES = ("disc-1.mcap", "disc-2.mcap", "edges-1.mcap", "edges-2.mcap")
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +48,7 @@ def contents(folder: str) -> dict[str, Any]:
 
 def dies(job: Any, settings: Any, model: Any) -> Any:
     """Do a job, but one takes the process with it."""
-    if job.name == "disc-2.h5":
+    if job.name == "disc-2.mcap":
         os._exit(9)
     return do_job(job, settings, model)
 
@@ -56,7 +56,7 @@ def dies(job: Any, settings: Any, model: Any) -> Any:
 def dies_once(job: Any, settings: Any, model: Any) -> Any:
     """Do a job, but the first process that is at one of them dies."""
     died = job.path.parent / "died"
-    if job.name == "disc-2.h5" and not died.exists():
+    if job.name == "disc-2.mcap" and not died.exists():
         died.touch()
         os._exit(9)
     return do_job(job, settings, model)
@@ -85,7 +85,7 @@ def trial(final_mm: float, method: Method = NONE, group: str = "disc", name: str
         "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm, "p99": 3.0 * final_mm},
     }
     return Trial(
-        recording=name or f"{group}-{final_mm:g}.h5",
+        recording=name or f"{group}-{final_mm:g}.mcap",
         group=group,
         method=method,
         time=np.arange(4.0),
@@ -103,11 +103,11 @@ def trial(final_mm: float, method: Method = NONE, group: str = "disc", name: str
 @pytest.mark.parametrize(
     ("name", "group"),
     [
-        ("rectangle-edges-1100000.h5", "rectangle-edges"),
-        ("disc_12.hdf5", "disc"),
+        ("rectangle-edges-1100000.mcap", "rectangle-edges"),
+        ("disc_12.mcap", "disc"),
         ("run 3.json.gz", "run"),
-        ("t-edges.h5", "t-edges"),
-        ("0007.h5", "0007"),
+        ("t-edges.mcap", "t-edges"),
+        ("0007.mcap", "0007"),
         ("mit/StraightLine3.json.gz", "mit"),
         ("real/cmu/log-1.txt", "real/cmu"),
     ],
@@ -122,7 +122,7 @@ def test_recordings_are_found_in_folders_and_told_from_other_files(shared_data):
     for source, copy in ((mit, "mit/a.json.gz"), (cmu, "cmu/b.txt")):
         (Path("recordings") / copy).parent.mkdir()
         shutil.copy(source, Path("recordings") / copy)
-    for name in ("notes.txt", "model.npz", ".hidden.h5", "x.csv", ".git/y.h5", "out/z.h5"):
+    for name in ("notes.txt", "model.npz", ".hidden.mcap", "x.csv", ".git/y.mcap", "out/z.mcap"):
         path = Path("recordings") / name
         path.parent.mkdir(exist_ok=True)
         path.write_text("something")
@@ -130,10 +130,10 @@ def test_recordings_are_found_in_folders_and_told_from_other_files(shared_data):
     (Path("recordings") / "path.tum").write_text("0 0 0 0 0 0 0 1\n")
     found = find_recordings(Path("recordings"), leave_out=Path("recordings/out"))
     assert list(found) == ["cmu/b.txt", *NAMES, "mit/a.json.gz"]
-    for name in ("cut.json", "empty.json", "no.h5"):  # these are named as broken
+    for name in ("cut.json", "empty.json", "no.mcap"):  # these are named as broken
         (Path("recordings") / name).write_text("" if name == "empty.json" else '{"q_sliderJS')
     found = find_recordings(Path("recordings"))
-    assert {"cut.json", "empty.json", "no.h5", "out/z.h5"} < set(found)
+    assert {"cut.json", "empty.json", "no.mcap", "out/z.mcap"} < set(found)
 
 
 def test_a_folder_without_recordings_is_an_error():
@@ -151,15 +151,15 @@ def test_a_study_tracks_each_recording_in_each_way_as_track_does():
     assert [(each.recording, each.method) for each in found.trials] == [(n, m) for n in NAMES for m in SETTINGS.methods]
     assert (found.kept, found.skipped, found.failed, found.broken) == (0, {}, {}, {})
     facts = {"group": "edges", "frames": 23, "images": False, "truth": True, "source": ""}
-    assert facts.items() < found.recordings["edges-2.h5"].items()
-    assert found.recordings["edges-2.h5"]["seconds"] == pytest.approx(22 / 30)
-    assert found.recordings["edges-2.h5"]["shape"]["type"] == "rectangle"
+    assert facts.items() < found.recordings["edges-2.mcap"].items()
+    assert found.recordings["edges-2.mcap"]["seconds"] == pytest.approx(22 / 30)
+    assert found.recordings["edges-2.mcap"]["shape"]["type"] == "rectangle"
     alone: Any = track(pushed(23), TrackerSettings(tactile="oracle"))
     last = found.trials[-1]
     assert np.array_equal(last.pose, alone.online.pose) and np.array_equal(last.truth, alone.recording.object_pose)
     assert np.array_equal(last.covariance, alone.online.covariance)
     assert last.summary["translation_rmse_mm"] == alone.summary["translation_rmse_mm"]
-    kept = read_trial(Path("out/trials/oracle/edges-2.h5.npz"))
+    kept = read_trial(Path("out/trials/oracle/edges-2.mcap.npz"))
     assert np.array_equal(kept.pose, last.pose) and kept.summary == last.summary
     assert sorted(path.name for path in Path("out").iterdir()) == ["study.json", "trials"]
 
@@ -174,38 +174,38 @@ def test_two_workers_find_what_one_finds():
 
 def test_what_a_recording_lacks_is_skipped_and_told():
     blind = dataclasses.replace(pushed(20), object_pose=None)
-    write_recording(blind, "recordings/blind-1.h5")
+    write_recording(blind, "recordings/blind-1.mcap")
     methods = (NONE, ORACLE, LEARNT)
     found = study(StudySettings(methods))
-    reasons = {method.tactile: why for (name, method), why in found.skipped.items() if name == "blind-1.h5"}
+    reasons = {method.tactile: why for (name, method), why in found.skipped.items() if name == "blind-1.mcap"}
     assert set(reasons) == {"none", "oracle", "learnt"}
     assert reasons["none"].startswith("has no ground truth to start from")
-    assert found.skipped["disc-1.h5", LEARNT] == "has no images, which tactile learnt needs"
+    assert found.skipped["disc-1.mcap", LEARNT] == "has no images, which tactile learnt needs"
     assert len(found.trials) == 8 and found.failed == found.broken == {}
     # With a first pose it is tracked, though not scored; the others go on from their ground truth.
     found = study(StudySettings(methods, first_pose=(0.0, 0.0, 3.0)), out="posed")
-    reasons = {method.tactile: why for (name, method), why in found.skipped.items() if name == "blind-1.h5"}
+    reasons = {method.tactile: why for (name, method), why in found.skipped.items() if name == "blind-1.mcap"}
     assert set(reasons) == {"oracle", "learnt"} and reasons["oracle"].startswith("has no ground truth, which")
-    alone = next(each for each in found.trials if each.recording == "blind-1.h5")
+    alone = next(each for each in found.trials if each.recording == "blind-1.mcap")
     assert alone.pose[0].tolist() == [0.0, 0.0, 3.0] and np.isnan(alone.truth).all()
     assert alone.summary["in_95_final"] is alone.summary["in_95_share"] is None
-    assert not found.recordings["blind-1.h5"]["truth"]
+    assert not found.recordings["blind-1.mcap"]["truth"]
     rows = table(found.trials, methods)
     assert (rows["blind"]["none"]["sequences"], rows["blind"]["none"]["unscored"]) == (0, 1)
     assert rows["blind"]["none"]["final_mm"] == {"median": None, "p75": None, "worst": None}
     assert (rows[ALL]["none"]["sequences"], rows[ALL]["none"]["unscored"]) == (4, 1)
-    first = next(each for each in found.trials if each.recording == "disc-1.h5")
+    first = next(each for each in found.trials if each.recording == "disc-1.mcap")
     assert np.array_equal(first.pose[0], pushed(20).object_pose[0])
 
 
 def test_broken_recordings_do_not_stop_the_others():
-    cut = Path("recordings/disc-2.h5")
+    cut = Path("recordings/disc-2.mcap")
     cut.write_bytes(cut.read_bytes()[:5000])
-    Path("recordings/edges-0.h5").write_text("")
+    Path("recordings/edges-0.mcap").write_text("")
     found = study()
-    assert set(found.broken) == {"disc-2.h5", "edges-0.h5"} and len(found.trials) == 6
-    assert found.broken["edges-0.h5"] == "is empty" and "truncated or damaged" in found.broken["disc-2.h5"]
-    assert "disc-2.h5" not in found.recordings
+    assert set(found.broken) == {"disc-2.mcap", "edges-0.mcap"} and len(found.trials) == 6
+    assert found.broken["edges-0.mcap"] == "is empty" and "truncated or damaged" in found.broken["disc-2.mcap"]
+    assert "disc-2.mcap" not in found.recordings
 
 
 def test_failures_of_tracking_are_told_for_each_way(monkeypatch):
@@ -213,9 +213,9 @@ def test_failures_of_tracking_are_told_for_each_way(monkeypatch):
         patched.setattr(study_job, "track", stumbles)
         found = study()
     assert found.failed == {
-        ("disc-2.h5", ORACLE): "frame at 0.300 s: the graph cannot be solved",
-        ("edges-1.h5", NONE): "ZeroDivisionError: division by zero",
-        ("edges-1.h5", ORACLE): "ZeroDivisionError: division by zero",
+        ("disc-2.mcap", ORACLE): "frame at 0.300 s: the graph cannot be solved",
+        ("edges-1.mcap", NONE): "ZeroDivisionError: division by zero",
+        ("edges-1.mcap", ORACLE): "ZeroDivisionError: division by zero",
     }
     assert len(found.trials) == 5
     again = study(resume=True)  # what failed is tried again
@@ -231,8 +231,8 @@ def test_an_interrupted_study_goes_on_where_it_was():
         study(progress=stop)
     before = contents("out")
     assert len(before) == 5  # study.json and two trials of two recordings
-    Path("out/trials/none/.disc-1.h5.npz.01234567.part").write_bytes(b"half")
-    Path("out/trials/oracle/disc-2.h5.npz").write_bytes(b"cut")
+    Path("out/trials/none/.disc-1.mcap.npz.01234567.part").write_bytes(b"half")
+    Path("out/trials/oracle/disc-2.mcap.npz").write_bytes(b"cut")
     with pytest.raises(FileError, match=r"out: is not empty; --resume goes on"):
         study()
     done: list[int] = []
@@ -240,10 +240,10 @@ def test_an_interrupted_study_goes_on_where_it_was():
     assert (found.kept, len(found.trials), done) == (3, 8, [4, 6, 8])
     after = contents("out")
     unchanged = {name for name in before if after[name] == before[name]}
-    assert unchanged == {"trials/none/disc-1.h5.npz", "trials/oracle/disc-1.h5.npz", "trials/none/disc-2.h5.npz"}
+    assert unchanged == {"trials/none/disc-1.mcap.npz", "trials/oracle/disc-1.mcap.npz", "trials/none/disc-2.mcap.npz"}
     assert len(after) == 9
     # More ways and recordings may come later; what is there stays.
-    write_recording(pushed(30), "recordings/new-1.h5")
+    write_recording(pushed(30), "recordings/new-1.mcap")
     found = study(StudySettings((NONE, Method("constant", "fixed-lag"))), resume=True)
     assert (found.kept, len(found.trials), len(found.recordings)) == (4, 10, 5)
 
@@ -269,8 +269,8 @@ def test_a_study_goes_on_with_the_same_settings_and_files_only():
     with pytest.raises(SettingError, match=r"hypotheses was 9, is 1"):
         study(dataclasses.replace(SETTINGS, hypotheses=1), resume=True)
     assert study(resume=True).kept == 8
-    write_recording(pushed(40), "recordings/disc-1.h5", overwrite=True)
-    with pytest.raises(SettingError, match=r"disc-1.h5: has changed since it was tracked for out"):
+    write_recording(pushed(40), "recordings/disc-1.mcap", overwrite=True)
+    with pytest.raises(SettingError, match=r"disc-1.mcap: has changed since it was tracked for out"):
         study(resume=True)
     Path("other").mkdir()
     Path("other/thing").touch()
@@ -303,7 +303,7 @@ def test_settings_reach_the_tracker():
     found = study(settings)
     alone = track(pushed(20), TrackerSettings("constant", "isam2", PUBLISHED, pressure=0.03))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
-    assert Path("out/trials/constant+isam2/disc-1.h5.npz").exists()
+    assert Path("out/trials/constant+isam2/disc-1.mcap.npz").exists()
     found = study(StudySettings((NONE,), first_pose_sigma=(0.01, 0.02, 0.1)), out="rough")
     alone: Any = track(pushed(20), TrackerSettings("none"), first_pose_sigma=(0.01, 0.02, 0.1))
     assert np.array_equal(found.trials[0].covariance, alone.online.covariance)  # from its ground truth
@@ -314,16 +314,16 @@ def test_settings_reach_the_tracker():
     alone = track(pushed(20), TrackerSettings("none", hypotheses=1))
     assert np.array_equal(found.trials[0].pose, alone.online.pose)
     assert np.array_equal(found.trials[0].covariance, alone.online.covariance)
-    write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.h5")
+    write_recording(pushed(20, shape=Disc(0.09)), "recordings/round-1.mcap")
     found = study(StudySettings((NONE,), pressure="corner"), out="corner")
-    assert "pressure of a disc is 'corner'" in found.skipped["round-1.h5", NONE]
+    assert "pressure of a disc is 'corner'" in found.skipped["round-1.mcap", NONE]
 
 
 def test_a_worker_that_dies_takes_its_recording_only(monkeypatch, caplog):
     monkeypatch.setattr(study_module, "do_job", dies)
     found = study(workers=2)
-    assert found.failed == {("disc-2.h5", NONE): DIED, ("disc-2.h5", ORACLE): DIED}
-    assert [trial.recording for trial in found.trials] == [name for name in NAMES if name != "disc-2.h5" for _ in "ab"]
+    assert found.failed == {("disc-2.mcap", NONE): DIED, ("disc-2.mcap", ORACLE): DIED}
+    assert [trial.recording for trial in found.trials] == [name for name in NAMES if "disc-2" not in name for _ in "ab"]
     assert "a process died" in caplog.text
     assert not list(Path("out").rglob(".*.part"))
 
@@ -350,7 +350,7 @@ def test_a_cluster_finds_the_same_and_may_lose_workers(monkeypatch):
         lost = study(out="lost", dask=cluster.scheduler_address)
     assert [trial.recording for trial in there.trials] == [trial.recording for trial in here.trials]
     assert all(np.array_equal(a.pose, b.pose) for a, b in zip(here.trials, there.trials, strict=True))
-    assert set(lost.failed) == {("disc-2.h5", NONE), ("disc-2.h5", ORACLE)} and len(lost.trials) == 6
+    assert set(lost.failed) == {("disc-2.mcap", NONE), ("disc-2.mcap", ORACLE)} and len(lost.trials) == 6
 
 
 def test_slid_is_the_way_in_contact_back_and_forth():
@@ -362,10 +362,10 @@ def test_slid_is_the_way_in_contact_back_and_forth():
     )
     # 0.1 s at 10 mm/s one way, then 0.1 s at 20 mm/s back.
     assert slid(recording)[:6] == pytest.approx([0.0, 0.0, 0.001, 0.003, 0.003, 0.003])
-    found = trial_of(track(recording), "a.h5", NONE)
+    found = trial_of(track(recording), "a.mcap", NONE)
     assert found.summary["slid_mm"] == pytest.approx(3.0)
     assert np.isnan(slid(pushed(20))).all()
-    assert trial_of(track(pushed(20)), "a.h5", NONE).summary["slid_mm"] is None
+    assert trial_of(track(pushed(20)), "a.mcap", NONE).summary["slid_mm"] is None
 
 
 def test_coverage_of_contact_rests_and_final_poses_by_hand():
@@ -475,7 +475,7 @@ def test_table_by_hand():
 
 
 def test_results_hold_everything_as_plain_data():
-    Path("recordings/edges-0.h5").write_text("")
+    Path("recordings/edges-0.mcap").write_text("")
     settings = StudySettings((NONE, LEARNT))
     found = study(settings)
     found.trials[0].summary["final_translation_error_mm"] = 51.0
@@ -486,14 +486,14 @@ def test_results_hold_everything_as_plain_data():
     counts = {"recordings": 4, "trials": 4, "skipped": 4, "failed": 0, "broken": 1, "kept": 0}
     assert counts.items() < read["study"].items()
     assert [(each["recording"], each["method"], each["final_mm"]) for each in read["lost"]] == [
-        ("disc-1.h5", "none", 51.0)
+        ("disc-1.mcap", "none", 51.0)
     ]
-    assert read["broken"] == [{"recording": "edges-0.h5", "error": "is empty"}]
+    assert read["broken"] == [{"recording": "edges-0.mcap", "error": "is empty"}]
     assert read["skipped"][0]["method"] == "learnt"
     assert (read["settings"]["noise_preset"], read["settings"]["noise"]["contact"]["deviation"]) == ("palpate", 1e-3)
     lines = Path("out/sequences.csv").read_text().splitlines()
     assert len(lines) == 5 and lines[0].startswith("recording,group,tactile,smoother,lost,frames")
-    assert lines[1].startswith("disc-1.h5,disc,none,fixed-lag,True,20")
+    assert lines[1].startswith("disc-1.mcap,disc,none,fixed-lag,True,20")
     assert {"in_95_contact_share", "in_95_rest_share", "in_95_final", "silently_wrong_share", "knocks"} < set(
         lines[0].split(",")
     )
@@ -507,17 +507,18 @@ def test_comparison_by_hand():
         return trial(mm, name=name, final_rotation_error_deg=deg, translation_rmse_mm=mm / 4)
 
     before: Scores = {
-        (f"{name}.h5", NONE): {"final_mm": mm, "final_deg": deg, "rmse_mm": mm / 4, "rmse_deg": 0.5}
+        (f"{name}.mcap", NONE): {"final_mm": mm, "final_deg": deg, "rmse_mm": mm / 4, "rmse_deg": 0.5}
         for name, mm, deg in (("a", 4.0, 1.0), ("b", 4.0, 1.0), ("c", 4.0, 1.0), ("d", 4.0, 1.0), ("gone", 9.0, 9.0))
     }
-    after = [finals(3.0, 1.5, "a.h5"), finals(4.09, 0.91, "b.h5"), finals(4.0, 3.0, "c.h5"), finals(9.0, 1.0, "d.h5")]
-    after.append(finals(1.0, 1.0, "new.h5"))
+    after = [finals(3.0, 1.5, "a.mcap"), finals(4.09, 0.91, "b.mcap"), finals(4.0, 3.0, "c.mcap")]
+    after.append(finals(9.0, 1.0, "d.mcap"))
+    after.append(finals(1.0, 1.0, "new.mcap"))
     found = compare(Path("old"), before, after)
     change = found["methods"]["none"]
     # a: a millimetre better, half a degree worse; b: the same; c and d: 2 degrees and 5 mm worse.
     assert [change[key] for key in ("sequences", "better", "same", "worse")] == [4, 1, 1, 2]
-    assert [each["recording"] for each in change["improved"]] == ["a.h5"]
-    assert [each["recording"] for each in change["worsened"]] == ["d.h5", "c.h5"]
+    assert [each["recording"] for each in change["improved"]] == ["a.mcap"]
+    assert [each["recording"] for each in change["worsened"]] == ["d.mcap", "c.mcap"]
     assert change["improved"][0]["change"] == pytest.approx(-0.5)
     assert change["final_mm"] == pytest.approx({"before": 4.0, "after": 4.045})
     assert change["rmse_mm"] == pytest.approx({"before": 1.0, "after": 1.01125})
@@ -528,8 +529,8 @@ def test_comparison_by_hand():
 def test_coverage_is_compared_where_both_studies_tell_it():
     told: list[Figures] = [{"in_95_final": 1.0, "recovery_contact_s": 3.0}, {"in_95_final": 0.0}, {"in_95_final": None}]
     errors: Figures = {"final_mm": 4.0, "final_deg": 1.0, "rmse_mm": 1.0, "rmse_deg": 0.5}
-    before: Scores = {(f"{number}.h5", NONE): errors | more for number, more in enumerate(told)}
-    after = [trial(4.0, name=f"{number}.h5", in_95_final=True, **knocks((number + 1.0, 9.0))) for number in range(3)]
+    before: Scores = {(f"{number}.mcap", NONE): errors | more for number, more in enumerate(told)}
+    after = [trial(4.0, name=f"{number}.mcap", in_95_final=True, **knocks((number + 1.0, 9.0))) for number in range(3)]
     change = compare(Path("old"), before, after)["methods"]["none"]
     assert change["in_95_final"] == {"before": 0.5, "after": 1.0}
     assert change["recovery_contact_s"] == {"before": 3.0, "after": 1.0}
@@ -545,19 +546,19 @@ def test_scores_are_those_that_a_study_wrote():
     scores = read_scores(Path("out"))
     assert len(scores) == 8
     summary = found.trials[0].summary
-    assert scores["disc-1.h5", NONE]["final_mm"] == summary["final_translation_error_mm"]
-    assert scores["disc-1.h5", NONE]["in_95_contact_share"] == summary["in_95_contact_share"] is not None
-    assert scores["disc-1.h5", NONE]["in_95_final"] == summary["in_95_final"]
-    assert scores["disc-1.h5", NONE]["recovery_contact_s"] is None
-    check_common(Path("out"), scores, ["disc-1.h5", "x.h5"], [NONE])
-    for names, methods in ((["x.h5"], [NONE]), (["disc-1.h5"], [LEARNT])):
+    assert scores["disc-1.mcap", NONE]["final_mm"] == summary["final_translation_error_mm"]
+    assert scores["disc-1.mcap", NONE]["in_95_contact_share"] == summary["in_95_contact_share"] is not None
+    assert scores["disc-1.mcap", NONE]["in_95_final"] == summary["in_95_final"]
+    assert scores["disc-1.mcap", NONE]["recovery_contact_s"] is None
+    check_common(Path("out"), scores, ["disc-1.mcap", "x.mcap"], [NONE])
+    for names, methods in ((["x.mcap"], [NONE]), (["disc-1.mcap"], [LEARNT])):
         with pytest.raises(SettingError, match="--against out: has no recording and method in common"):
             check_common(Path("out"), scores, names, methods)
     with pytest.raises(FileError, match="recordings: is not the folder of a study"):
         read_scores(Path("recordings"))
     old = "recording,tactile,smoother,final_translation_error_mm,final_rotation_error_deg,translation_rmse_mm"
-    Path("out/sequences.csv").write_text(f"{old},rotation_rmse_deg\na.h5,none,fixed-lag,1,2,3,4\n")
-    scores = read_scores(Path("out"))["a.h5", NONE]  # of a version that knew no coverage
+    Path("out/sequences.csv").write_text(f"{old},rotation_rmse_deg\na.mcap,none,fixed-lag,1,2,3,4\n")
+    scores = read_scores(Path("out"))["a.mcap", NONE]  # of a version that knew no coverage
     assert (scores["final_mm"], scores["rmse_deg"]) == (1.0, 4.0)
     assert scores["in_95_contact_share"] is scores["in_95_final"] is scores["silently_wrong_share"] is None
     Path("out/sequences.csv").write_text("recording,tactile\na,b\n")

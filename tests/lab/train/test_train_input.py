@@ -11,7 +11,7 @@ import pytest
 from training_samples import DISC, SENSOR, model_settings, pushes, write_pushes
 
 from palpate.cli import main
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.touch.model import NETWORKS, write_model
 
 
@@ -39,15 +39,15 @@ def test_folders_that_cannot_be_learned_from(recordings, tmp_path, capsys):
     out = tmp_path / "model"
     assert "nowhere: no such folder of recordings" in failure(capsys, "train", "nowhere", "--out", out)
     assert "steps is 0; allowed is 1 or more" in failure(capsys, "train", recordings, "--out", out, "--steps", 0)
-    assert "holds no recordings (*.h5)" in failure(capsys, "train", tmp_path, "--out", out)
+    assert "holds no recordings (*.mcap)" in failure(capsys, "train", tmp_path, "--out", out)
     assert "holds no recordings" in failure(capsys, "train", recordings, "--out", out, "--test", tmp_path)
     bare = tmp_path / "bare"
     bare.mkdir()
-    shutil.copy(recordings / "bare.h5", bare)
+    shutil.copy(recordings / "bare.mcap", bare)
     said = failure(capsys, "train", bare, "--out", out)
-    assert "no recording can be learned from; the first:" in said and "bare.h5: has no image; learning" in said
-    (bare / "bare.h5").unlink()
-    write_recording(pushes(DISC, 1), bare / "few.h5")
+    assert "no recording can be learned from; the first:" in said and "bare.mcap: has no image; learning" in said
+    (bare / "bare.mcap").unlink()
+    write_recording(pushes(DISC, 1), bare / "few.mcap")
     assert "too few pairs to learn from: 60 frames of 1 contacts" in failure(capsys, "train", bare, "--out", out)
     file = tmp_path / "file"
     file.write_text("mine")
@@ -63,7 +63,7 @@ def test_what_is_of_another_sensor(recordings, tmp_path, capsys):
     other = tmp_path / "other"
     other.mkdir()
     sensor = dataclasses.replace(SENSOR, name="other")
-    write_recording(dataclasses.replace(pushes(DISC, 1), sensor=sensor), other / "push.h5")
+    write_recording(dataclasses.replace(pushes(DISC, 1), sensor=sensor), other / "push.mcap")
     said = failure(capsys, "train", recordings, "--out", tmp_path / "out", "--test", other)
     assert "recordings to judge by: sensor 'other' with images of 64 x 128 px is not that" in said
     (tmp_path / "pair.onnx").write_bytes(b"2")
@@ -76,7 +76,7 @@ def test_recordings_to_judge_by_without_pairs_are_found_before_the_training(reco
     given = pushes(DISC, 1)
     contact: Any = given.contact
     contact = contact & (np.arange(len(given)) < 22)
-    write_recording(dataclasses.replace(given, contact=contact), short / "push.h5")
+    write_recording(dataclasses.replace(given, contact=contact), short / "push.mcap")
     said = failure(capsys, "train", recordings, "--out", tmp_path / "out", "--test", short)
     assert "too few pairs to learn from: no contact has frames 10 apart" in said
     assert not (tmp_path / "out").exists()

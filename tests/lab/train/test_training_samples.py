@@ -10,7 +10,7 @@ from training_samples import DISC, RECTANGLE, on_disc, on_left_side, pushes, rec
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Ellipse, Polygon, Shape
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, DirectionCorrection
@@ -163,8 +163,8 @@ def test_a_recording_without_contact_has_no_samples():
 
 def write(folder: Any, **recordings: Any) -> list[Any]:
     for name, given in recordings.items():
-        write_recording(given, folder / f"{name}.h5")
-    return [folder / f"{name}.h5" for name in recordings]
+        write_recording(given, folder / f"{name}.mcap")
+    return [folder / f"{name}.mcap" for name in recordings]
 
 
 def test_recordings_are_joined_in_order(tmp_path, monkeypatch):
@@ -189,9 +189,9 @@ def test_recordings_that_cannot_be_learned_from_together(tmp_path):
     given = recording(on_left_side(np.zeros(12), 0.0), np.arange(12) >= 3)
     other = dataclasses.replace(given, sensor=dataclasses.replace(given.sensor, name="other"))
     files = write(tmp_path, a=given, b=other, c=dataclasses.replace(given, image=None))
-    with pytest.raises(FileError, match=r"b.h5: sensor 'other' is not the 'small' of .*a.h5; a model is of one sensor"):
+    with pytest.raises(FileError, match=r"b.mcap: sensor 'other' is not the 'small' of .*a.mcap; a model is of one"):
         read_samples(files)
-    with pytest.raises(FileError, match=r"no recording can be learned from; the first: .*c.h5: has no image"):
+    with pytest.raises(FileError, match=r"no recording can be learned from; the first: .*c.mcap: has no image"):
         read_samples(files[2:])
 
 

@@ -25,10 +25,10 @@ from palpate.geometry import se2
 from palpate.lab.truth.alignment import align
 from palpate.lab.truth.camera import calibrated, load_camera, save_camera
 from palpate.lab.truth.record import with_truth
+from palpate.lab.truth.seen_poses import SIGMA
 from palpate.lab.truth.tags import SENSOR, SQUARE, SQUARES, Gray, board, corners_in, tag_image
 from palpate.lab.truth.watched import watch
 from palpate.types.recording import Recording
-from palpate.types.seen_poses import SIGMA
 
 
 def boards(count: int) -> list[Gray]:
@@ -103,21 +103,21 @@ def test_the_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
     monkeypatch.chdir(tmp_path)
     write_video(Path("push.avi"))
     given, true = recording()
-    formats.write(given, "push.h5")
+    formats.write(given, "push.mcap")
     save_camera(CAMERA, Path("camera.json"))
-    words = ["truth", "push.h5", "push.avi", "--camera", "camera.json", "--out", "true.h5"]
+    words = ["truth", "push.mcap", "push.avi", "--camera", "camera.json", "--out", "true.mcap"]
     assert main([*words, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    found = formats.load_recording("true.h5")
+    found = formats.load_recording("true.mcap")
     assert isinstance(found, Recording) and found.object_pose is not None
     known = ~np.isnan(found.object_pose[:, 0])
     assert (said["frames"], said["with_truth"]) == (len(given), known.sum())
     assert (np.abs(se2.between(true[known], found.object_pose[known])) <= 2.0 * np.array(PRECISE)).all()
-    assert main(words) == 2 and "true.h5: already exists" in capsys.readouterr().err
+    assert main(words) == 2 and "true.mcap: already exists" in capsys.readouterr().err
     Path("no.avi").write_text("no video")
-    assert main(["truth", "push.h5", "no.avi", "--camera", "camera.json", "--out", "new.h5"]) == 2
+    assert main(["truth", "push.mcap", "no.avi", "--camera", "camera.json", "--out", "new.mcap"]) == 2
     assert "no.avi: is no video that OpenCV can read" in " ".join(capsys.readouterr().err.split())
-    assert not Path("new.h5").exists()
+    assert not Path("new.mcap").exists()
 
 
 def test_a_tag_of_a_pixel_each_square_is_found():

@@ -12,7 +12,7 @@ from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError
 from palpate.geometry.objects import SHAPES
 from palpate.graph.fixed_lag import FixedLag
-from palpate.io.palpate_h5 import write_recording
+from palpate.io.recording_mcap import write_recording
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.tune.recorded_touch import (
     RecordedTouch,
@@ -164,19 +164,19 @@ def test_recordings_that_cannot_be_tuned_on(tmp_path):
         "apart": replace(good, contact=np.zeros(40, np.bool_)),
     }
     for name, recording in {"good": good, **lacking}.items():
-        write_recording(recording, tmp_path / f"{name}.h5")
-    (tmp_path / "broken.h5").write_text("no")
+        write_recording(recording, tmp_path / f"{name}.mcap")
+    (tmp_path / "broken.mcap").write_text("no")
     names = ["broken", "blind", "good", "flagless", "apart"]
     done: list[int] = []
     found, left_out = record_touch_of_files(
-        {name: tmp_path / f"{name}.h5" for name in names}, "none", progress=done.append
+        {name: tmp_path / f"{name}.mcap" for name in names}, "none", progress=done.append
     )
     assert list(found) == ["good"] and list(left_out) == ["broken", "blind", "flagless", "apart"]
     assert done == [1, 2, 3, 4, 5]
     for name, why in left_out.items():
-        assert why.startswith(f"{tmp_path / name}.h5: ") and why.count(f"{name}.h5") == 1
+        assert why.startswith(f"{tmp_path / name}.mcap: ") and why.count(f"{name}.mcap") == 1
     assert "no ground truth" in left_out["blind"]
     assert "neither images nor contact flags" in left_out["flagless"]
     assert "never in contact" in left_out["apart"]
-    with pytest.raises(FileError, match=r"can be tuned on; the first: .*good.h5: has no images, which tactile learnt"):
-        record_touch_of_files({"good": tmp_path / "good.h5"}, "learnt")
+    with pytest.raises(FileError, match=r"be tuned on; the first: .*good.mcap: has no images, which tactile learnt"):
+        record_touch_of_files({"good": tmp_path / "good.mcap"}, "learnt")

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry.shapes import Shape
-from palpate.io.palpate_h5 import source_of, write_recording
+from palpate.io.recording_mcap import source_of, write_recording
 from palpate.lab.simulate.places import kinds
 from palpate.lab.simulate.pushes import SECONDS
 from palpate.lab.simulate.recordings import COUNT, simulate_recording, simulated_source
@@ -80,7 +80,7 @@ def plan(
             kind = places[index % len(places)]
             _, *place = kind.split("-", 1)
             number = seed * COUNT + index
-            file = f"{'-'.join([name, *place])}-{number:06d}.h5"
+            file = f"{'-'.join([name, *place])}-{number:06d}.mcap"
             jobs.append(Job(file, shape, kind, number, unit, knocks, ideal, sensor))
     return jobs
 
@@ -133,9 +133,9 @@ def fill_folder(
     """
     wanted = part_of_work(tuple(items.items()), shard)
     with held_folder(folder, "a folder of recordings", shard):
-        there = {path.name for path in folder.glob("*.h5")}
+        there = {path.name for path in folder.glob("*.mcap")}
         if shard is None:
-            remove_parts(folder, ".*.h5*.part")
+            remove_parts(folder, ".*.mcap*.part")
         else:  # what others write, alive or not, is theirs
             there &= {name for name, _ in wanted}
         if there and not resume:

@@ -5,10 +5,9 @@ from pathlib import Path, PurePosixPath
 
 from palpate.errors import FileError
 from palpate.files import read_json
-from palpate.io import detect_format
-from palpate.io.own_readers import own_format
+from palpate.io import detect_format, own_format
 
-ALWAYS, JSON, TEXT = (".h5", ".hdf5"), (".json", ".json.gz"), (".txt",)
+ALWAYS, JSON, TEXT = (".mcap",), (".json", ".json.gz"), (".txt",)
 """Endings of recordings. HDF5 files are always taken for one; of the others, those that look like one, and JSON that is
 too damaged to tell. Other endings are left to readers of users' own."""
 TRAJECTORIES = ("tum", "estimates-csv")

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.lab.truth.alignment import Alignment
+from palpate.lab.truth.seen_poses import SIGMA, poses_at
 from palpate.lab.truth.watched import Watched
 from palpate.types.recording import Recording
-from palpate.types.seen_poses import SIGMA, poses_at
 
 Array = NDArray[np.float64]
 

@@ -27,12 +27,7 @@ from bag_samples import (
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from palpate.errors import FileError, SettingError
-from palpate.geometry import se2
-from palpate.geometry.shapes import Disc
-from palpate.io.bags.bag_recording import read_bag
-from palpate.io.bags.choices import BagChoices
-from palpate.types.sensor import DIGIT
+from palpate import DIGIT, BagChoices, Disc, FileError, SettingError, read_bag
 
 SHAPE = Disc(0.05)
 
@@ -52,9 +47,21 @@ def poses(topic: str = "/ee_pose", **settings: Any) -> list[Message]:
     return [pose_message(time, pose, topic, **settings) for time, pose in zip(times, true_pose(times), strict=True)]
 
 
+def wrapped(angle: Any) -> Any:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def composed(first: Any, then: Any) -> Any:
+    """Return planar poses a_T_c from a_T_b and b_T_c (..., 3), by hand."""
+    first, then = np.broadcast_arrays(np.asarray(first, float), np.asarray(then, float))
+    cos, sin, (x, y, turn) = np.cos(first[..., 2]), np.sin(first[..., 2]), np.moveaxis(then, -1, 0)
+    at = first[..., 0] + cos * x - sin * y, first[..., 1] + sin * x + cos * y
+    return np.stack([*at, first[..., 2] + turn], axis=-1)
+
+
 def same_poses(found: Any, wanted: Any, within: float = 1e-9) -> None:
     assert np.abs(found[:, :2] - wanted[:, :2]).max() < within
-    assert np.abs(se2.wrap(found[:, 2] - wanted[:, 2])).max() < within
+    assert np.abs(wrapped(found[:, 2] - wanted[:, 2])).max() < within
 
 
 @pytest.mark.parametrize("compressed", [True, False])
@@ -83,7 +90,7 @@ def test_colours_of_raw_images(tmp_path, caplog, encoding):
     assert np.array_equal([frame.image for frame in recording], pixels)
     words = [record.getMessage() for record in caplog.records]
     assert len(words) == (encoding == "8UC3")
-    assert all("does not say which colour comes first; it is taken as blue" in line for line in words)
+    assert all("does not name the order of colours; blue is taken as the first" in line for line in words)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +98,7 @@ def test_colours_of_raw_images(tmp_path, caplog, encoding):
     [
         ({"encoding": "mono8"}, "images are encoded as 'mono8', allowed are rgb8, bgr8, 8UC3"),
         ({"encoding": "bayer_rggb8"}, "'bayer_rggb8'"),
-        ({"step": 10}, "in rows of 10, expected 3 a column"),
+        ({"step": 10}, "in rows of 10, expected 3 bytes a column"),
         ({"height": 400}, "an image of 400 rows and 240 columns has 230400 bytes"),
     ],
 )
@@ -124,7 +131,7 @@ def test_channels_of_another_type_on_a_topic_are_left_alone(tmp_path):
 def test_compressed_images_that_are_refused(tmp_path):
     good = compressed_message(image_times()[0], touch_images(1)[0])
     rubbish = replace(good, content=good.content | {"data": np.arange(30, dtype=np.uint8), "format": "webp"})
-    with pytest.raises(FileError, match="compressed images are 'webp', whose bytes are neither a PNG nor a JPEG"):
+    with pytest.raises(FileError, match="images are 'webp', allowed are colour images as JPEG or PNG"):
         read(tmp_path / "a", [rubbish, *poses()])
     grey = replace(good, content=good.content | {"format": "mono8; jpeg compressed "})
     with pytest.raises(FileError, match="allowed are colour images"):
@@ -166,10 +173,10 @@ def test_transforms_along_a_chain(tmp_path, container):
     for time, pose in zip(pose_times(), true_pose(pose_times()), strict=True):
         messages.append(transform_message(time, "base", "tool", [*pose[:2], 0.2], Rotation.from_euler("z", pose[2])))
     recording = read(tmp_path, few_images() + messages, container)
-    wanted = se2.compose(se2.compose([1.0, 2.0, 0.5], true_pose(image_times(6))), [0.05, 0.0, 0.0])
+    wanted = composed(composed([1.0, 2.0, 0.5], true_pose(image_times(6))), [0.05, 0.0, 0.0])
     same_poses(recording.sensor_pose, wanted)
     named = read(tmp_path / "named", few_images() + messages, container, sensor_poses="base:digit")
-    same_poses(named.sensor_pose, se2.compose(true_pose(image_times(6)), [0.05, 0.0, 0.0]))
+    same_poses(named.sensor_pose, composed(true_pose(image_times(6)), [0.05, 0.0, 0.0]))
     both = read(
         tmp_path / "both", few_images() + messages, container, sensor_poses="base:digit", object_poses="base:tool"
     )
@@ -215,6 +222,12 @@ def test_what_is_ambiguous_is_listed(tmp_path):
         read(tmp_path / "h", few_images() + forked)
     with pytest.raises(FileError, match="no transform knows frame 'gel'"):
         read(tmp_path / "i", few_images() + forked, sensor_poses="base:gel")
+    with pytest.raises(FileError, match="no chain of transforms leads from 'left' to 'tag'"):
+        lost = [transform_message(START, "lost", "tag", [0, 0, 0], level, static=True)]
+        read(tmp_path / "k", few_images() + forked + lost, sensor_poses="left:tag")
+    circle = [transform_message(START, parent, child, [0, 0, 0], level) for parent, child in ("ab", "ba")]
+    with pytest.raises(FileError, match="transforms run in a circle: a < b < a"):
+        read(tmp_path / "l", few_images() + circle, sensor_poses="a:b")
     with pytest.raises(FileError, match="frame x has two parents, a and b"):
         read(tmp_path / "j", few_images() + [transform_message(START, name, "x", [0, 0, 0], level) for name in "ab"])
 
@@ -256,11 +269,11 @@ def restamped(messages: list[Message], stamp: Any) -> list[Message]:
         ),
         (
             lambda time: time + (time > START + 10**8) * 5 * 10**9,
-            "in /digit/image/compressed leap by 5.0 s against the",
+            "in /digit/image/compressed jump by 5.0 s against the",
         ),
         (
             lambda time: time - (time > START + 10**8) * 5 * 10**9,
-            "in /digit/image/compressed leap by 5.0 s against the",
+            "in /digit/image/compressed jump by 5.0 s against the",
         ),
     ],
 )
@@ -345,8 +358,9 @@ def test_a_wall_as_the_plane(tmp_path, caplog):
     wanted = np.column_stack([0.1 * np.sin(4 * seconds), 0.1 * np.cos(4 * seconds), 0.3 * seconds])
     same_poses(given.sensor_pose, wanted, within=3e-4)  # poses between messages lie on chords
     # The fitted normal is plus or minus that of the wall; how far frames are apart does not depend on it.
-    between = [se2.between(each.sensor_pose[0], each.sensor_pose[-1]) for each in (given, fitted)]
-    assert np.abs(between[0]) == pytest.approx(np.abs(between[1]), abs=1e-6)
+    moved = [each.sensor_pose[-1] - each.sensor_pose[0] for each in (given, fitted)]
+    assert np.hypot(*moved[0][:2]) == pytest.approx(np.hypot(*moved[1][:2]), abs=1e-6)
+    assert abs(moved[0][2]) == pytest.approx(abs(moved[1][2]), abs=1e-6)
     assert "the sensor moves in the plane 90.0 degrees off its xy plane at" in caplog.text
     assert "plane 90.0 degrees off its xy plane" in given.frames["sensor_pose"]
 

@@ -17,17 +17,18 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.io.bags.mcap_file import leading_attachments
-from palpate.io.bags.mcap_writer import nanoseconds, new_mcap
-from palpate.io.bags.message_sink import MessageSink
-from palpate.io.bags.messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE
+from palpate.errors import FileError
 from palpate.io.estimates_csv import trajectory_from_text, trajectory_to_text
+from palpate.io.mcap_file import front_matter, is_mcap, nanoseconds, new_mcap
+from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
 from palpate.types.answer import Answer, Answers
 from palpate.types.plane import Plane, flat, out_of_plane, spatial_covariance
 from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+NAME = "estimates-mcap"
+DESCRIPTION = "palpate estimates (.mcap)"
 ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
 ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
@@ -87,10 +88,22 @@ def add_estimates(
             _add_diagnostics(sink, trajectory.status[index], {**values, **said}, stamp, plane.frame)
 
 
-def read_estimates_mcap(path: Path) -> Trajectory | None:
-    """The estimates in an MCAP that palpate wrote, or None."""
-    text = leading_attachments(path).get(ATTACHMENT)
-    return None if text is None else trajectory_from_text(text.decode("utf-8", errors="replace"), path)
+def detect(path: Path) -> bool:
+    """Return whether the file is an MCAP of estimates that palpate wrote."""
+    return is_mcap(path) and ATTACHMENT in front_matter(path)[1]
+
+
+def read(path: Path) -> Trajectory:
+    """Read the estimates in an MCAP that palpate wrote. Raises FileError."""
+    text = front_matter(path)[1].get(ATTACHMENT)
+    if text is None:
+        raise FileError(f"{path}: holds no estimates of palpate")
+    return trajectory_from_text(text.decode("utf-8", errors="replace"), path)
+
+
+def write(data: Trajectory, path: Path, overwrite: bool = False) -> None:
+    """Write estimates in the plane z = 0 of the frame "world". Raises FileError."""
+    write_estimates_mcap(data, path, overwrite)
 
 
 def _only_answer(trajectory: Trajectory, index: int) -> Answer:

@@ -1,16 +1,17 @@
 """The chain of transforms that leads from one frame to another."""
 
 from collections.abc import Callable, Mapping
+from functools import reduce
 
 from palpate.errors import FileError
 from palpate.types.motion import Placed
 
 
 def chain(parents: Mapping[str, str], parent: str, child: str) -> tuple[list[str], list[str]]:
-    """The frames whose transforms lead from `parent` to `child`, from each up to the frame where they meet.
+    """Return the frames on the way up from `parent`, and those from `child`, to the frame where both ways meet.
 
-    `parents` has the parent of each frame. Returns the frames on the way up from `parent` and those on the way up
-    from `child`, each in that order, without the one where they meet. Raises FileError where there is a hole.
+    `parents` has the parent of each frame; the frame where they meet is in neither. Raises FileError where there is
+    no such frame.
     """
     if parent == child:
         raise FileError(f"{parent}:{child} is one frame, expected two")
@@ -29,31 +30,26 @@ def chain(parents: Mapping[str, str], parent: str, child: str) -> tuple[list[str
 
 
 def compose_chain(up_parent: list[str], up_child: list[str], placed: Callable[[str], Placed]) -> Placed:
-    """parent_T_child of a `chain`; `placed` says where a frame is in its parent."""
+    """Return parent_T_child of a `chain`; `placed` gives a frame's pose in its parent."""
 
-    def product(names: list[str]) -> Placed | None:
-        found: Placed | None = None
-        for name in names:
-            found = placed(name) if found is None else placed(name) @ found
-        return found
+    def from_meeting(names: list[str]) -> Placed:
+        return reduce(lambda found, name: placed(name) @ found, names[1:], placed(names[0]))
 
-    meeting_T_parent, meeting_T_child = product(up_parent), product(up_child)
-    if meeting_T_parent is None:
-        assert meeting_T_child is not None, "a chain has at least one transform"
-        return meeting_T_child
-    back = meeting_T_parent.inverse()
-    return back if meeting_T_child is None else back @ meeting_T_child
+    if not up_parent:
+        return from_meeting(up_child)
+    back = from_meeting(up_parent).inverse()
+    return back @ from_meeting(up_child) if up_child else back
 
 
 def single_chain(parents: Mapping[str, str]) -> tuple[str, str] | None:
-    """The first and the last frame, if all transforms are one chain without a branch; None if not."""
+    """Return the first and the last frame, if all transforms are one chain without a branch; None if not."""
     roots = set(parents.values()) - set(parents)
     leaves = set(parents) - set(parents.values())
     return (roots.pop(), leaves.pop()) if len(roots) == len(leaves) == 1 else None
 
 
 def _ancestors(parents: Mapping[str, str], name: str) -> list[str]:
-    """The frame, its parent, the parent of that, and so on."""
+    """Return the frame, its parent, the parent of that, and so on."""
     names = [name]
     while (above := parents.get(names[-1])) is not None:
         if above in names:

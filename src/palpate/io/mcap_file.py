@@ -1,0 +1,177 @@
+"""MCAP files: their records from front to back, also of a file that is cut off, and writers of ROS 2 messages."""
+
+import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.files import new_file, whole_file
+from palpate.io.ros_messages import Channel, MessageSink, RawMessage, ros_types
+
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
+
+MAGIC = b"\x89MCAP0\r\n"
+
+
+class CutShort(Exception):
+    """A file ends too early or is damaged from some place on; everything before that was read."""
+
+
+class MessageWriter(MessageSink):
+    """Puts messages, metadata and attachments into an MCAP that is open."""
+
+    def __init__(self, writer: Any, chunk_seconds: float | None = None) -> None:
+        """Take the `mcap` writer; with `chunk_seconds` a chunk is ended, and kept by the system, after that time."""
+        self._writer, self._chunk_seconds = writer, chunk_seconds
+        self._channels: dict[str, int] = {}
+        self._flushed = clock.monotonic()
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Attach a file; it stands at this place among the messages."""
+        self._writer.add_attachment(0, 0, name, media_type, data)
+
+    def describe(self, name: str, values: dict[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.add_metadata(name, values)
+
+    def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
+        """Add a message that was recorded and sent at a time [ns]."""
+        store = ros_types("cdr")
+        if topic not in self._channels:
+            text = store.generate_msgdef(type_, ros_version=2)[0].encode()
+            schema = self._writer.register_schema(type_, "ros2msg", text)
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+        data = bytes(store.serialize_cdr(self.make(type_, **fields), type_))
+        self._writer.add_message(self._channels[topic], time, data, time)
+        if self._chunk_seconds is not None and clock.monotonic() - self._flushed >= self._chunk_seconds:
+            self.flush()
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the operating system, which keeps it if this process is killed."""
+        self._writer.flush()
+        self._flushed = clock.monotonic()
+
+    def make(self, type_: str, **fields: Any) -> Any:
+        """Return a message, or a part of one."""
+        return ros_types("cdr").types[type_](**fields)
+
+
+@contextmanager
+def new_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
+    """Open a new MCAP that is written whole or not at all; an existing one is replaced only if `overwrite`."""
+    with whole_file(path, overwrite) as temporary, temporary.open("wb") as file, _writing(file) as writer:
+        yield writer
+
+
+@contextmanager
+def growing_mcap(path: Path | str, overwrite: bool = False, chunk_seconds: float = 0.5) -> Iterator[MessageWriter]:
+    """Open a new MCAP that is at its place from the start and stays readable if the process is killed.
+
+    All but the last `chunk_seconds` is there then. Raises FileError where the file exists, unless `overwrite`.
+    """
+    path = new_file(path, overwrite)
+    try:
+        with path.open("wb") as file, _writing(file, chunk_seconds) as writer:
+            yield writer
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error})") from error
+
+
+@contextmanager
+def _writing(file: Any, chunk_seconds: float | None = None) -> Iterator[MessageWriter]:
+    from mcap.writer import CompressionType, Writer
+
+    # Images are compressed already; data checksums find a damaged record anywhere.
+    writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
+    writer.start(profile="ros2", library="palpate")
+    try:
+        yield MessageWriter(writer, chunk_seconds)
+    finally:
+        writer.finish()
+
+
+def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
+    """Return times (N,) [s] as stamps [ns]. Raises FileError where ROS has no such stamp."""
+    latest = 2.0**31
+    wrong = np.flatnonzero((time < 0.0) | (time >= latest))
+    if len(wrong):
+        found = f"frame {wrong[0]} is at {time[wrong[0]]:g} s"
+        raise FileError(f"{path}: {found}, stamps of ROS messages go from 0 to {latest:g} s")
+    whole = np.floor(time)
+    return (whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)).tolist()
+
+
+def is_mcap(path: Path) -> bool:
+    """Return whether a file begins as an MCAP does."""
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+    return False
+
+
+def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:
+    """Yield all records of an MCAP; those in chunks one by one, or whole `chunks`. Raises CutShort at the end."""
+    from mcap.stream_reader import StreamReader
+
+    with path.open("rb") as file:
+        # No record can be longer than the file, so a damaged length does not ask for memory.
+        limit = path.stat().st_size
+        try:
+            yield from StreamReader(file, emit_chunks=chunks, validate_crcs=True, record_size_limit=limit).records
+        except Exception as error:  # damaged bytes can raise anything in lengths, texts and compressed data
+            raise CutShort(f"{path}: is cut off or damaged after {file.tell()} bytes") from error
+
+
+def mcap_messages(path: Path) -> Iterator[RawMessage]:
+    """Yield the messages of an MCAP in the order in which they were written. Raises CutShort."""
+    return messages_in(mcap_records(path))
+
+
+def messages_in(records: Iterator["McapRecord"]) -> Iterator[RawMessage]:
+    """Yield the messages among the records of an MCAP."""
+    from mcap.records import Channel as ChannelRecord
+    from mcap.records import Message, Schema
+
+    types: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    for record in records:
+        if isinstance(record, Schema):
+            types[record.id] = record.name
+        elif isinstance(record, ChannelRecord):
+            type_ = types.get(record.schema_id, "")
+            if record.message_encoding == "ros1":
+                type_ = type_.replace("/", "/msg/")
+            channels[record.id] = Channel(record.topic, type_, record.message_encoding)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield RawMessage(channels[record.channel_id], record.log_time, record.data)
+
+
+def front_matter(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
+    """Return metadata and attachments, by name, that stand before the first message of an MCAP."""
+    from mcap.records import Attachment, Chunk, Message, Metadata
+
+    metadata: dict[str, dict[str, str]] = {}
+    attachments: dict[str, bytes] = {}
+    with suppress(CutShort):
+        for record in mcap_records(path, chunks=True):
+            if isinstance(record, Metadata):
+                metadata[record.name] = record.metadata
+            elif isinstance(record, Attachment):
+                attachments[record.name] = record.data
+            elif isinstance(record, Chunk | Message):
+                break
+    return metadata, attachments
+
+
+def scratch_mcap() -> MessageWriter:
+    """Return a writer whose messages go nowhere, to write the first message of each type, which takes long, ahead."""
+    from io import BytesIO
+
+    from mcap.writer import Writer
+
+    return MessageWriter(Writer(BytesIO()))

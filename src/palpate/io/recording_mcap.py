@@ -1,0 +1,231 @@
+"""palpate's own recording file: an MCAP of standard ROS 2 messages that holds all of a Recording without loss.
+
+Foxglove, Rerun and ROS tools show the messages: images as they are encoded, poses of sensor and object in the plane
+z = 0 of the frame "world", contact. A metadata record "palpate" and attachments before them hold what messages cannot:
+the outline, the sensor, the first pose, and each array to the last bit. `palpate live --record` writes the same
+metadata without the arrays; its recordings are read from the messages.
+"""
+
+import io
+import json
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.files import existing_file, json_object
+from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
+from palpate.io.mcap_file import (
+    CutShort,
+    MessageWriter,
+    front_matter,
+    is_mcap,
+    mcap_messages,
+    nanoseconds,
+    new_mcap,
+)
+from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
+from palpate.types.images import Codec
+from palpate.types.plane import flat, out_of_plane
+from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
+from palpate.types.stored_images import ImageSpool, SpooledImages
+from palpate.types.trajectory import Trajectory
+
+logger = logging.getLogger(__name__)
+
+NAME = "palpate"
+DESCRIPTION = "palpate recording (.mcap)"
+VERSION = 1
+METADATA, ARRAYS = "palpate", "palpate/"
+IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
+CONTACT = "/sensor/contact"
+FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")
+
+
+def detect(path: Path) -> bool:
+    """Return whether the file is a recording of palpate."""
+    return is_mcap(path) and METADATA in front_matter(path)[0]
+
+
+def read(path: Path) -> Recording:
+    """Read a recording. Raises FileError."""
+    return read_recording(path)
+
+
+def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
+    """Write a recording. Raises FileError if the file exists and `overwrite` is not set."""
+    if not isinstance(data, Recording):
+        raise SettingError(f"{path}: a {NAME} file holds a recording, not a trajectory")
+    write_recording(data, path, overwrite)
+
+
+def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None) -> None:
+    """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
+    about = {"version": str(VERSION), "shape": json.dumps(shape_to_dict(shape))}
+    file.describe(METADATA, {**about, "sensor": json.dumps(sensor_to_dict(sensor)), **(more or {})})
+
+
+def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
+    """Write a recording, whole or not at all; an existing file is replaced only if `overwrite`. Raises FileError."""
+    # Stamps cannot be negative; the exact times are in an array.
+    stamps = nanoseconds(path, recording.time - min(recording.time[0], 0.0))
+    plane = flat()
+    sensor, sensor_turn = out_of_plane(plane, recording.sensor_pose)
+    truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
+    known = ~np.isnan(truth[:, 0])
+    placed, object_turn = out_of_plane(plane, np.nan_to_num(truth))
+    with new_mcap(path, overwrite) as file:
+        describe(file, recording.shape, recording.sensor, _values(recording))
+        for name, array in _arrays(recording).items():
+            file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", _npy(array))
+        for index, stamp in enumerate(stamps):
+            if recording.image is not None:
+                data = np.frombuffer(recording.image[index], np.uint8)
+                header = file.header(stamp, "sensor")
+                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=recording.codec, data=data)
+            if recording.contact is not None:
+                file.add(CONTACT, BOOL, stamp, data=bool(recording.contact[index]))
+            header = file.header(stamp, plane.frame)
+            if known[index]:
+                pose = file.pose(placed[index], object_turn[index])
+                file.add(OBJECT_POSES, POSE, stamp, header=header, pose=pose)
+            # Last of all: a frame whose sensor pose is there is whole.
+            file.add(SENSOR_POSES, POSE, stamp, header=header, pose=file.pose(sensor[index], sensor_turn[index]))
+
+
+def read_recording(path: Path | str) -> Recording:
+    """Read a recording of palpate; of one that is cut off, the whole frames, with a warning. Raises FileError."""
+    path = existing_file(path)
+    if not is_mcap(path):
+        raise FileError(f"{path}: is not an MCAP file")
+    metadata, attachments = front_matter(path)
+    if METADATA not in metadata:
+        raise FileError(f"{path}: is not a recording of palpate: it has no metadata named {METADATA!r}")
+    about = metadata[METADATA]
+    try:
+        _check_version(about)
+        arrays = {
+            name.removeprefix(ARRAYS).removesuffix(".npy"): _array(name, data)
+            for name, data in attachments.items()
+            if name.startswith(ARRAYS)
+        }
+        if arrays:
+            return _from_arrays(path, about, arrays)
+        return _from_messages(path, about)
+    except PalpateError as error:
+        raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+
+
+def source_of(path: Path) -> str:
+    """Return the source of a recording that is whole. Raises FileError where it is damaged or cut off."""
+    try:
+        for _ in mcap_messages(path):
+            pass
+    except CutShort as error:
+        raise FileError(str(error)) from error
+    return front_matter(path)[0].get(METADATA, {}).get("source", "")
+
+
+def _values(recording: Recording) -> dict[str, str]:
+    """Return what belongs to the recording as a whole."""
+    first = {name: getattr(recording, name) for name in ("first_pose", "first_pose_sigma")}
+    return {
+        "source": recording.source,
+        "codec": recording.codec,
+        "contact_derived": json.dumps(recording.contact_derived),
+        "frames": json.dumps(recording.frames),
+        **{name: json.dumps(value.tolist()) for name, value in first.items() if value is not None},
+    }
+
+
+def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
+    """Return what belongs to each frame but images."""
+    frames = {name: getattr(recording, name) for name in FRAME_ARRAYS}
+    extra = {f"extra/{name}": value for name, value in recording.extra.items()}
+    return {name: value for name, value in {**frames, **extra}.items() if value is not None}
+
+
+def _npy(array: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def _array(name: str, data: bytes) -> NDArray[Any]:
+    try:
+        return np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, OSError, MemoryError, SyntaxError) as error:
+        raise FileError(f"attachment {name} is damaged") from error
+
+
+def _check_version(about: Mapping[str, str]) -> None:
+    version = about.get("version", "")
+    if not version.isdecimal() or not 1 <= int(version) <= VERSION:
+        raise FileError(f"has version {version!r}, this palpate reads up to version {VERSION}: update palpate")
+
+
+def _json(about: Mapping[str, str], name: str) -> Any:
+    if name not in about:
+        raise FileError(f"metadata {name} is missing")
+    return json_object(about[name], f"metadata {name}")
+
+
+def _from_arrays(path: Path, about: Mapping[str, str], arrays: dict[str, NDArray[Any]]) -> Recording:
+    for name in ("time", "sensor_pose"):
+        if name not in arrays:
+            raise FileError(f"array {name} is missing")
+    try:
+        first = {name: json.loads(about[name]) for name in ("first_pose", "first_pose_sigma") if name in about}
+    except ValueError as error:
+        raise FileError(f"metadata first_pose: is not valid JSON ({error})") from error
+    images, codec, count = _frames(path, len(arrays["time"]))
+    if 0 < len(images) < count:
+        raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
+    extra = {name.removeprefix("extra/"): value[:count] for name, value in arrays.items() if name.startswith("extra/")}
+    return Recording(
+        **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
+        **first,
+        shape=shape_from_dict(_json(about, "shape")),
+        sensor=sensor_from_dict(_json(about, "sensor")),
+        image=images.first(count) if len(images) else None,
+        codec=codec or about.get("codec", "jpeg"),  # pyright: ignore[reportArgumentType]  # Recording checks it
+        contact_derived=about.get("contact_derived") == "true",
+        source=about.get("source", ""),
+        frames={str(key): str(value) for key, value in _json(about, "frames").items()},
+        extra=extra,
+        file=path,
+    )
+
+
+def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int]:
+    """Return the images, their codec, and the number of frames that are whole; warns where the file is cut off."""
+    spool, places, codec, count = ImageSpool(), list[tuple[int, int]](), None, 0
+    try:
+        for raw in mcap_messages(path):
+            if raw.channel.topic == IMAGES:
+                message = decoded(raw, COMPRESSED_IMAGE)
+                places.append(spool.add(message.data.tobytes()))
+                codec = message.format
+            count += raw.channel.topic == SENSOR_POSES
+    except CutShort as error:
+        if not count:
+            raise FileError(f"{error}, before the first frame") from error
+        logger.warning("%s; the %d frames before that are read", error, min(count, expected))
+    if not count or count > expected:
+        raise FileError(f"holds {count} sensor poses of a recording of {expected} frames")
+    return SpooledImages(spool, places), codec, count
+
+
+def _from_messages(path: Path, about: Mapping[str, str]) -> Recording:
+    """Return what a live session recorded: each image with the sensor's pose at its time."""
+    from palpate.io.rosbag_recording import BagChoices, read_bag
+
+    shape, sensor = shape_from_dict(_json(about, "shape")), sensor_from_dict(_json(about, "sensor"))
+    # By the time of recording, which equals the headers': a replay may begin at 0 s, a stamp that stands for none.
+    choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
+    return read_bag(path, shape, choices, sensor).recording

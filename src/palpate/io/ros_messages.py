@@ -1,0 +1,176 @@
+"""ROS messages as plain numbers and bytes: the types that palpate reads and writes. ROS is not needed."""
+
+from abc import ABC, abstractmethod
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+from palpate.types.images import Codec, codec_of, encode_image
+
+Array = NDArray[np.float64]
+
+IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
+POSE_ARRAY, BOOL = "geometry_msgs/msg/PoseArray", "std_msgs/msg/Bool"
+
+IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
+POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
+TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+ENCODINGS = ("cdr", "ros1")
+"""Serialisations of ROS 2 and ROS 1."""
+
+COLOURS = {"rgb8": False, "bgr8": True, "8UC3": True}
+"""Encodings of `Image` that are read, and true where blue comes first. 8UC3 does not name the order; the driver of the
+DIGIT and OpenCV, which publish it, have blue first."""
+
+
+class Channel(NamedTuple):
+    """A stream of messages of one topic and type."""
+
+    topic: str
+    """Name, such as /digit/image_raw."""
+    type: str
+    """Message type as ROS 2 names it, such as sensor_msgs/msg/Image."""
+    encoding: str
+    """Serialisation: "cdr" (ROS 2), "ros1", or another that is not read, such as "protobuf"."""
+
+
+class RawMessage(NamedTuple):
+    """A message that is not decoded yet."""
+
+    channel: Channel
+    log_time: int
+    """Time of recording [ns]."""
+    data: bytes
+
+
+class Pose(NamedTuple):
+    """A pose in space, or a transform: `frame_T_child`."""
+
+    frame: str
+    """Frame in which it is given."""
+    child: str
+    """Frame that a transform places; "" for a pose."""
+    stamp: int
+    """[ns]"""
+    numbers: tuple[float, ...]
+    """Position x, y, z [m] and quaternion x, y, z, w."""
+
+
+class MessageSink(ABC):
+    """Makes messages by the names of their types and takes them: a file, or a ROS node that publishes them."""
+
+    @abstractmethod
+    def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
+        """Take a message of a time [ns] on a topic."""
+
+    @abstractmethod
+    def make(self, type_: str, **fields: Any) -> Any:
+        """Return a message, or a part of one, such as geometry_msgs/msg/Pose."""
+
+    def header(self, time: int, frame: str) -> Any:
+        """Return the header of a message of a time [ns] in a frame."""
+        stamp = self.make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def pose(self, position: Array, rotation: Array) -> Any:
+        """Return a pose in space from position (3,) [m] and quaternion x, y, z, w (4,)."""
+        point, turn = position.tolist(), rotation.tolist()
+        return self.make(
+            "geometry_msgs/msg/Pose",
+            position=self.make("geometry_msgs/msg/Point", **dict(zip("xyz", point, strict=True))),
+            orientation=self.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", turn, strict=True))),
+        )
+
+
+def is_read(channel: Channel) -> bool:
+    """Return whether messages of a channel can be decoded and used."""
+    return channel.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES and channel.encoding in ENCODINGS
+
+
+def decoded(raw: RawMessage, type_: str | None = None) -> Any:
+    """Return the message with its fields as attributes.
+
+    Raises FileError, which names the topic, where its bytes are damaged or it is not of the expected type.
+    """
+    topic, found, encoding = raw.channel
+    if type_ is not None and found != type_:
+        raise FileError(f"{topic} holds {found or 'messages of no type'}, expected {type_}")
+    store = ros_types(encoding)
+    decode = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
+    try:
+        return decode(raw.data, found)
+    except Exception as error:  # damaged bytes can raise anything in the decoder
+        raise FileError(
+            f"{topic}: the message recorded at {raw.log_time * 1e-9:.9f} s does not decode as {found}"
+        ) from error
+
+
+def stamp_of(message: Any) -> int | None:
+    """Return the time in a message's header [ns], of several transforms the first; None where there is none."""
+    if hasattr(message, "transforms"):
+        return stamp_of(message.transforms[0]) if message.transforms else None
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def poses_of(message: Any) -> list[Pose]:
+    """Return the pose in a message of POSE_TYPES, or the transforms in one of TRANSFORM_TYPES."""
+    if hasattr(message, "transforms"):
+        return [
+            _pose(each, each.child_frame_id, each.transform.translation, each.transform.rotation)
+            for each in message.transforms
+        ]
+    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+    return [_pose(message, "", pose.position, pose.orientation)]
+
+
+def image_of(message: Any) -> tuple[bytes, Codec]:
+    """Return an image as encoded bytes: those of a CompressedImage, or an Image as PNG. Raises FileError."""
+    if hasattr(message, "format"):
+        return compressed_image(message)
+    return encode_image(raw_image(message), "png"), "png"
+
+
+def compressed_image(message: Any) -> tuple[bytes, Codec]:
+    """Return the bytes of a CompressedImage, and their codec. Raises FileError on others than colour."""
+    data = message.data.tobytes() if isinstance(message.data, np.ndarray) else bytes(message.data)
+    colour, codec = message.format.split(";")[0].strip(), codec_of(data)
+    if codec is None or colour.startswith("mono") or colour.endswith("C1"):
+        raise FileError(f"images are {message.format!r}, allowed are colour images as JPEG or PNG")
+    return data, codec
+
+
+def raw_image(message: Any) -> NDArray[np.uint8]:
+    """Return the pixels (height, width, 3) RGB of an Image. Raises FileError where it is no colour image."""
+    if message.encoding not in COLOURS:
+        raise FileError(f"images are encoded as {message.encoding!r}, allowed are {', '.join(COLOURS)}: colour images")
+    height, width, step = message.height, message.width, message.step
+    if not height or not width or step < 3 * width or len(message.data) != height * step:
+        raise FileError(
+            f"an image of {height} rows and {width} columns has {len(message.data)} bytes in rows of {step}, "
+            "expected 3 bytes a column and all rows"
+        )
+    pixels = np.asarray(message.data, np.uint8).reshape(height, step)[:, : 3 * width].reshape(height, width, 3)
+    return np.ascontiguousarray(pixels[:, :, ::-1] if COLOURS[message.encoding] else pixels)
+
+
+@cache
+def ros_types(encoding: str) -> Any:
+    """Return the message types of ROS 2 ("cdr") or ROS 1 ("ros1"), as `rosbags` has them."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if encoding == "cdr":
+        return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS1_NOETIC)
+    for name in TRANSFORM_TYPES:
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    return store
+
+
+def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
+    numbers = (position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w)
+    # ROS 1 allowed a slash before the names of frames.
+    return Pose(message.header.frame_id.lstrip("/"), child.lstrip("/"), stamp_of(message) or 0, numbers)

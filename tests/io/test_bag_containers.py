@@ -1,0 +1,170 @@
+"""Containers of bags: what is in them, what is left of them when their recorder was killed, and what is no bag."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bag_samples import CONTAINERS, ROS2, Message, build_message, pose_message, pose_times, push_messages, write_bag
+from mcap.writer import CompressionType, Writer
+from rosbags import rosbag2
+
+from palpate import Disc, FileError, read_bag
+
+
+@pytest.fixture
+def topics(run_palpate):
+    """Return the topics of a bag by name as `palpate info` shows them."""
+
+    def found(path: Path) -> dict[str, dict[str, Any]]:
+        code, out, err = run_palpate("info", path, "--json")
+        assert code == 0, err
+        return {topic["topic"]: topic for topic in json.loads(out)["topics"]}
+
+    return found
+
+
+COUNTS = {"/chatter": 1, "/digit/image/compressed": 24, "/ee_pose": 68}
+
+
+def counts(found: dict[str, dict[str, Any]]) -> dict[str, int]:
+    return {name: topic["messages"] for name, topic in found.items()}
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_topics_of_a_bag_that_another_program_wrote(tmp_path, container, topics):
+    found = topics(write_bag(tmp_path / "bag", container, push_messages()))
+    assert counts(found) == COUNTS
+    chatter, images, poses = found.values()
+    assert images["type"] == "sensor_msgs/msg/CompressedImage" and poses["type"] == "geometry_msgs/msg/PoseStamped"
+    assert (chatter["rate_hz"], chatter["longest_gap_s"], chatter["clock_offset_s"]) == (None, None, None)
+    assert (images["rate_hz"], poses["rate_hz"]) == (pytest.approx(30.0), pytest.approx(50.0))
+    assert (images["clock_offset_s"], images["clock_spread_s"]) == (
+        pytest.approx(-0.003),
+        pytest.approx(0.0, abs=1e-9),
+    )
+    assert (images["gaps"], images["unstamped"]) == (0, 0)
+
+
+def test_gaps_late_stamps_and_missing_stamps_are_counted(tmp_path, topics):
+    times = np.delete(pose_times(40), [10, 11, 12, 30, 31, 32, 33])
+    messages = [pose_message(time, [0.0, 0.0, 0.0]) for time in times]
+    messages[3] = Message("/ee_pose", messages[3].log_time, messages[3].type, pose_message(0, [0, 0, 0]).content)
+    topic = topics(write_bag(tmp_path / "bag", "mcap", messages))["/ee_pose"]
+    assert (topic["gaps"], topic["longest_gap_s"], topic["unstamped"]) == (2, pytest.approx(0.1), 1)
+    assert topic["clock_spread_s"] > 1e9
+
+
+@pytest.mark.parametrize(
+    ("container", "mode"),
+    [("mcap", "STORAGE"), ("mcap", "MESSAGE"), ("mcap", "FILE"), ("ros2", "MESSAGE"), ("ros2", "FILE")],
+)
+def test_compressed_folders(tmp_path, container, mode, topics):
+    compression = rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD
+    write_bag(tmp_path / "bag", container, push_messages(), set_compression=compression)
+    assert counts(topics(tmp_path / "bag")) == COUNTS
+
+
+def test_a_database_without_its_folder(tmp_path, topics):
+    folder = write_bag(tmp_path / "bag", "ros2", push_messages())
+    (database,) = folder.glob("*.db3")
+    assert counts(topics(database)) == COUNTS
+    (folder / "metadata.yaml").unlink()
+    with pytest.raises(
+        FileError, match=r"without metadata.yaml, .*; give .*bag\.db3, or run `ros2 bag reindex`"
+    ):
+        read_bag(folder, Disc(0.05))
+
+
+def write_poses(path: Path, encoding: str = "cdr", count: int = 60, data: bytes | None = None, **settings: Any) -> None:
+    """Write an MCAP of poses."""
+    type_ = "geometry_msgs/msg/PoseStamped"
+    with path.open("wb") as file:
+        writer = Writer(file, **settings)
+        writer.start("ros2")
+        schema = writer.register_schema(type_, "ros2msg", ROS2.generate_msgdef(type_, ros_version=2)[0].encode())
+        channel = writer.register_channel("/ee_pose", encoding, schema)
+        for time in pose_times(count).tolist():
+            message = pose_message(time, [0.1, 0.2, 0.3])
+            packed = bytes(ROS2.serialize_cdr(build_message(ROS2, type_, message.content), type_))
+            writer.add_message(channel, time, data or packed, time)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"compression": kind, "chunk_size": 500} for kind in CompressionType] + [{"use_chunking": False}],
+)
+def test_an_mcap_that_is_cut_off_is_read_to_its_last_whole_chunk(tmp_path, caplog, topics, settings):
+    path, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    write_poses(whole, **settings)
+    content, seen = whole.read_bytes(), []
+    for share in (0.3, 0.5, 0.7):
+        path.write_bytes(content[: int(share * len(content))])
+        caplog.clear()
+        seen.append(counts(topics(path))["/ee_pose"])
+        (line,) = [record.getMessage() for record in caplog.records]
+        assert line.startswith(f"{path}: is cut off or damaged after ")
+        assert line.endswith(f"as when its recorder was killed; the {seen[-1]} messages before it are read")
+    assert 0 < seen[0] < seen[1] < seen[2] <= 60
+    path.write_bytes(content[:50])
+    with pytest.raises(FileError, match=r"cut.mcap: is cut off or damaged after \d+ bytes; there is no message before"):
+        read_bag(path, Disc(0.05))
+
+
+@pytest.mark.parametrize("at", ["record", "chunk", "data"])
+def test_absurd_sizes_are_not_believed(tmp_path, at, run_palpate):
+    path = tmp_path / "bag.mcap"
+    write_poses(path, chunk_size=2000)
+    content = bytearray(path.read_bytes())
+    start = content.index(b"zstd") - 4 - 4 - 8 - 8 - 8 - 9
+    place = {"record": start + 1, "chunk": start + 9 + 16, "data": start + 9 + 28 + 4 + 4}[at]
+    content[place : place + 8] = (2**61).to_bytes(8, "little")
+    path.write_bytes(content)
+    code, out, _ = run_palpate("info", path, "--json")
+    assert code in (0, 2) and (not out or counts_of(out) <= 60)
+
+
+def counts_of(out: str) -> int:
+    return sum(topic["messages"] for topic in json.loads(out)["topics"])
+
+
+def test_a_damaged_chunk_ends_a_bag(tmp_path, topics):
+    path = tmp_path / "bag.mcap"
+    write_poses(path, chunk_size=500, compression=CompressionType.NONE)
+    content = bytearray(path.read_bytes())
+    content[[found.start() for found in re.finditer(b"world", content)][20]] ^= 255
+    path.write_bytes(content)
+    assert 0 < counts(topics(path))["/ee_pose"] < 60
+
+
+@pytest.mark.parametrize(("container", "tool"), [("ros1", "rosbag reindex"), ("ros2", "ros2 bag reindex")])
+def test_a_bag_that_lacks_its_index_is_named_with_the_tool(tmp_path, container, tool):
+    path = write_bag(tmp_path / "bag", container, push_messages())
+    file = next(path.glob("*.db3")) if path.is_dir() else path
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(FileError, match=rf"cannot be read \(.*\); `{tool}` may repair it"):
+        read_bag(path, Disc(0.05))
+
+
+def test_channels_that_are_no_ros_messages_are_ignored_and_named(tmp_path, caplog, topics):
+    path = tmp_path / "bag.mcap"
+    write_poses(path, encoding="protobuf", count=1)
+    assert counts(topics(path)) == {"/ee_pose": 1}
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line == f"{path}: topics that are no ROS messages are ignored: /ee_pose (protobuf)"
+
+
+def test_messages_that_do_not_decode_are_named(tmp_path):
+    write_poses(tmp_path / "bag.mcap", data=b"\x00\x01\x00\x00rubbish")
+    seconds = r"1700000000\.0+ s"
+    with pytest.raises(FileError, match=rf"bag.mcap: /ee_pose: the message recorded at {seconds} does not decode"):
+        read_bag(tmp_path / "bag.mcap", Disc(0.05))
+
+
+def test_what_is_no_bag(tmp_path):
+    (tmp_path / "a.bag").write_bytes(b"something else")
+    with pytest.raises(FileError, match="is no bag; known are MCAP"):
+        read_bag(tmp_path / "a.bag", Disc(0.05))

@@ -1,0 +1,265 @@
+"""palpate's own recording file: all of a recording comes back, others read its messages, and damage is named."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
+
+import palpate
+from palpate import Disc, Ellipse, FileError, Polygon, Recording, Rectangle
+
+CAMERA = palpate.SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
+ARRAYS = ("time", "sensor_pose", "object_pose", "first_pose", "first_pose_sigma", "contact", "episode")
+
+
+def encoded(n: int, codec: Any = "png") -> tuple[bytes, ...]:
+    """Return n random images of the tiny camera as bytes."""
+    pixels = np.random.default_rng(0).integers(0, 256, (n, 12, 8, 3), np.uint8)
+    time, poses = np.arange(n) / 30, np.zeros((n, 3))
+    made = Recording.from_arrays(time, pixels, time, poses, Disc(0.1), CAMERA, codec=codec)
+    assert made.image is not None
+    return tuple(made.image)
+
+
+def recording(n: int = 12, **changes: Any) -> Recording:
+    """Return a recording with everything, its times and poses such as no stamp and no quaternion holds."""
+    rng = np.random.default_rng(8)
+    truth = rng.normal(size=(n, 3)) * [1, 1, 4]
+    truth[3:4] = np.nan
+    fields: dict[str, Any] = {
+        "time": 1.7e9 + np.cumsum(rng.uniform(0.01, 0.05, n)),
+        "sensor_pose": rng.normal(size=(n, 3)) * [1, 1, 7],
+        "shape": Disc(0.05),
+        "sensor": CAMERA,
+        "object_pose": truth,
+        "contact": np.arange(n) > 1,
+        "episode": np.where(np.arange(n) > 1, 0, -1),
+        "image": encoded(n),
+        "codec": "png",
+        "contact_derived": True,
+        "source": "a test, with ünicode",
+        "frames": {"sensor_pose": "made up"},
+        "first_pose": [0.1, -0.2, 3.0],
+        "first_pose_sigma": [0.01, 0.02, 0.3],
+        "extra": {"force": np.append(np.nan, rng.normal(size=2 * n - 1)).reshape(n, 2), "on": np.arange(n) == 4},
+    }
+    return Recording(**(fields | changes))
+
+
+BARE: dict[str, Any] = dict.fromkeys((*ARRAYS[2:], "image")) | {"extra": {}, "contact_derived": False, "codec": "jpeg"}
+
+
+def same(found: Recording, wanted: Recording, count: int | None = None) -> None:
+    """Assert that the first frames of two recordings are the same to the last bit."""
+    for name in ARRAYS:
+        one, other = getattr(found, name), getattr(wanted, name)
+        assert (one is None) == (other is None), name
+        if other is not None:
+            rows = other if name.startswith("first") else other[:count]
+            assert one.tobytes() == rows.tobytes() and one.dtype == rows.dtype, name
+    assert found.image == (None if wanted.image is None else wanted.image[:count])
+    for name in ("shape", "sensor", "codec", "contact_derived", "source", "frames"):
+        assert getattr(found, name) == getattr(wanted, name), name
+    assert found.extra.keys() == wanted.extra.keys()
+    for name, value in wanted.extra.items():
+        assert found.extra[name].tobytes() == value[:count].tobytes() and found.extra[name].dtype == value.dtype
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        BARE,
+        {"codec": "jpeg", "image": encoded(12, "jpeg"), "shape": Rectangle(0.2363, 0.1579)},
+        {"shape": Ellipse(0.1638, 0.2428), "time": np.arange(12) / 30 - 0.1},
+        {"shape": Polygon(np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])), "image": None, "codec": "jpeg"},
+    ],
+)
+def test_round_trip(tmp_path, changes):
+    made, path = recording(**changes), tmp_path / "a.mcap"
+    palpate.write_recording(made, path)
+    found = palpate.load_recording(path)
+    same(found, made)
+    assert found.file == path and palpate.read_recording(path).file == path
+    palpate.write_recording(found, tmp_path / "b.mcap")
+    assert (tmp_path / "b.mcap").read_bytes() == path.read_bytes()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a.mcap", "b.mcap"]
+
+
+def test_an_existing_file_is_kept_unless_asked(tmp_path):
+    path = tmp_path / "a.mcap"
+    palpate.write_recording(recording(5), path)
+    with pytest.raises(FileError, match=r"a\.mcap: already exists; overwrite=True replaces it"):
+        palpate.write_recording(recording(3), path)
+    assert len(palpate.load_recording(path)) == 5
+    palpate.write_recording(recording(3), path, overwrite=True)
+    assert len(palpate.load_recording(path)) == 3
+
+
+def test_a_write_that_fails_leaves_nothing(tmp_path):
+    made = recording(frames={"broken": {1, 2}})
+    with pytest.raises(TypeError):
+        palpate.write_recording(made, tmp_path / "a.mcap")
+    with pytest.raises(FileError, match=r"the folder .* does not exist"):
+        palpate.write_recording(recording(), tmp_path / "no" / "a.mcap")
+    with pytest.raises(FileError, match="is a folder"):
+        palpate.write_recording(recording(), tmp_path, overwrite=True)
+    with pytest.raises(FileError, match=r"a\.mcap: frame 0 is at 3e\+09 s, stamps of ROS messages go from 0"):
+        palpate.write_recording(recording(time=3e9 + np.arange(12)), tmp_path / "a.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def read_by_others(path: Path) -> list[dict[str, list[Any]]]:
+    """Return all messages by topic as `rosbags` and as `mcap-ros2-support` decode them."""
+    by_rosbags: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            by_rosbags.setdefault(connection.topic, []).append((time, message))
+    by_mcap: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for _, channel, raw, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            by_mcap.setdefault(channel.topic, []).append((raw.log_time, message))
+    return [by_rosbags, by_mcap]
+
+
+def test_others_read_its_messages(tmp_path):
+    made = recording()
+    palpate.write_recording(made, tmp_path / "a.mcap")
+    for found in read_by_others(tmp_path / "a.mcap"):
+        assert set(found) == {"/sensor/pose", "/object/pose", "/sensor/image/compressed", "/sensor/contact"}
+        for (time, message), wanted, image in zip(
+            found["/sensor/pose"], made.sensor_pose, found["/sensor/image/compressed"], strict=True
+        ):
+            point, turn = message.pose.position, message.pose.orientation
+            yaw = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_euler("zyx")[0]
+            assert message.header.frame_id == "world" and image[0] == time
+            assert [point.x, point.y] == pytest.approx(wanted[:2])
+            assert np.cos(yaw - wanted[2]) == pytest.approx(1.0)
+        sent = [message.header.stamp for _, message in found["/sensor/pose"]]
+        seconds = [each.sec + 1e-9 * each.nanosec for each in sent]
+        assert seconds == pytest.approx(made.time.tolist(), abs=5e-7)  # a double at 1.7e9 s has steps of 2.4e-7
+        assert len(found["/object/pose"]) == len(made) - 1
+        assert [bool(message.data) for _, message in found["/sensor/contact"]] == (np.arange(12) > 1).tolist()
+        assert made.image is not None
+        for (_, message), data in zip(found["/sensor/image/compressed"], made.image, strict=True):
+            assert (bytes(message.data), message.format) == (data, "png")
+
+
+def test_its_messages_are_a_bag(tmp_path):
+    made = recording(time=np.arange(12) / 30)
+    palpate.write_recording(made, tmp_path / "a.mcap")
+    choices = palpate.BagChoices(sensor_poses="/sensor/pose", object_poses="/object/pose")
+    found = palpate.read_bag(tmp_path / "a.mcap", made.shape, choices, CAMERA).recording
+    assert found.time == pytest.approx(made.time, abs=1e-9)
+    assert found.image == made.image
+    assert found.sensor_pose[:, :2] == pytest.approx(made.sensor_pose[:, :2])
+    assert np.cos(found.sensor_pose[:, 2] - made.sensor_pose[:, 2]) == pytest.approx(1.0)
+
+
+def test_a_file_that_is_cut_off_is_read_to_its_end(tmp_path, caplog):
+    rng = np.random.default_rng(0)
+    made = recording(120, image=tuple(rng.integers(0, 256, 30_000, np.uint8).tobytes() for _ in range(120)))
+    palpate.write_recording(made, tmp_path / "a.mcap")
+    content, path, lengths = (tmp_path / "a.mcap").read_bytes(), tmp_path / "cut.mcap", []
+    for cut in (0.5, 0.7, 0.99):
+        path.write_bytes(content[: int(cut * len(content))])
+        found = palpate.load_recording(path)
+        lengths.append(len(found))
+        same(found, made, len(found))
+    assert 20 < lengths[0] < lengths[1] < lengths[2] <= 120
+    assert f"the {lengths[2]} frames before that are read" in caplog.text
+    path.write_bytes(content[: len(content) // 10])
+    with pytest.raises(FileError, match=r"cut\.mcap: is cut off or damaged after \d+ bytes, before the first frame"):
+        palpate.load_recording(path)
+
+
+def test_damaged_bytes_are_noticed(tmp_path):
+    """Wherever bytes change, the recording is as written up to there, or the error names the file."""
+    made, path = recording(), tmp_path / "a.mcap"
+    palpate.write_recording(made, path)
+    content = path.read_bytes()
+    refused = 0
+    for place in np.random.default_rng(2).integers(8, len(content) - 30, 60).tolist():
+        damaged = bytearray(content)
+        damaged[place] ^= 255
+        path.write_bytes(damaged)
+        try:
+            found = palpate.load_recording(path)
+            assert found.image is None or len(found.image) == len(found)
+        except FileError as error:
+            refused += 1
+            assert str(error).startswith(str(path)) and "\n" not in str(error)
+    assert refused > 20
+
+
+def test_what_is_no_recording(tmp_path):
+    for content, words in (
+        (b"", "is empty"),
+        (b"hello", "is in no known format; known are palpate: "),
+    ):
+        (tmp_path / "a.mcap").write_bytes(content)
+        with pytest.raises(FileError, match=rf"a\.mcap: {words}"):
+            palpate.load_recording(tmp_path / "a.mcap")
+    (tmp_path / "old.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    with pytest.raises(FileError, match=r"old\.h5: is HDF5; recordings are MCAP now: python scripts/convert_h5\.py"):
+        palpate.load_recording(tmp_path / "old.h5")
+    with pytest.raises(FileError, match="no such file"):
+        palpate.load_recording(tmp_path / "none.mcap")
+    with pytest.raises(FileError, match="is a folder"):
+        palpate.load_recording(tmp_path)
+
+
+def write_mcap(path: Path, about: dict[str, str], attachments: dict[str, bytes]) -> None:
+    """Write an MCAP with the metadata of a recording that are given."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        writer.add_metadata("palpate", about)
+        for name, data in attachments.items():
+            writer.add_attachment(0, 0, name, "", data)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    ("about", "attachments", "words"),
+    [
+        ({"version": "2"}, {}, "has version '2', this palpate reads up to version 1"),
+        ({}, {}, "has version ''"),
+        ({"version": "1"}, {"palpate/time.npy": b"no array"}, r"attachment palpate/time\.npy is damaged"),
+        ({"version": "1"}, {}, "metadata shape is missing"),
+        ({"version": "1", "shape": "{"}, {}, "metadata shape: is not valid JSON"),
+    ],
+)
+def test_metadata_that_are_none(tmp_path, about, attachments, words):
+    write_mcap(tmp_path / "a.mcap", about, attachments)
+    with pytest.raises(FileError, match=rf"a\.mcap: {words}"):
+        palpate.load_recording(tmp_path / "a.mcap")
+
+
+def test_a_bad_image_is_named_when_it_is_looked_at(tmp_path):
+    images = list(encoded(12))
+    images[2], images[4] = b"\x01" * 50, b""
+    palpate.write_recording(recording(image=tuple(images)), tmp_path / "a.mcap")
+    found = palpate.load_recording(tmp_path / "a.mcap")
+    assert found[0].image is not None
+    for index, size in ((2, 50), (4, 0)):
+        with pytest.raises(FileError, match=rf"a\.mcap: image of frame {index}: its {size} bytes do not decode as png"):
+            found[index]
+
+
+def test_estimates_are_the_same_from_the_file(tmp_path):
+    made = recording(
+        time=np.arange(12) / 30, image=None, codec="jpeg", sensor=replace(CAMERA, image_height=0, image_width=0)
+    )
+    palpate.write_recording(made, tmp_path / "a.mcap")
+    for one, other in zip(made, palpate.load_recording(tmp_path / "a.mcap"), strict=True):
+        assert (one.time, one.contact) == (other.time, other.contact)
+        assert one.sensor_pose.tobytes() == other.sensor_pose.tobytes()
