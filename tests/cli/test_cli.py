@@ -189,7 +189,7 @@ def test_bad_files_are_one_line(capsys, command):
     Path("newer.mcap").write_bytes(whole.replace(b"version\x01\0\0\x001", b"version\x01\0\0\x009"))
     formats.write(trajectory(), "poses.tum")
     assert "missing.mcap: no such file" in failure(capsys, command, "missing.mcap")
-    assert "truncated.mcap: is cut off or damaged" in failure(capsys, command, "truncated.mcap")
+    assert "truncated.mcap: array sensor_pose is missing, or the file is cut off before it" in failure(capsys, command, "truncated.mcap")
     assert "empty.mcap: is empty" in failure(capsys, command, "empty.mcap")
     assert "text.mcap: is in no known format" in failure(capsys, command, "text.mcap")
     assert "newer.mcap: has version '9'" in failure(capsys, command, "newer.mcap")
@@ -379,7 +379,7 @@ def test_convert_overwrites_only_with_force(capsys):
     assert "allowed are" in failure(capsys, "convert", "push.mcap", "b.tum", "--from", "magic")
     both = failure(capsys, "convert", "push.mcap", "b.tum", "--from", "palpate", "--shape", "disc")
     assert "--from names a format, and the options for bags are for a bag" in both
-    assert "trajectory" in failure(capsys, "convert", "there.tum", "c.mcap")
+    assert palpate("convert", "there.tum", "c.mcap") == 0
 
 
 def test_demo_runs_twice_and_says_where_its_recording_is(capsys, monkeypatch):
@@ -423,8 +423,8 @@ def test_the_real_process():
     assert (failed.returncode, failed.stdout, failed.stderr) == (2, "", "palpate: missing.mcap: no such file\n")
 
 
-HEAVY = ["scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco", "rerun", "joblib", "distributed"]
-HEAVY += ["torch", "onnx", "onnxruntime", "onnxscript"]
+HEAVY = ["scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco", "rerun", "joblib"]
+HEAVY += ["distributed", "torch", "onnx", "onnxruntime", "onnxscript"]
 
 
 def test_help_loads_nothing_heavy():

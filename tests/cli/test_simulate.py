@@ -163,9 +163,8 @@ def test_resume_makes_a_damaged_recording_again():
     recording = read_recording(file)
     assert recording.image is not None
     for data in (recording.image[40], recording.time[40:42].tobytes(), recording.extra["slip"][40:44].tobytes()):
-        place = whole.index(data) + len(data) // 2  # a bit flips, and HDF5 and JPEG take it as it is
+        place = whole.index(data) + len(data) // 2  # a bit flips, and JPEG takes it as it is
         file.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-        assert len(read_recording(file)) == 90
         assert simulate_folder(Path("out"), jobs, 3.0, resume=True).made == (job.name,)
         assert file.read_bytes() == whole
 

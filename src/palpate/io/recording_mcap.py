@@ -178,7 +178,7 @@ def _json(about: Mapping[str, str], name: str) -> Any:
 def _from_arrays(path: Path, about: Mapping[str, str], arrays: dict[str, NDArray[Any]]) -> Recording:
     for name in ("time", "sensor_pose"):
         if name not in arrays:
-            raise FileError(f"array {name} is missing")
+            raise FileError(f"array {name} is missing, or the file is cut off before it")
     try:
         first = {name: json.loads(about[name]) for name in ("first_pose", "first_pose_sigma") if name in about}
     except ValueError as error:
