@@ -20,8 +20,7 @@ from rosbags.highlevel import AnyReader
 
 from palpate import io as formats
 from palpate.cli import main
-from palpate.cli.bag_options import BAG_DEFAULTS
-from palpate.cli.options import ShapeUnit
+from palpate.cli.options import Bag, ShapeUnit
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io import estimates_csv
@@ -65,7 +64,7 @@ TRACK = ("track", "push.bag", "--shape", "disc", "--first-pose", "0.3", "0", "0"
 
 
 def test_options_are_the_choices_of_the_library():
-    said = {name: value for name, value in asdict(BAG_DEFAULTS).items() if name not in OBJECT_AND_SENSOR}
+    said = {name: value for name, value in asdict(Bag()).items() if name not in OBJECT_AND_SENSOR}
     assert said == asdict(BagChoices())
     assert get_args(ShapeUnit) == get_args(Unit)
 
@@ -142,13 +141,13 @@ def test_a_time_offset_is_fitted_said_and_used(capsys, monkeypatch):
         monkeypatch.setattr(offsets, "time_offset", lambda *_, found=found: found)
         assert palpate(*TRACK, "--time-offset", "fit", "--json", "--force") == 0
         err = capsys.readouterr().err
-        assert f"push.bag: time offset -0.020 s, sigma {sigma:.3f} s, from the beginning of 2 contacts" in err
+        assert f"push.bag: time offset -0.020 s, sigma {sigma:.3f} s, from the start of 2 contacts" in err
         times = (formats.read("runs/push/estimates.csv").time * 1e9).astype(np.int64)  # pyright: ignore
         used = seconds if sigma < 0.01 else 0.0
-        assert ("cannot be told from 0" in err) == (used == 0.0)
+        assert ("not significantly different from 0" in err) == (used == 0.0)
         assert abs(times[0] - image_times()[0] - used * 1e9) < 1000
     line = failure(capsys, "convert", "push.bag", "a.mcap", "--shape", "disc", "--time-offset", "fit")
-    assert "--time-offset fit is for palpate track" in line
+    assert "--time-offset fit: only for palpate track" in line
 
 
 def test_what_is_said_of_bags_in_vain(capsys):
@@ -157,7 +156,7 @@ def test_what_is_said_of_bags_in_vain(capsys):
     )
     assert "push.mcap is no bag" in failure(capsys, "track", "push.mcap", "--shape", "disc")
     line = failure(capsys, "track", "push.mcap", "--time-offset", "-0.1", "--plane", "fit")
-    assert "--time-offset, --plane can be used for bags only, with --shape" in line
+    assert "--time-offset, --plane: only for bags, together with --shape" in line
     assert "shape is 'potato'" in failure(capsys, "track", "push.bag", "--shape", "potato")
     Path("box.csv").write_text("0 0\n90 0\n90 60\n0 60\n")
     assert "are these millimetres" in failure(capsys, "track", "push.bag", "--shape", "box.csv")

@@ -272,7 +272,7 @@ def test_nothing_that_can_be_tracked(capsys):
         (("recordings", "--noise", "loud"), "noise is 'loud'"),
         (("recordings", "--pressure", "flat"), "--pressure is 'flat'"),
         (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder; a touch model"),
-        (("recordings", "--model", "m", "--tactile", "none"), "--model m is of no use with --tactile none"),
+        (("recordings", "--model", "m", "--tactile", "none"), "--model m is not used with --tactile none"),
         (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
         (("recordings", "--first-pose", "nan", "0", "0"), "first pose is (nan, 0.0, 0.0)"),
         (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma is [0.0, 1.0, 1.0]"),

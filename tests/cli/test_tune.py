@@ -176,5 +176,5 @@ def test_what_cannot_be_tuned(capsys):
     assert "noise is 'magic'; allowed are 'palpate', 'sticking', 'published'" in said
     assert "the folder away does not exist" in failure(capsys, *WORDS[:3], "away/noise.json")
     assert "already exists" in failure(capsys, *WORDS[:3], "all")
-    assert "--model here is of no use with --tactile oracle" in failure(capsys, *WORDS, "--model", "here")
+    assert "--model here is not used with --tactile oracle" in failure(capsys, *WORDS, "--model", "here")
     assert not Path("noise.json").exists()

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.config import NoiseSettings, SensorPoseSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.pipeline.time_offset import time_offset
+from palpate.pipeline.time_offset import TimeOffset, time_offset
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -17,6 +18,7 @@ SENSOR = SensorProfile(name="small", radius=0.02, half_width=0.01, image_height=
 SHAPE = Rectangle(0.1, 0.2)
 REST = np.array([0.3, -0.1, 0.5])
 SPEED = 0.03
+EXACT = NoiseSettings(sensor_pose=SensorPoseSettings(calibration=(0.0, 0.0, 0.0)))
 
 
 def approach(late: float, speed: float = SPEED, frames: int = 90, truth: bool = False) -> Any:
@@ -38,9 +40,14 @@ def approach(late: float, speed: float = SPEED, frames: int = 90, truth: bool = 
     )
 
 
+def offset(recording: Recording, pose: Any, sigma: float = 1e-3) -> TimeOffset:
+    """The object's first position is known to `sigma` [m]; ground truth has an error of 1 mm."""
+    return time_offset(recording, pose, (sigma, 1e-9, 1.0), EXACT)
+
+
 @pytest.mark.parametrize("late", [-0.2, 0.0, 0.15])
 def test_late_images_are_found(late):
-    found = time_offset(approach(late), REST, 1e-3)
+    found = offset(approach(late), REST)
     assert found.contacts == 1
     assert found.seconds == pytest.approx(-late, abs=1 / 60 + 1e-6)  # half a frame
     assert found.sigma == pytest.approx(np.hypot(np.hypot(1e-3, 3e-4) / SPEED, 1 / 30 / np.sqrt(12)), rel=1e-3)
@@ -48,20 +55,20 @@ def test_late_images_are_found(late):
 
 def test_a_wrong_pose_is_within_sigma_and_a_slow_approach_tells_less():
     moved = se2.compose(REST, [0.002, 0.0, 0.0])
-    found = time_offset(approach(0.1), moved, 2e-3)
+    found = offset(approach(0.1), moved, 2e-3)
     assert found.seconds + 0.1 == pytest.approx(0.002 / SPEED, abs=1 / 60 + 1e-6)
     assert abs(found.seconds + 0.1) < 2 * found.sigma
-    slow = time_offset(approach(0.1, speed=0.02), REST, 1e-3)
-    assert slow.sigma > 1.3 * time_offset(approach(0.1), REST, 1e-3).sigma
+    slow = offset(approach(0.1, speed=0.02), REST)
+    assert slow.sigma > 1.3 * offset(approach(0.1), REST).sigma
 
 
 def test_ground_truth_before_a_contact_stands_for_a_first_pose():
-    found = time_offset(approach(0.1, truth=True), None, 1e-3)
-    assert found == time_offset(approach(0.1), REST, 1e-3)
+    found = offset(approach(0.1, truth=True), None)
+    assert found.seconds == offset(approach(0.1), REST).seconds
 
 
 def test_where_nothing_tells():
     away = se2.compose(REST, [0.5, 0.0, 0.0])
     for recording, pose in ((approach(0.1), away), (approach(0.1), None), (approach(0.1, frames=30), REST)):
         with pytest.raises(SettingError, match="no contact tells the time offset"):
-            time_offset(recording, pose, 1e-3)
+            offset(recording, pose)

@@ -68,7 +68,7 @@ def main(args: Sequence[str] | None = None) -> int:
             prog="palpate",
             description=DESCRIPTION,
             args=words,
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
         )
         sys.stdout.flush()
         return code

@@ -1,70 +1,59 @@
-"""Options that several commands share, each declared once, with what they mean to all of them."""
+"""Options that several commands share: one frozen dataclass a group of the help, and what each group is turned into.
+
+A command takes these groups as parameters (`start: Start = Start()`); tyro makes the options from their fields and the
+help from the docstrings. Nothing heavy is imported before a method is called, so that `--help` stays fast.
+"""
 
 import math
 from collections.abc import Collection
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
 from palpate.shards import Shard
 
-# Said again here so that --help need not import the estimator; a test compares them.
+if TYPE_CHECKING:
+    from palpate.config import TrackerSettings
+    from palpate.io.rosbag_recording import BagReading
+    from palpate.touch.calibration import Calibration
+    from palpate.touch.model import TouchModel
+    from palpate.types.recording import Recording
+
+# The library's choices, repeated here so that --help need not import it; a test compares them.
 Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
 ]
 TactileChoice = Literal["auto", Tactile]
 SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
-
 ShapeUnit = Literal["m", "cm", "mm", "in"]
-
-NOISE = "palpate|sticking|published|FILE"
-"""What an option that takes noise settings shows of what it takes."""
-
-RecordingsFolder = Annotated[
-    tyro.conf.Positional[Path],
-    tyro.conf.arg(metavar="DIR", help="Folder of recordings, also in folders in it, in any known format."),
-]
-_TOUCH_SAYS = (
-    "What touch says: nothing, no turning, the truth, or what a model reads from images: by each image, by pairs of "
-    "images (linear is the paper's), the turn or the contact's direction alone"
-)
-TactileOption = Annotated[
-    TactileChoice,
-    tyro.conf.arg(help=f"{_TOUCH_SAYS}; auto is learnt where there are images that fit the model, else none."),
-]
-ModelOption = Annotated[
-    Path | None,
-    tyro.conf.arg(
-        metavar="MODEL", help="Folder of a touch model.", help_behavior_hint="(default: the one of the sensor)"
-    ),
-]
-SensorOption = Annotated[str, tyro.conf.arg(metavar="NAME", help="The sensor: digit or gelsight-mini.")]
-CalibrationOption = Annotated[
-    Path | None,
-    tyro.conf.arg(
-        metavar="UNIT.npz",
-        help="How this sensor unit looks untouched, from palpate calibrate.",
-        help_behavior_hint="(default: as in the first half second)",
-    ),
-]
-UnitOption = Annotated[
-    Path | None,
-    tyro.conf.arg(
-        metavar="UNIT.npz",
-        help="How the one sensor unit that all recordings are of looks untouched, from palpate calibrate.",
-        help_behavior_hint="(default: as in the first half second of each)",
-    ),
-]
-
-
 Numbers = tuple[float, float, float]
 """A pose or its standard deviations [m, m, rad]."""
 
+NOISE = "palpate|sticking|published|FILE"
+"""The metavar of an option that takes noise settings."""
 
-def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[Numbers | None]:
-    """How three numbers are parsed, with one sentence where they are something else."""
+
+def arg(
+    metavar: str | None = None, default: str | None = None, *, help: str | None = None, name: str | None = None
+) -> Any:
+    """Return tyro's argument with a metavar and, where the default is not a plain value, words for it.
+
+    `help` is for texts of several lines; tyro takes a shorter one from the docstring under the field.
+    """
+    hint = default and f"(default: {default})"
+    return tyro.conf.arg(metavar=metavar, name=name, help=help, help_behavior_hint=hint)
+
+
+def positional(metavar: str, help: str, required: bool = False) -> Any:
+    """Return tyro's argument for a positional parameter of a command."""
+    return tyro.conf.arg(metavar=metavar, help=help, help_behavior_hint="(required)" if required else None)
+
+
+def _three_numbers(option: str, meaning: str) -> PrimitiveConstructorSpec[Numbers | None]:
+    """Parse three numbers, with one sentence as the error where they are something else."""
 
     def parse(words: list[str]) -> Numbers | None:
         from palpate.errors import SettingError
@@ -72,7 +61,7 @@ def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[Numbers
         try:
             x, y, theta = map(float, words)
         except ValueError:
-            raise SettingError(f"{option} is {' '.join(words)!r}; it must be three numbers, {wanted}") from None
+            raise SettingError(f"{option} is {' '.join(words)!r}; it must be three numbers, {meaning}") from None
         return x, y, theta
 
     return PrimitiveConstructorSpec(
@@ -84,127 +73,188 @@ def _three_numbers(option: str, wanted: str) -> PrimitiveConstructorSpec[Numbers
     )
 
 
-FirstPoseOption = Annotated[
-    Numbers | None,
-    _three_numbers("--first-pose", "x [m], y [m] and theta [rad]"),
-    tyro.conf.arg(
-        metavar="X Y THETA",
-        help="Object pose at the start [m, m, rad].",
-        help_behavior_hint="(default: as the recording states it, else from ground truth)",
-    ),
+RecordingsFolder = Annotated[
+    tyro.conf.Positional[Path],
+    positional("DIR", "Folder of recordings in any known format; folders in it are searched too.", required=True),
 ]
-FirstPoseSigmaOption = Annotated[
-    Numbers | None,
-    _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
-    tyro.conf.arg(
-        metavar="SX SY STHETA",
-        help="Standard deviations of the pose at the start [m, m, rad]; touch finds an object that is known roughly.",
-        help_behavior_hint="(default: that of the noise settings)",
-    ),
+Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
+Json: TypeAlias = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
+Smoother: TypeAlias = Annotated[
+    SmootherName, tyro.conf.arg(help="Solve the graph over the last steps of a contact, or over all of them.")
 ]
-FirstPoseUnknownOption = Annotated[
-    bool,
-    tyro.conf.arg(
-        help="Nothing is known of the pose at the start: the object is within a metre of the world's origin, at any "
-        "yaw, and touch finds it."
-    ),
-]
-HypothesesOption = Annotated[
-    int | None,
-    tyro.conf.arg(
-        metavar="N",
-        help="How many answers are kept at most while touch cannot tell; a contact may begin with more for its first "
-        "frames. 1 keeps one whatever happens.",
-        help_behavior_hint="(default: that of the tracker)",
-    ),
-]
-SmootherOption = Annotated[
-    SmootherName,
-    tyro.conf.arg(
-        help="How the graph is solved: over the last steps, by iSAM2 or as a whole at each step; or a particle "
-        "filter on the same measurements."
-    ),
-]
-NoiseOption = Annotated[
-    str, tyro.conf.arg(metavar=NOISE, help="Standard deviations: a preset, or a file of palpate tune.")
-]
-PressureOption = Annotated[
-    str,
-    tyro.conf.arg(
-        metavar="uniform|rim|corner|METRES", help="How the object presses on the table, or its friction radius c [m]."
-    ),
-]
-WorkersOption = Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")]
-DaskOption = Annotated[
-    str | None,
-    tyro.conf.arg(
-        metavar="ADDRESS",
-        help="Share the work among a Dask cluster; its scheduler's address. To track recordings, it has to see the "
-        "same files.",
-        help_behavior_hint="(default: none)",
-    ),
-]
-ShardOption = Annotated[
-    Shard | None,
-    PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="I/N",
-        instance_from_str=lambda words: _shard(words[0]),
-        is_instance=lambda value: value is None or isinstance(value, Shard),
-        str_from_instance=lambda value: [] if value is None else [f"{value.number}/{value.count}"],
-    ),
-    tyro.conf.arg(
-        metavar="I/N",
-        help="Do every N-th recording only, beginning with the I-th; as many processes, on any machines that see the "
-        "same folder, do the rest.",
-        help_behavior_hint="(default: all)",
-    ),
-]
-ShapeUnitOption = Annotated[
-    ShapeUnit | None,
-    tyro.conf.arg(help="Unit of the numbers in --shape.", help_behavior_hint="(default: m, or what a drawing says)"),
-]
-ForceOption = Annotated[bool, tyro.conf.arg(help="Replace what is there already.")]
-JsonOption = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
+Sensor: TypeAlias = Annotated[str, tyro.conf.arg(metavar="NAME", help="Sensor profile: digit or gelsight-mini.")]
 
 
-def _shard(text: str) -> Shard:
-    from palpate.errors import SettingError
+@dataclass(frozen=True)
+class Start:
+    """The object's pose at the start. By default the recording's own, else its first ground truth."""
 
-    number, _, count = text.partition("/")
-    if not (number.isdecimal() and count.isdecimal()):
-        raise SettingError(f"--shard is {text!r}; allowed are 1/N to N/N, such as 3/8")
-    return Shard(int(number), int(count))
+    first_pose: Annotated[
+        Numbers | None,
+        _three_numbers("--first-pose", "x [m], y [m] and theta [rad]"),
+        arg("X Y THETA", "from the recording"),
+    ] = None
+    """Object pose in the world [m, m, rad]."""
+    first_pose_sigma: Annotated[
+        Numbers | None,
+        _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
+        arg("SX SY STHETA", "from the recording, else the noise settings"),
+    ] = None
+    """Its standard deviations [m, m, rad]. With large ones, touch finds the object."""
+    first_pose_unknown: bool = False
+    """The pose is unknown: within 1 m of the world's origin, at any yaw. Touch finds the object."""
+
+    def pose_and_sigma(self) -> tuple[Numbers | None, Numbers | None]:
+        """Return the first pose and its sigma, None where not given. Raises SettingError where options conflict."""
+        from palpate.errors import SettingError
+        from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
+
+        if not self.first_pose_unknown:
+            return self.first_pose, self.first_pose_sigma
+        if self.first_pose is not None or self.first_pose_sigma is not None:
+            given = "--first-pose" if self.first_pose is not None else "--first-pose-sigma"
+            raise SettingError(f"--first-pose-unknown cannot be combined with {given}")
+        return ANYWHERE, ANYWHERE_SIGMA
 
 
-def stated_first_pose(
-    first_pose: Numbers | None, sigma: Numbers | None, unknown: bool
-) -> tuple[Numbers | None, Numbers | None]:
-    """Return the first pose and its sigma as --first-pose, --first-pose-sigma and --first-pose-unknown say them.
+@dataclass(frozen=True)
+class Touch:
+    """What is measured by touch, and with which model of the sensor."""
 
-    Raises SettingError where the last comes with one of the others.
-    """
-    from palpate.errors import SettingError
-    from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
+    tactile: Annotated[
+        TactileChoice,
+        arg(
+            help="Measurements of touch: none (contact only), learnt (read from images by a model; learnt-turn and "
+            "learnt-direction use one of its outputs alone) or oracle (from ground truth); auto is learnt where there "
+            "are images that the model can read, else none."
+        ),
+    ] = "auto"
+    model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None
+    """Folder of a touch model."""
+    calibration: Annotated[Path | None, arg("UNIT.npz", "the first half second is taken as untouched")] = None
+    """Calibration of this sensor unit, from palpate calibrate."""
 
-    if not unknown:
-        return first_pose, sigma
-    if first_pose is not None or sigma is not None:
-        given = "--first-pose" if first_pose is not None else "--first-pose-sigma"
-        raise SettingError(f"--first-pose-unknown says that nothing is known of the first pose, and {given} is given")
-    return ANYWHERE, ANYWHERE_SIGMA
+    def load(self) -> "tuple[TouchModel | None, Calibration | None]":
+        """Read model and calibration, None where not given. Raises SettingError for a model that is not used."""
+        from palpate.touch.calibration import load_calibration
+        from palpate.touch.model import TouchModel
+
+        check_model(self.model, [self.tactile])
+        return self.model and TouchModel(self.model), self.calibration and load_calibration(self.calibration)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """The estimator: noise, friction on the table, and hypotheses."""
+
+    noise: Annotated[str, arg(NOISE)] = "palpate"
+    """Standard deviations: a preset, or a file of palpate tune."""
+    pressure: Annotated[str, arg("uniform|rim|corner|METRES")] = "uniform"
+    """Pressure of the object on the table, or its friction radius c [m]."""
+    hypotheses: Annotated[int | None, arg("N", "9")] = None
+    """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""
+
+    def settings(self, tactile: TactileChoice, smoother: SmootherName = "fixed-lag") -> "TrackerSettings":
+        """Return the settings of a tracker."""
+        from palpate.config import TrackerSettings, noise_of
+
+        pressure = pressure_of(self.pressure)
+        settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(self.noise), pressure=pressure)
+        return settings if self.hypotheses is None else replace(settings, hypotheses=self.hypotheses)
+
+
+@dataclass(frozen=True)
+class Bag:
+    """The object and the topics, for bags of ROS messages."""
+
+    shape: Annotated[
+        str | None,
+        arg(
+            "NAME|AxB|FILE",
+            "none; bags need it",
+            help="The object: a name as in palpate simulate, the sides of a rectangle such as 0.09x0.06 [m], or an "
+            "outline in a file (CSV, JSON, SVG or DXF).",
+        ),
+    ] = None
+    shape_unit: Annotated[ShapeUnit | None, arg(default="m, or the unit of the drawing")] = None
+    """Unit of the numbers in --shape."""
+    sensor: Sensor = "digit"
+    images: Annotated[str | None, arg("TOPIC", "the only image topic")] = None
+    """Touch images."""
+    sensor_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "the only source of poses")] = None
+    """Poses of the sensor: a topic, or two frames of the transforms."""
+    object_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "none")] = None
+    """Poses of the object, which are ground truth: a topic, or two frames."""
+    clock: Literal["header", "log"] = "header"
+    """Times in the headers of messages, or those at which they were recorded."""
+    time_offset: Annotated[
+        float | Literal["fit"],
+        arg(
+            "S|fit",
+            help="Offset added to the times of images [s], negative where they are stamped late; fit estimates it from "
+            "the starts of contacts, which needs a first pose or ground truth.",
+        ),
+    ] = 0.0
+    plane: Annotated[tuple[float, float, float] | Literal["fit"], arg("X Y Z|fit")] = (0.0, 0.0, 1.0)
+    """Normal of the plane of the push in the frame of the poses; fit takes the plane through the sensor's path."""
+    off_plane: Annotated[float, arg("METRES")] = 0.01
+    """Largest distance of poses from that plane [m]."""
+
+    def read(self, file: Path) -> "Recording | BagReading":
+        """Read a recording or, with --shape, a bag of ROS messages. Raises SettingError for options that do not fit."""
+        from palpate import io as formats
+        from palpate.errors import SettingError
+        from palpate.io.outlines.load import load_shape
+        from palpate.io.rosbag_recording import BagChoices, read_bag
+        from palpate.types.sensor import known_sensor
+
+        if self.shape is None:
+            if given := [name for name, value in asdict(self).items() if value != getattr(Bag(), name)]:
+                names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+                raise SettingError(f"{names}: only for bags, together with --shape")
+            return formats.load_recording(file)
+        if formats.detect_format(file) != "bag":
+            raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
+        choices = BagChoices(
+            self.images,
+            self.sensor_poses,
+            self.object_poses,
+            self.clock,
+            0.0 if self.time_offset == "fit" else self.time_offset,
+            self.plane,
+            self.off_plane,
+        )
+        return read_bag(file, load_shape(self.shape, self.shape_unit), choices, known_sensor(self.sensor))
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Processes that share the work."""
+
+    workers: Annotated[int, arg("N")] = 1
+    """Processes on this machine."""
+    dask: Annotated[str | None, arg("ADDRESS", "none")] = None
+    """Address of the scheduler of a Dask cluster, which sees the same files."""
 
 
 def check_new(path: Path, force: bool) -> None:
-    """Raise FileError if a file to be written is there already and is not to be replaced."""
+    """Raise FileError if a file exists and may not be replaced."""
     from palpate.errors import FileError
 
     if path.exists() and not force:
         raise FileError(f"{path}: already exists; --force replaces it")
 
 
+def check_model(model: Path | None, tactile: Collection[str]) -> None:
+    """Raise SettingError if a touch model is given and no mode of touch uses one."""
+    from palpate.errors import SettingError
+
+    if model is not None and not any(mode.startswith(("learnt", "auto")) for mode in tactile):
+        raise SettingError(f"--model {model} is not used with --tactile {' '.join(tactile)}; use learnt")
+
+
 def check_window(instead: str = "") -> None:
-    """Raise SettingError where a view is asked for that cannot be opened; `instead` says what else can be done."""
+    """Raise SettingError if no window can be opened for --view; `instead` names an alternative."""
     from palpate.errors import SettingError
     from palpate.viewer.rerun_view import check_rerun, has_display
 
@@ -213,16 +263,8 @@ def check_window(instead: str = "") -> None:
         raise SettingError(f"--view: there is no display to open a window on{instead}")
 
 
-def check_model(model: Path | None, tactile: Collection[str]) -> None:
-    """Raise SettingError if a touch model is given and no mode of touch takes one."""
-    from palpate.errors import SettingError
-
-    if model is not None and not any(mode.startswith(("learnt", "auto")) for mode in tactile):
-        raise SettingError(f"--model {model} is of no use with --tactile {' '.join(tactile)}; a learnt one takes it")
-
-
 def pressure_of(text: str) -> str | float:
-    """Return what --pressure says: a name, or a friction radius [m]; SettingError where it is neither."""
+    """Return --pressure as a name or a friction radius [m]; SettingError where it is neither."""
     from palpate.errors import SettingError
     from palpate.geometry.shapes import PRESSURES
 
@@ -237,3 +279,49 @@ def pressure_of(text: str) -> str | float:
             f"--pressure is {text!r}; allowed are {', '.join(PRESSURES)} or a friction radius above 0 [m]"
         )
     return radius
+
+
+# Names of before, until the commands that use them follow.
+ForceOption: TypeAlias = Force
+JsonOption: TypeAlias = Json
+SensorOption: TypeAlias = Sensor
+SmootherOption: TypeAlias = Smoother
+TactileOption = Annotated[TactileChoice, tyro.conf.arg(help="Measurements of touch, as in palpate track.")]
+ModelOption = Annotated[Path | None, tyro.conf.arg(metavar="MODEL", help="Folder of a touch model.")]
+CalibrationOption = Annotated[
+    Path | None, tyro.conf.arg(metavar="UNIT.npz", help="Calibration of this sensor unit, from palpate calibrate.")
+]
+UnitOption = CalibrationOption
+FirstPoseOption = Annotated[
+    Numbers | None, _three_numbers("--first-pose", "x [m], y [m] and theta [rad]"), arg("X Y THETA", "as recorded")
+]
+FirstPoseSigmaOption = Annotated[
+    Numbers | None,
+    _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
+    arg("SX SY STHETA", "that of the noise settings"),
+]
+FirstPoseUnknownOption = Annotated[bool, tyro.conf.arg(help="The pose at the start is unknown.")]
+HypothesesOption = Annotated[int | None, tyro.conf.arg(metavar="N", help="Largest number of hypotheses kept.")]
+NoiseOption = Annotated[str, tyro.conf.arg(metavar=NOISE, help="Standard deviations: a preset, or a file.")]
+PressureOption = Annotated[str, tyro.conf.arg(metavar="uniform|rim|corner|METRES", help="Pressure on the table.")]
+WorkersOption = Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")]
+DaskOption = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help="Scheduler of a Dask cluster.")]
+ShardOption = Annotated[
+    Shard | None,
+    PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="I/N",
+        instance_from_str=lambda words: Shard(*map(int, words[0].split("/"))),
+        is_instance=lambda value: value is None or isinstance(value, Shard),
+        str_from_instance=lambda value: [] if value is None else [f"{value.number}/{value.count}"],
+    ),
+    tyro.conf.arg(metavar="I/N", help="Do every N-th recording only.", help_behavior_hint="(default: all)"),
+]
+ShapeUnitOption = Annotated[ShapeUnit | None, tyro.conf.arg(help="Unit of the numbers in --shape.")]
+
+
+def stated_first_pose(
+    first_pose: Numbers | None, sigma: Numbers | None, unknown: bool
+) -> tuple[Numbers | None, Numbers | None]:
+    """See `Start.pose_and_sigma`."""
+    return Start(first_pose, sigma, unknown).pose_and_sigma()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.config import NoiseSettings
 from palpate.errors import SettingError
 from palpate.touch.calibration import Calibration, turned_as, view_of
 from palpate.touch.detector import detector_for
@@ -28,25 +29,43 @@ SLOWEST = 1e-3
 
 @dataclass(frozen=True)
 class TimeOffset:
-    """What is to be added to the times of the images."""
+    """Offset to add to the times of the images."""
 
     seconds: float
     """[s]"""
     sigma: float
     """Standard deviation [s]."""
     contacts: int
-    """How many contacts began well enough to tell."""
+    """Number of contacts it was estimated from."""
+
+    @property
+    def is_significant(self) -> bool:
+        """The offset differs from 0 by more than two standard deviations."""
+        return abs(self.seconds) > 2.0 * self.sigma
+
+    def __str__(self) -> str:
+        starts = f"the start of {self.contacts} contact{'s' if self.contacts > 1 else ''}"
+        used = "" if self.is_significant else "; not significantly different from 0, so 0 is used"
+        return f"time offset {self.seconds:.3f} s, sigma {self.sigma:.3f} s, from {starts}{used}"
 
 
 def time_offset(
-    recording: Recording, first_pose: ArrayLike | None, pose_sigma: float, calibration: Calibration | None = None
+    recording: Recording,
+    first_pose: ArrayLike | None,
+    first_pose_sigma: ArrayLike | None,
+    noise: NoiseSettings,
+    calibration: Calibration | None = None,
 ) -> TimeOffset:
-    """Estimate it from the images and poses of a recording.
+    """Estimate the offset from the images and poses of a recording.
 
-    `first_pose` (3,) [m, m, rad] is world_T_object, and the first contact alone counts; without it, ground truth
-    before each contact does. `pose_sigma` [m] is how well the object is known there, a standard deviation. Raises
-    SettingError where no contact tells anything.
+    `first_pose` (3,) is world_T_object [m, m, rad] with standard deviations `first_pose_sigma` (3,), and only the first
+    contact is used; without a first pose, the ground truth before each contact is. Raises SettingError where no contact
+    can be used.
     """
+    pose_sigma = noise.sensor_pose.calibration[0]
+    if first_pose is not None:
+        sigma = noise.first_pose.deviation if first_pose_sigma is None else np.asarray(first_pose_sigma)
+        pose_sigma = float(np.hypot(pose_sigma, np.hypot(sigma[0], sigma[1])))
     found = [
         each
         for onset in _onsets(recording, calibration)[: None if first_pose is None else 1]
