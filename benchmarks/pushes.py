@@ -11,7 +11,7 @@ from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.lab.simulate.gel import render
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.lab.simulate.unit import draw_unit
-from palpate.touch.steady import first_frames
+from palpate.touch.background import first_frames
 from palpate.types.frame import Frame
 from palpate.types.measurements import ContactDirection, Measurement, Turn
 from palpate.types.sensor import DIGIT

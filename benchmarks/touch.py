@@ -15,9 +15,9 @@ import numpy as np
 from palpate.geometry.shapes import Rectangle
 from palpate.lab.simulate.gel import render
 from palpate.lab.simulate.unit import draw_unit
-from palpate.touch.detector import ContactDetector
+from palpate.touch.background import first_frames
+from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.modes import Tactile, make_touch
-from palpate.touch.steady import first_frames
 from palpate.types.frame import Frame
 from palpate.types.images import decode_image, encode_image
 from palpate.types.sensor import DIGIT

@@ -22,8 +22,8 @@ from palpate.lab.train.scores import coverage
 from palpate.touch.background import Image, background_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import shipped_model
+from palpate.touch.press_calibration import Presses, learn_from_presses
 from palpate.touch.press_files import read_image
-from palpate.touch.presses import Presses, learn_from_presses
 
 Array = NDArray[np.float64]
 CASES = {

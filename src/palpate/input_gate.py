@@ -13,11 +13,9 @@ from palpate.errors import FrameError, PalpateError, SettingError
 from palpate.graph.factors.measured import check_own
 from palpate.limits import FARTHEST
 from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
-from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, view_of
-from palpate.touch.detector import detector_for
+from palpate.touch.background import Background, first_frames
+from palpate.touch.calibration import Calibration, detector_for, view_of
 from palpate.touch.modes import GREY, lacks_colours
-from palpate.touch.steady import first_frames
 from palpate.types.estimate import Status
 from palpate.types.frame import Frame
 from palpate.types.measurements import (

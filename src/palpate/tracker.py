@@ -20,7 +20,7 @@ from palpate.graph.warm_up import warm_up
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, correction_of
-from palpate.touch.colours import unusual_colours
+from palpate.touch.camera_view import unusual_colours
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
 from palpate.touch.relative import Touch

@@ -13,9 +13,17 @@ from palpate.cli import main
 from palpate.errors import FileError, SettingError
 from palpate.io.recording_mcap import write_recording
 from palpate.touch.background import Background, background_of
-from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration, write_calibration
-from palpate.touch.untouched import MARGIN, NEEDED, calibrate, untouched_frames
-from palpate.touch.view import CameraView
+from palpate.touch.calibration import (
+    MARGIN,
+    NEEDED,
+    Calibration,
+    DirectionCorrection,
+    calibrate,
+    load_calibration,
+    untouched_frames,
+    write_calibration,
+)
+from palpate.touch.camera_view import CameraView
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

@@ -18,7 +18,7 @@ from palpate.io.recording_mcap import write_recording
 from palpate.lab.simulate.gel import render, touch_image
 from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.calibration import load_calibration
-from palpate.touch.presses import Presses
+from palpate.touch.press_calibration import Presses
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
@@ -123,7 +123,7 @@ def test_the_sensor_of_a_recording_counts_and_is_not_contradicted(tmp_path, stil
     def learn(presses, untouched, sensor, model):
         raise FileError(f"learns {sensor.image_height} rows by the model of {model.settings.sensor}")
 
-    monkeypatch.setattr("palpate.touch.presses.learn_from_presses", learn)
+    monkeypatch.setattr("palpate.touch.press_calibration.learn_from_presses", learn)
     monkeypatch.setattr("palpate.lab.train.presses_of.presses_of", lambda _: Presses((), np.empty(0), ()))
     assert palpate("calibrate", "--presses", mini, "--untouched", *stills, *out, "--force") == 2
     assert "learns 24 rows by the model of GelSight Mini" in capsys.readouterr().err

@@ -14,9 +14,8 @@ from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.lab.simulate.recordings import simulate_recording
-from palpate.touch.calibration import Calibration
-from palpate.touch.untouched import calibrate
-from palpate.touch.view import CameraView
+from palpate.touch.calibration import Calibration, calibrate
+from palpate.touch.camera_view import CameraView
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.measurements import ContactDirection, ContactPlace, ObjectPose, RelativePoses, Turn

@@ -18,7 +18,7 @@ from palpate.live.setup import camera_set_up
 from palpate.live.sources import Clock, Sources, TouchImage
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
-from palpate.touch.view import CameraView
+from palpate.touch.camera_view import CameraView
 
 RATE = 200.0
 

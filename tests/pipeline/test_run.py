@@ -16,7 +16,7 @@ from palpate.pipeline.run import track
 from palpate.pipeline.run_folder import FILES, RECORDING, check_folder
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
-from palpate.touch.view import CameraView
+from palpate.touch.camera_view import CameraView
 from palpate.types.images import encode_image
 
 

@@ -15,10 +15,9 @@ from palpate.geometry.objects import SHAPES
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.pipeline.run import Run, track
-from palpate.touch.calibration import Calibration
+from palpate.touch.calibration import Calibration, calibrate
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, TouchModel
-from palpate.touch.untouched import calibrate
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.recording import Recording

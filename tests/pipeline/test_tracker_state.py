@@ -18,8 +18,8 @@ from palpate.lab.simulate.recordings import simulate_recording
 from palpate.saved_state import StateFile, write_state
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, DirectionCorrection
+from palpate.touch.camera_view import CameraView
 from palpate.touch.relative import NoTouch
-from palpate.touch.view import CameraView
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.measurements import ObjectPose, OwnMeasurement

@@ -12,7 +12,7 @@ from palpate.geometry.shapes import Disc
 from palpate.io.recording_mcap import write_recording
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
-from palpate.touch.colours import sides, unusual_colours
+from palpate.touch.camera_view import unusual_colours
 from palpate.touch.model import SHIPPED, TouchModel
 from palpate.touch.press_files import read_image
 from palpate.types.images import encode_image
@@ -31,12 +31,6 @@ def gel(*slopes: float) -> np.ndarray:
 
 USUAL = gel(-0.5, 0.4, 0.1)
 SWAPPED = np.ascontiguousarray(USUAL[..., ::-1])
-
-
-def test_sides_are_the_slopes_of_the_shares():
-    # The sum of the colours is the same all over, so that their shares have the slopes that they have.
-    np.testing.assert_allclose(sides(gel(-0.55, 0.44, 0.11)) * 110.0, [-55.0, 44.0, 11.0], atol=0.5)
-    np.testing.assert_allclose(sides(gel(0.5, 0.5, 0.5)), 0.0, atol=1e-9)  # light alone is no colour
 
 
 def test_every_other_order_is_unusual_and_so_is_what_lies_the_other_way_round():

@@ -10,7 +10,7 @@ from palpate.errors import SettingError
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of, check_image
-from palpate.touch.detector import END, START, ContactDetector
+from palpate.touch.contact_detector import END, START, ContactDetector
 from palpate.types.images import decode_image, encode_image
 from palpate.types.sensor import DIGIT
 

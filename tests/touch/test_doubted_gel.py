@@ -12,9 +12,9 @@ from palpate.geometry.objects import SHAPES
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of
-from palpate.touch.calibration import Calibration
-from palpate.touch.detector import ContactDetector, detector_for
-from palpate.touch.view import CameraView
+from palpate.touch.calibration import Calibration, detector_for
+from palpate.touch.camera_view import CameraView
+from palpate.touch.contact_detector import ContactDetector
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.sensor import DIGIT

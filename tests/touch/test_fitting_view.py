@@ -9,8 +9,8 @@ from palpate.errors import SettingError
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background, background_of
-from palpate.touch.detector import ContactDetector
-from palpate.touch.view import AS_IT_IS, CameraView, views
+from palpate.touch.camera_view import AS_IT_IS, CameraView, views
+from palpate.touch.contact_detector import ContactDetector
 from palpate.types.sensor import DIGIT
 
 OTHERS = [view for view in views(np.empty((320, 240, 3)), 320, 240) if view != AS_IT_IS]

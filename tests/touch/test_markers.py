@@ -5,9 +5,8 @@ import pytest
 
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import draw_unit
-from palpate.touch.background import Background
-from palpate.touch.detector import ContactDetector
-from palpate.touch.markers import has_markers, without_markers
+from palpate.touch.background import Background, has_markers, without_markers
+from palpate.touch.contact_detector import ContactDetector
 from palpate.types.sensor import DIGIT, GELSIGHT_MINI
 
 MARKED = next(unit for unit in (draw_unit(GELSIGHT_MINI, seed) for seed in range(20)) if unit.markers is not None)

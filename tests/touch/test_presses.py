@@ -23,10 +23,10 @@ from palpate.lab.train.presses_of import presses_of
 from palpate.touch import press_figure
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection, load_calibration
+from palpate.touch.camera_view import AS_IT_IS, CameraView, views
 from palpate.touch.model import shipped_model
+from palpate.touch.press_calibration import Presses, PressFit, learn_from_presses
 from palpate.touch.press_files import read_presses
-from palpate.touch.presses import Presses, PressFit, learn_from_presses
-from palpate.touch.view import AS_IT_IS, CameraView, views
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.images import encode_image
@@ -102,7 +102,7 @@ def test_presses_tell_left_from_right_however_the_camera_is_mounted(unit, presse
     # Up and down do not show in angles; left and right do.
     found = fit.calibration.view.of(as_camera(unit.no_contact, view))
     assert any((found == each).all() for each in (unit.no_contact, unit.no_contact[::-1]))
-    np.testing.assert_allclose(fit.told, ANGLES, atol=np.radians(1.5))
+    np.testing.assert_allclose(fit.measured, ANGLES, atol=np.radians(1.5))
     assert fit.calibration.background.mean.shape == (320, 240, 3)
 
 
@@ -113,10 +113,10 @@ def test_what_the_shipped_model_reads_does_not_depend_on_how_the_camera_delivers
     given, still = balls_on(unit, rng), touch_image(unit, None, rng=rng)
     first = learn_from_presses(given, [still], DIGIT, shipped_model())
     assert first.calibration.view.keeps_left_and_right
-    np.testing.assert_allclose(first.told, ANGLES, atol=np.radians(4.0))
+    np.testing.assert_allclose(first.measured, ANGLES, atol=np.radians(4.0))
     for camera in (CameraView(0, True), CameraView(2), CameraView(channels=(2, 1, 0)), CameraView(2, True, (1, 2, 0))):
         fit = learn_from_presses(of_camera(given, camera), [as_camera(still, camera)], DIGIT, shipped_model())
-        np.testing.assert_array_equal(fit.told, first.told, err_msg=str(camera))
+        np.testing.assert_array_equal(fit.measured, first.measured, err_msg=str(camera))
         assert fit.calibration.view.keeps_left_and_right == camera.keeps_left_and_right
 
 
@@ -127,7 +127,7 @@ def test_presses_tell_offset_and_scale(unit, presses):
     # The priors of 2 degrees and 10 % hold back a little.
     assert direction.offset - 0.93 * plain.offset == pytest.approx(np.radians(1.5), abs=np.radians(0.1))
     assert direction.scale / plain.scale == pytest.approx(0.93, abs=0.01)
-    true = np.array([direction.true(angle) for angle in other.told])
+    true = np.array([direction.true(angle) for angle in other.measured])
     np.testing.assert_allclose(true, ANGLES, atol=3.0 * other.scatter)
     assert abs(np.mean(true - ANGLES)) < np.radians(0.1)
     # 6 images of 0.5 degrees and angles good to 0.3: 0.24 degrees, or more where they lie worse about the line.

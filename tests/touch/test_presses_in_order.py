@@ -13,11 +13,11 @@ from palpate.errors import FileError
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Image
-from palpate.touch.calibration import AS_TOLD, load_calibration
+from palpate.touch.calibration import UNCORRECTED, load_calibration
+from palpate.touch.camera_view import AS_IT_IS, CameraView
 from palpate.touch.model import shipped_model
+from palpate.touch.press_calibration import Presses, PressFit, imprint_angle, learn_from_presses
 from palpate.touch.press_files import read_image, read_presses
-from palpate.touch.presses import Presses, PressFit, imprint_angle, learn_from_presses
-from palpate.touch.view import AS_IT_IS, CameraView
 from palpate.types.sensor import DIGIT, GELSIGHT_MINI, SensorProfile
 
 ANGLES = np.radians([-14.0, -8.0, -2.0, 5.0, 12.0])
@@ -72,9 +72,9 @@ def test_the_order_tells_how_a_camera_is_mounted(unit, images, camera):
     found = fit.calibration.view.of(np.ascontiguousarray(CAMERAS[camera](unit.no_contact)))
     # Up and down show in nothing.
     assert any((found == each).all() for each in (unit.no_contact, unit.no_contact[::-1]))
-    assert fit.calibration.direction == AS_TOLD  # what is off does not show where nothing is measured
+    assert fit.calibration.direction == UNCORRECTED  # what is off does not show where nothing is measured
     np.testing.assert_allclose(fit.angle, ANGLES, atol=np.radians(4.0))
-    np.testing.assert_allclose(fit.told, fit.angle, atol=np.radians(4.0))
+    np.testing.assert_allclose(fit.measured, fit.angle, atol=np.radians(4.0))
 
 
 def test_the_other_order_is_a_mirrored_camera(unit, images):

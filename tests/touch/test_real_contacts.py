@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.touch.detector import ContactDetector
-from palpate.touch.steady import first_frames
+from palpate.touch.background import first_frames
+from palpate.touch.contact_detector import ContactDetector
 
 FIRST = first_frames(30.0)
 

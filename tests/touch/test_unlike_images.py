@@ -5,7 +5,7 @@ import pytest
 
 from palpate.errors import SettingError
 from palpate.touch.background import Background
-from palpate.touch.detector import ContactDetector
+from palpate.touch.contact_detector import ContactDetector
 
 ROWS, COLUMNS = 60, 60
 

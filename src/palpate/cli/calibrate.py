@@ -97,8 +97,7 @@ def _rested(file: Path, sensor: str | None) -> tuple[Any, dict[str, Any], str]:
     """Return the calibration, its numbers and words, of a recording's frames without contact."""
     from palpate import io as formats
     from palpate.cli.console import progress_bar
-    from palpate.touch.calibration import Calibration
-    from palpate.touch.untouched import calibrate, untouched_frames
+    from palpate.touch.calibration import Calibration, calibrate, untouched_frames
 
     recording = formats.load_recording(file)
     _sensor_of({file: recording}, sensor)
@@ -110,9 +109,9 @@ def _rested(file: Path, sensor: str | None) -> tuple[Any, dict[str, Any], str]:
 def _seen(untouched: tuple[Path, ...], sensor: str | None) -> tuple[Any, dict[str, Any], str]:
     """Return the calibration, its numbers and words, of images of the untouched gel."""
     from palpate.errors import FileError
+    from palpate.touch.background import background_of_stills
     from palpate.touch.calibration import Calibration, misfit
     from palpate.touch.press_files import read_image
-    from palpate.touch.untouched import background_of_stills
     from palpate.types.sensor import known_sensor
 
     still = [read_image(each, grey=True) for each in untouched]
@@ -164,12 +163,12 @@ def _pressed(
     from palpate.files import in_file, whole_file
     from palpate.lab.train.presses_of import presses_of
     from palpate.touch.background import is_grey
+    from palpate.touch.calibration import untouched_images
     from palpate.touch.model import TouchModel, shipped_model
     from palpate.touch.modes import GREY
+    from palpate.touch.press_calibration import learn_from_presses
     from palpate.touch.press_figure import press_figure
     from palpate.touch.press_files import read_image, read_presses
-    from palpate.touch.presses import learn_from_presses
-    from palpate.touch.untouched import untouched_images
 
     check_new(picture, force)
     is_table = presses.suffix.lower() == ".csv"

@@ -11,11 +11,11 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry.shapes import shape_to_dict
 from palpate.pipeline.truth import trusted_truth
+from palpate.touch.background import first_frames
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.lift import Lift, lift_of
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import TactileChoice
-from palpate.touch.steady import first_frames
 from palpate.tracker import Tracker
 from palpate.types.derived import gaps
 from palpate.types.recording import Recording

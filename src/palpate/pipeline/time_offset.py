@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings
 from palpate.errors import SettingError
-from palpate.touch.calibration import Calibration, turned_as, view_of
-from palpate.touch.detector import detector_for
+from palpate.touch.calibration import Calibration, detector_for, turned_as, view_of
 from palpate.types import derived
 from palpate.types.recording import Recording
 

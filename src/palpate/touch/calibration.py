@@ -1,6 +1,7 @@
-"""What is known of one sensor unit, and its file (`.npz`), which `palpate calibrate` writes."""
+"""Calibration of one sensor unit: untouched gel, camera view and errors of directions, and its file (`.npz`)."""
 
 import hashlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,77 +10,78 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.archives import read_arrays
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.files import FLAGS, INTEGERS, NUMBERS, checked_array, existing_file, whole_file
-from palpate.touch.background import Background
-from palpate.touch.light import Levels
-from palpate.touch.view import AS_IT_IS, CameraView
+from palpate.touch.background import Background, Image, background_of
+from palpate.touch.camera_view import AS_IT_IS, CameraView
+from palpate.touch.cells import Levels
+from palpate.touch.contact_detector import START, ContactDetector
+from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
 VERSION = 4
-"""The first had mean and deviation only, the second no sigma of the scale, the third did not say whether the view is
-known; noise may be missing."""
-_FIELDS = ("mean", "deviation")
+NEEDED = 30
+"""Frames without contact that a calibration needs: from one second a deviation is known to 13 %."""
+MARGIN = 2
+"""Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""
 
 
 @dataclass(frozen=True)
 class DirectionCorrection:
-    """How the contact directions that a model tells of a unit differ from the true ones: told = offset + scale true.
+    """Linear error of a unit's contact directions: measured = offset + scale true.
 
-    An image shows by how much it moved what touches the gel, whatever turned it: so turns have the same scale.
+    An image shows the motion of the surface whatever caused it, so turns have the same scale.
     """
 
     offset: float = 0.0
     """[rad]"""
     scale: float = 1.0
-    """Told change of angle for a true one of 1."""
+    """Measured change of angle for a true one of 1."""
     offset_sigma: float | None = None
-    """Standard deviation of the offset [rad]; None where it was not measured."""
+    """Standard deviation of the offset [rad]; None if it was not measured."""
     scale_sigma: float | None = None
     """Standard deviation of the scale; None likewise."""
 
-    def true(self, told: float) -> float:
-        """Return the angle [rad] that is meant by a told one."""
-        return self.turn(told - self.offset)
+    def true(self, measured: float) -> float:
+        """Return the true angle [rad] of a measured one."""
+        return self.turn(measured - self.offset)
 
-    def turn(self, told: Any) -> Any:
-        """Return the turns (...) [rad] that are meant by told ones."""
-        return told / self.scale
+    def turn(self, measured: Any) -> Any:
+        """Return the true turns (...) [rad] of measured ones."""
+        return measured / self.scale
 
-    def variance(self, told: Any) -> Any:
-        """Return the variances (...) [rad^2] of true angles or turns from those of told ones."""
-        return told / self.scale**2
+    def variance(self, measured: Any) -> Any:
+        """Return the variances (...) [rad^2] of true angles or turns from those of measured ones."""
+        return measured / self.scale**2
 
-    def told(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what is told of true angles (N,) [rad]."""
+    def measured(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the measured angles (N,) [rad] of true ones."""
         return self.offset + self.scale * true
 
 
-AS_TOLD = DirectionCorrection()
-"""Directions are what the model tells."""
+UNCORRECTED = DirectionCorrection()
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What is known of one sensor unit."""
+    """Properties of one sensor unit."""
 
     background: Background
-    """The untouched gel, in the view of the profile."""
+    """The untouched gel, in the profile's view."""
     view: CameraView = AS_IT_IS
-    """What makes the camera's images those of the profile."""
-    direction: DirectionCorrection = AS_TOLD
-    """What is off in the directions that touch tells."""
+    """Steps that turn the camera's images into the profile's."""
+    direction: DirectionCorrection = UNCORRECTED
+    """Errors of the contact directions."""
     is_view_known: bool = False
-    """Whether presses have shown how images lie, or all that is known is that they are as large as the profile's."""
+    """Presses have shown how images lie; otherwise only their size is known."""
     file: Path | None = None
-    """What it was read from, if from a file."""
+    """Its file, if it was read from one."""
     is_sure: bool = False
-    """Whether it is of the very stream that it is used for, as what was seen in the same recording is; others are
-    doubted until an image looks like the untouched gel."""
+    """It comes from the stream that it is used for. Others are doubted until an image looks like the untouched gel."""
 
     @property
     def hash(self) -> str:
-        """What tells it from others, wherever its file is."""
+        """Hash of its content."""
         gel = self.background
         digest = hashlib.sha256(repr((gel.mean.shape, self.view, self.direction, self.is_view_known)).encode())
         for levels in (gel.mean, gel.deviation, gel.noise):
@@ -88,27 +90,24 @@ class Calibration:
 
 
 def view_of(calibration: Calibration | None) -> CameraView:
-    """Return what a calibration does to a camera's images; nothing without one."""
+    """Return a calibration's camera view; without one, images stay as they are."""
     return calibration.view if calibration else AS_IT_IS
 
 
 def correction_of(calibration: Calibration | None) -> DirectionCorrection:
-    """Return what a calibration corrects of the directions that touch tells; nothing without one."""
-    return calibration.direction if calibration else AS_TOLD
+    """Return a calibration's correction of directions; without one, none."""
+    return calibration.direction if calibration else UNCORRECTED
 
 
 def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
-    """Return the sensor with images as they lie once they were turned as the calibration says."""
+    """Return the sensor with the size of its images before the calibration's rotation."""
     if view_of(calibration).quarter_turns % 2 == 0:
         return sensor
     return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
 
 
 def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
-    """Return in words that a calibration is of images of another size than a sensor's, which lie as it says.
-
-    Nothing where it is not, and of a sensor without images.
-    """
+    """Return a sentence if a calibration has images of another size than the sensor's; otherwise ""."""
     expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
     if found == expected or not sensor.image_height:
         return ""
@@ -121,17 +120,71 @@ def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
     )
 
 
+def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:
+    """Return the contact detector of a sensor, for images in the profile's view.
+
+    Raises SettingError if the calibration has images of another size.
+    """
+    size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
+    if calibration is None:
+        return ContactDetector(None, size, sensor.rate)
+    if wrong := misfit(calibration, sensor):
+        raise SettingError(wrong)
+    doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
+    return ContactDetector(calibration.background, size, sensor.rate, doubted)
+
+
+def calibrate(recording: Recording, progress: Callable[[int], None] | None = None) -> tuple[Background, int]:
+    """Return the background of a recording's frames without contact, and their number.
+
+    Contact flags select them; without flags it is all frames. `progress` is called with the number of frames done.
+    Raises FileError without images, with fewer than NEEDED such frames, or if a touch that begins or ends shows.
+    """
+    return background_of(untouched_images(recording, progress)), len(untouched_frames(recording))
+
+
+def untouched_frames(recording: Recording) -> NDArray[np.int64]:
+    """Return the indices of the frames more than MARGIN frames away from a contact."""
+    if recording.contact is None:
+        return np.arange(len(recording))
+    near = np.convolve(recording.contact, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN]  # contacts within the margin
+    return np.flatnonzero(near < 0.5)
+
+
+def untouched_images(recording: Recording, progress: Callable[[int], None] | None = None) -> Iterator[Image]:
+    """Yield the images of a recording's frames without contact; see `calibrate`."""
+    name = recording.file or "recording"
+    if recording.image is None:
+        raise FileError(f"{name}: has no images, a calibration needs touch images")
+    frames = untouched_frames(recording)
+    if len(frames) < NEEDED:
+        found = f"found {len(frames)} frames more than {MARGIN} away from a contact"
+        raise FileError(f"{name}: {found}, a calibration needs {NEEDED}")
+    detector = detector_for(recording.sensor)
+    for done, index in enumerate(frames.tolist(), 1):
+        image = recording[index].image
+        assert image is not None
+        if detector.update(detector.read(image)):
+            raise FileError(
+                f"{name}: frame {index} is off the first ones in {detector.share:.1%} of its values, as if touched; "
+                f"allowed is {START:.0%}: calibrate on frames without contact"
+            )
+        yield image
+        if progress is not None:
+            progress(done)
+
+
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
-    """Write the `.npz`, whole or not at all; an existing one is replaced only if `overwrite`."""
-    view, direction = calibration.view, calibration.direction
+    """Write the `.npz`, whole or not at all."""
+    view, direction, gel = calibration.view, calibration.direction, calibration.background
     sigmas = [np.nan if sigma is None else sigma for sigma in (direction.offset_sigma, direction.scale_sigma)]
     with whole_file(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             version=VERSION,
-            mean=calibration.background.mean,
-            deviation=calibration.background.deviation,
-            noise=calibration.background.noise,
+            mean=gel.mean,
+            deviation=gel.deviation,
+            noise=gel.noise,
             view=[view.quarter_turns, view.mirrored, *view.channels],
             view_known=calibration.is_view_known,
             direction=[direction.offset, direction.scale, *sigmas],
@@ -139,34 +192,26 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
 
 
 def load_calibration(path: Path | str) -> Calibration:
-    """Read a file of `write_calibration`, which runs no code. Raises FileError, in one sentence, on anything else."""
+    """Read a file of `write_calibration` without running code; raises FileError on anything else."""
     path = existing_file(path)
     arrays = read_arrays(path)
     try:
-        version = int(checked_array("version", arrays["version"], INTEGERS, ())) if "version" in arrays else 1
-        if version > VERSION:
-            raise FileError(f"version: found {version}, this palpate reads up to {VERSION}")
-        if missing := [name for name in _FIELDS if name not in arrays]:
-            raise FileError(f"is not a calibration: {' and '.join(missing)} missing; expected mean and deviation")
-        mean, deviation = (_levels(name, arrays[name]) for name in _FIELDS)
-        if mean.shape != deviation.shape:
-            raise FileError(f"deviation: found shape {deviation.shape}, expected {mean.shape} as of mean")
-        background = Background(mean, deviation)
-        if "noise" in arrays:
-            background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
-        view = _view(arrays["view"]) if version > 1 else AS_IT_IS
-        direction = _direction(arrays["direction"], count=min(version, 3) + 1) if version > 1 else AS_TOLD
-        is_view_known = direction.offset_sigma is not None
-        if version > 3:
-            is_view_known = bool(checked_array("view_known", arrays["view_known"], FLAGS, ()))
+        version = int(checked_array("version", arrays["version"], INTEGERS, ()))
+        if version != VERSION:
+            raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
+        mean = _levels("mean", arrays["mean"], ("N", "N", 3))
+        background = Background(mean, _levels("deviation", arrays["deviation"], mean.shape))
+        background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
+        view, direction = _view(arrays["view"]), _direction(arrays["direction"])
+        is_view_known = bool(checked_array("view_known", arrays["view_known"], FLAGS, ()))
     except KeyError as error:
-        raise FileError(f"{path}: is a calibration that lacks {error}") from error
+        raise FileError(f"{path}: is no calibration of palpate calibrate, {error} is missing") from error
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
     return Calibration(background, view, direction, is_view_known, path)
 
 
-def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...] = ("N", "N", 3)) -> Levels:
+def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...]) -> Levels:
     levels = checked_array(name, value, NUMBERS, shape)
     if levels.dtype != np.float32:
         raise FileError(f"{name}: found values of type {levels.dtype}, expected float32")
@@ -183,8 +228,8 @@ def _view(value: NDArray[Any]) -> CameraView:
     return CameraView(int(turns), bool(mirrored), (red, green, blue))
 
 
-def _direction(value: NDArray[Any], count: int) -> DirectionCorrection:
-    offset, scale, *sigmas = checked_array("direction", value, NUMBERS, (count,)).astype(float).tolist()
+def _direction(value: NDArray[Any]) -> DirectionCorrection:
+    offset, scale, *sigmas = checked_array("direction", value, NUMBERS, (4,)).astype(float).tolist()
     if not (np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)):
         raise FileError(f"direction: found {value.tolist()}, expected an offset, a scale above 0 and sigmas above 0")
     return DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas))

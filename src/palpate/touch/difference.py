@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.touch.area import area_means
-from palpate.touch.light import light_of, lit
+from palpate.touch.cells import area_means, light_of, lit
 
 Difference = NDArray[np.float32]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 from palpate.touch.background import Background
-from palpate.touch.calibration import AS_TOLD, DirectionCorrection
+from palpate.touch.calibration import UNCORRECTED, DirectionCorrection
 from palpate.touch.difference import Difference, difference_in_light, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.relative import BACK, Touch, compared_frames
@@ -32,7 +32,7 @@ class ImageTouch:
         self,
         model: TouchModel,
         network_input: "DifferenceInput",
-        correction: DirectionCorrection = AS_TOLD,
+        correction: DirectionCorrection = UNCORRECTED,
         direction: bool = True,
         turn: bool = True,
     ) -> None:
@@ -70,7 +70,7 @@ class PairTouch:
         network_input: "DifferenceInput",
         see: Callable[[Difference], Features],
         compare: Callable[[Features, Features], tuple[Array, Array]],
-        correction: DirectionCorrection = AS_TOLD,
+        correction: DirectionCorrection = UNCORRECTED,
     ) -> None:
         """Take what makes features (F,) of an image, and turns and variances (P,) of features (P, F) and later (F,).
 
@@ -126,7 +126,7 @@ class DifferenceInput:
 def linear_touch(
     model: TouchModel,
     network_input: DifferenceInput,
-    correction: DirectionCorrection = AS_TOLD,
+    correction: DirectionCorrection = UNCORRECTED,
     deviation: float | None = None,
 ) -> Touch:
     """Return the paper's touch: linear in the key points of two images, conditioned on the kind of contact.
@@ -147,7 +147,9 @@ def linear_touch(
     return PairTouch(network_input, see, compare, correction)
 
 
-def pair_touch(model: TouchModel, network_input: DifferenceInput, correction: DirectionCorrection = AS_TOLD) -> Touch:
+def pair_touch(
+    model: TouchModel, network_input: DifferenceInput, correction: DirectionCorrection = UNCORRECTED
+) -> Touch:
     """Return touch with a predicted distribution for each pair."""
     factor = model.settings.spread["pair"].factor
 

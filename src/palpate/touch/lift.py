@@ -6,12 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.touch.background import Background, Image, background_of
+from palpate.touch.background import (
+    UNLIKE,
+    Background,
+    Image,
+    background_of,
+    first_frames,
+    has_markers,
+    is_dark,
+    without_markers,
+)
 from palpate.touch.calibration import Calibration
-from palpate.touch.detector import START
-from palpate.touch.light import Levels, cells_of, share_unlike
-from palpate.touch.markers import has_markers, without_markers
-from palpate.touch.steady import UNLIKE, first_frames, is_dark
+from palpate.touch.cells import Levels, cells_of, share_unlike
+from palpate.touch.contact_detector import START
 from palpate.types.recording import Recording
 
 _MOMENTS = 60  # half seconds that are looked at at most, evenly spread over the recording

@@ -8,13 +8,12 @@ import numpy as np
 from palpate.config import Tactile, TactileChoice
 from palpate.errors import SettingError
 from palpate.geometry.se2 import Sigmas
-from palpate.touch.background import Background, Image, is_grey
-from palpate.touch.calibration import AS_TOLD, DirectionCorrection
+from palpate.touch.background import Background, Image, is_dark, is_grey
+from palpate.touch.calibration import UNCORRECTED, DirectionCorrection
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.learnt import DifferenceInput, ImageTouch, linear_touch, pair_touch
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.relative import ConstantTouch, NoTouch, OracleTouch, Touch
-from palpate.touch.steady import is_dark
 from palpate.types.sensor import SensorProfile
 
 TELL_DIRECTION = ("learnt", "learnt-direction")
@@ -66,7 +65,7 @@ def make_touch(
     constant: Sigmas,
     model: TouchModel | None,
     background: Callable[[], Background],
-    correction: DirectionCorrection = AS_TOLD,
+    correction: DirectionCorrection = UNCORRECTED,
     linear: float | None = None,
 ) -> Touch:
     """Return what measures in a mode.

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.errors import FileError
 from palpate.files import existing_file, read_csv
 from palpate.touch.background import Image, is_grey
-from palpate.touch.presses import Presses
+from palpate.touch.press_calibration import Presses
 from palpate.types.images import image_size
 
 

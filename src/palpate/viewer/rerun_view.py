@@ -24,7 +24,7 @@ from palpate.pipeline.run import gathered
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import view_of
-from palpate.touch.view import AS_IT_IS
+from palpate.touch.camera_view import AS_IT_IS
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
 from palpate.types.recording import Recording

@@ -17,8 +17,7 @@ from palpate.io import estimates_csv, load_recording
 from palpate.pipeline import details
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, load_calibration, turned_as, view_of
-from palpate.touch.detector import detector_for
+from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
 from palpate.touch.difference import difference_in_light, reduced
 from palpate.touch.lift import lift_of
 from palpate.types.answer import Answers

@@ -18,7 +18,7 @@ from palpate.lab.simulate.real_motion import real_contacts, real_motion
 from palpate.lab.simulate.replay import replay_folder, replay_recording
 from palpate.lab.simulate.unit import draw_unit
 from palpate.pipeline.run import track
-from palpate.touch.detector import ContactDetector
+from palpate.touch.contact_detector import ContactDetector
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 

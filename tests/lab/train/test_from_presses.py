@@ -18,7 +18,7 @@ from palpate.touch.background import Background
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import TouchModel
 from palpate.touch.modes import chosen, make_touch
-from palpate.touch.presses import Presses
+from palpate.touch.press_calibration import Presses
 from palpate.types.frame import Frame
 from palpate.types.measurements import ContactDirection
 

@@ -14,9 +14,9 @@ from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, DirectionCorrection
+from palpate.touch.camera_view import CameraView
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS
-from palpate.touch.view import CameraView
 from palpate.types.images import encode_image
 from palpate.types.sensor import DIGIT
 

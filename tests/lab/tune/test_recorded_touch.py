@@ -24,7 +24,7 @@ from palpate.lab.tune.recorded_touch import (
 from palpate.pipeline.run import Run, track
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection
-from palpate.touch.view import CameraView
+from palpate.touch.camera_view import CameraView
 from palpate.types.images import encode_image
 from palpate.types.measurements import Measurement, RelativePoses
 from palpate.types.recording import Recording

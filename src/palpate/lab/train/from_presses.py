@@ -20,7 +20,7 @@ from palpate.lab.train.train import Bar, TrainSettings, free_folder
 from palpate.locks import held_folder
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import KINDS, ModelSettings, Spread, write_model
-from palpate.touch.presses import Presses, check_alike, check_spread
+from palpate.touch.press_calibration import Presses, check_alike, check_spread
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.lab.train.samples import contact_frames, geometry_of, lacking
-from palpate.touch.presses import Presses
+from palpate.touch.press_calibration import Presses
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]

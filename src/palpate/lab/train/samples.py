@@ -15,11 +15,10 @@ from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.parallel import spread
-from palpate.touch.background import Background, Image, background_of
+from palpate.touch.background import AnyImage, Background, Image, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
 from palpate.touch.difference import difference, reduced
 from palpate.touch.ellipse import ellipse_features
-from palpate.touch.markers import AnyImage, has_markers, without_markers
 from palpate.touch.model import KINDS
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -126,7 +125,7 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     direction, place, kind = geometry_of(recording, g[frame])
     yaw = g[frame, 2]
     if calibration:
-        direction = calibration.direction.told(direction)
+        direction = calibration.direction.measured(direction)
         for each in np.unique(episode):  # each without a leap at half a turn
             yaw[episode == each] = calibration.direction.scale * np.unwrap(yaw[episode == each])
     elif SHOWN in recording.extra:

@@ -21,8 +21,15 @@ from palpate.pipeline.run import gathered
 from palpate.pipeline.steps import Steps
 from palpate.pipeline.truth import trusted_truth
 from palpate.touch.background import Background
-from palpate.touch.calibration import AS_TOLD, Calibration, DirectionCorrection, correction_of, turned_as, view_of
-from palpate.touch.detector import detector_for
+from palpate.touch.calibration import (
+    UNCORRECTED,
+    Calibration,
+    DirectionCorrection,
+    correction_of,
+    detector_for,
+    turned_as,
+    view_of,
+)
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.touch.modes import Tactile, TactileChoice, make_touch
 from palpate.tracker import Tracker
@@ -51,7 +58,7 @@ class RecordedTouch:
     """What touch says of it; None is what the settings say that it is tracked with."""
     kind: str = ""
     """Which kind of recording it is, all of which count the same in tuning."""
-    correction: DirectionCorrection = AS_TOLD
+    correction: DirectionCorrection = UNCORRECTED
     """What was corrected of the directions that touch tells."""
 
 
