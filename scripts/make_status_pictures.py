@@ -14,11 +14,10 @@ import numpy as np
 from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
 from palpate.config import RelativePoseSettings
 from palpate.geometry import se2
+from palpate.geometry.objects import SHAPES
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.folder import plan
 from palpate.lab.simulate.limit_surface import Steering, push
-from palpate.lab.simulate.objects import SHAPES
-from palpate.lab.simulate.recordings import simulate_recording
 from palpate.pipeline.metrics import deviations
 
 matplotlib.use("Agg")
@@ -56,8 +55,7 @@ class Shown:
 
 def simulated(shape: str, seed: int, index: int = 0, knocks: bool = False) -> Recording:
     """Return one of the recordings that `palpate simulate` makes of a shape and seed."""
-    job = plan({shape: SHAPES[shape]}, index + 1, seed, knocks=knocks)[index]
-    return simulate_recording(job.shape, job.kind, job.seed, SECONDS, knocks=knocks)
+    return list(plan({shape: SHAPES[shape]}, index + 1, seed, knocks=knocks, seconds=SECONDS).values())[index].run()
 
 
 def turned_by_hand(angle: float) -> Recording:

@@ -17,7 +17,7 @@ import numpy as np
 from _common import for_each, scores, write
 
 import palpate
-from palpate.lab.simulate.systematic import draw_errors, misstated
+from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.lab.study.files import find_recordings
 from palpate.pipeline.metrics import translation_errors
 from palpate.pipeline.run import track
@@ -55,7 +55,9 @@ def cases_of(file: Path) -> dict[str, dict[str, float]]:
     errors = draw_errors(np.random.default_rng(zlib.crc32(file.stem.encode())))
     return {
         case: scored(
-            misstated(recording, replace(errors, **{name: NO_ERROR[name] for name in NO_ERROR if name not in present})),
+            with_errors(
+                recording, replace(errors, **{name: NO_ERROR[name] for name in NO_ERROR if name not in present})
+            ),
             noise,
         )
         for case, (present, noise) in CASES.items()

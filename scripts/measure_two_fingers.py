@@ -14,9 +14,8 @@ from _common import for_each, scores, write
 
 import palpate
 from palpate.io.cmu_two_finger import HAND
-from palpate.lab.simulate.objects import find_shape
 from palpate.lab.simulate.pushes import draw_sequence, measured
-from palpate.lab.simulate.systematic import draw_errors, misstated
+from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.pipeline.run import track
 
 SEED = 89102
@@ -41,7 +40,7 @@ def tracked(which: tuple[str, int]) -> dict[str, dict[str, float]]:
 
 def simulated(name: str, rng: np.random.Generator) -> palpate.Recording:
     """Draw a push by the hand, with the errors of a set-up."""
-    errors, shape = draw_errors(rng), find_shape(name)[1]
+    errors, shape = draw_errors(rng), palpate.load_shape(name)
     sequence = draw_sequence(shape, OBJECTS[name], HAND, rng, 12.0, gel_drift=errors.gel_drift)
     exact = palpate.Recording(
         time=sequence.time,
@@ -51,7 +50,7 @@ def simulated(name: str, rng: np.random.Generator) -> palpate.Recording:
         object_pose=measured(sequence.motion.object_pose, rng),
         contact=sequence.motion.contact,
     )
-    return misstated(exact, errors)
+    return with_errors(exact, errors)
 
 
 def summarised(found: list[dict[str, float]]) -> dict[str, float]:

@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 
 from palpate.cli.console import progress_bar
+from palpate.geometry.objects import SHAPES
 from palpate.lab.simulate.folder import plan, simulate_folder
-from palpate.lab.simulate.objects import PAPER, find_shape
 from palpate.lab.train.fit import FitSettings
 from palpate.lab.train.train import TrainSettings, train
 from palpate.touch.model import SHIPPED_OF
@@ -41,22 +41,26 @@ def main() -> None:
 
 def learn(folder: Path) -> None:
     """Make recordings and the model."""
-    shapes = dict(map(find_shape, PAPER))
-    learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI)
+    shapes = {name: SHAPES[name] for name in ("disc", "rectangle", "ellipse")}
+    learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI, seconds=6.0)
     with progress_bar("simulating", len(learned)) as progress:
-        simulate_folder(folder / "train", learned, seconds=6.0, workers=2, resume=True, progress=progress)
+        simulate_folder(folder / "train", learned, workers=2, resume=True, progress=progress)
     settings = TrainSettings(keypoint=FitSettings(steps=200), touch=FitSettings(steps=2500))
     train(sorted((folder / "train").glob("*.mcap")), folder / "model", settings, progress_bar)
 
 
 def study(folder: Path, model: Path) -> None:
     """Track pushes by other units, with an exact set-up and with the errors of a real one."""
-    shapes = dict(map(find_shape, PAPER))
+    shapes = {name: SHAPES[name] for name in ("disc", "rectangle", "ellipse")}
     for name, ideal in (("real", False), ("ideal", True)):
-        jobs = plan(shapes, 3 * SEQUENCES, seed=SEED, ideal=ideal, sensor=GELSIGHT_MINI)
-        judged = [job for kind in STUDIED for job in [one for one in jobs if one.kind == kind][:SEQUENCES]]
+        jobs = plan(shapes, 3 * SEQUENCES, seed=SEED, ideal=ideal, sensor=GELSIGHT_MINI, seconds=10.0)
+        judged = {
+            name: job
+            for kind in STUDIED
+            for name, job in [one for one in jobs.items() if one[1].kind == kind][:SEQUENCES]
+        }
         with progress_bar(f"simulating, {name}", len(judged)) as progress:
-            simulate_folder(folder / name, judged, seconds=10.0, workers=2, resume=True, progress=progress)
+            simulate_folder(folder / name, judged, workers=2, resume=True, progress=progress)
         judge = ["evaluate", str(folder / name), "--out", str(folder / f"results-{name}"), "--tactile", "learnt"]
         options = ["--model", str(model), "--workers", "2"]
         subprocess.run([sys.executable, "-m", "palpate", *judge, *options], check=True)

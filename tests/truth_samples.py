@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.geometry import se2
-from palpate.lab.simulate.objects import SHAPES
+from palpate.geometry.objects import SHAPES
 from palpate.lab.truth.camera import Camera
 from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, tag_image
 from palpate.types.recording import Recording

@@ -51,24 +51,6 @@ def test_every_item_is_in_one_shard():
     assert [part_of_work("a", Shard(number, 2)) for number in (1, 2)] == ["a", ""]
 
 
-def test_shards_of_a_simulation_make_the_same_files(capsys):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
-    words = ("--shape", "disc", "--shape", "rectangle", "--count", "2", "--seconds", "3", "--no-images")
-    assert main.main(["simulate", "whole", *words]) == 0
-    capsys.readouterr()
-    for shard, made in (("3/3", 1), ("1/3", 2), ("2/3", 1)):
-        assert main.main(["simulate", "parts", *words, "--shard", shard, "--json"]) == 0
-        said = json.loads(capsys.readouterr().out)
-        assert (len(said["made"]), said["kept"]) == (made, [])
-    assert contents("parts") == contents("whole")
-    assert main.main(["simulate", "parts", *words, "--shard", "1/3"]) == 2
-    assert "parts: holds 2 recordings already; --resume keeps them" in capsys.readouterr().err
-    next(Path("parts").glob("disc*")).unlink()
-    assert main.main(["simulate", "parts", *words, "--resume"]) == 0  # what a shard failed to make
-    assert "1 made, 3 kept" in capsys.readouterr().out
-    assert contents("parts") == contents("whole")
-
-
 def test_shards_of_a_study_are_put_together(capsys):
     assert main.main([*STUDY, "--out", "whole"]) == 0
     capsys.readouterr()
@@ -139,9 +121,6 @@ def test_a_shard_leaves_alone_what_others_write(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("simulate", "out", "--shard", "0/3"), "shard is 0/3; allowed are 1/N to N/N"),
-        (("simulate", "out", "--shard", "4/3"), "shard is 4/3"),
-        (("simulate", "out", "--shard", "3"), "--shard is '3'; allowed are 1/N to N/N, such as 3/8"),
         ((*STUDY, "--out", "out", "--shard", "-1/3"), "--shard is '-1/3'"),
         ((*STUDY, "--out", "out", "--shard", "1/3", "--against", "old"), "compared with nothing"),
         (("evaluate", "pushes", "--out", "out", "--faults", "--shard", "1/3"), "--shard cannot go with it"),

@@ -20,7 +20,7 @@ from palpate import io as formats
 from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry import se2
-from palpate.lab.simulate.objects import SHAPES
+from palpate.geometry.objects import SHAPES
 from palpate.live.ros2_topics import ros2_poses
 from palpate.live.sources import Clock
 from palpate.tracker import Tracker

@@ -12,7 +12,7 @@ from palpate.config import read_noise
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.geometry.shapes import Disc, Polygon, shape_from_dict
 from palpate.io import cmu_two_finger, estimates_csv, mit_push, theseus_json, tum
-from palpate.lab.simulate.objects import find_shape
+from palpate.io.outlines.load import load_shape
 from palpate.lab.study.comparison import read_scores
 from palpate.pipeline.details import read_friction
 from palpate.touch.press_files import read_presses
@@ -135,7 +135,7 @@ def test_numbers_beyond_all_measure_in_files_are_refused(tmp_path, value):
     path = tmp_path / "a.json"
     path.write_text(json.dumps({"vertices": [[0, 0], [value, 0], [0, 1]]}))
     with pytest.raises(FileError, match=r"a\.json: "):
-        find_shape(str(path))
+        load_shape(str(path))
     path.write_text(json.dumps({"format": "palpate-noise", "version": 2, "noise": {"contact": {"deviation": HUGE}}}))
     with pytest.raises(PalpateError, match=r"a\.json: "):
         read_noise(path)

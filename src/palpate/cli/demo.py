@@ -49,7 +49,6 @@ def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording"
     """Simulate the push of the demo; `progress` is called with the number of images made."""
     from palpate.geometry.objects import SHAPES
     from palpate.lab.simulate.folder import plan
-    from palpate.lab.simulate.recordings import simulate_recording
 
-    (job,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED)
-    return simulate_recording(job.shape, job.kind, job.seed, SECONDS, progress=progress)
+    (simulation,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED, seconds=SECONDS).values()
+    return simulation.run(progress)

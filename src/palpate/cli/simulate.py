@@ -1,4 +1,4 @@
-"""`palpate simulate`: makes recordings."""
+"""`palpate simulate`: recordings of a simulated sensor, or touch images for a real motion."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +11,6 @@ from palpate.cli.options import (
     SensorOption,
     ShapeUnit,
     ShapeUnitOption,
-    ShardOption,
     WorkersOption,
 )
 
@@ -31,7 +30,7 @@ def simulate(
         tyro.conf.arg(
             metavar="NAME|AxB|FILE",
             help="Object: disc, rectangle, ellipse, triangle, hexagon, t, butterfly, rounded-square, the sides of a "
-            "rectangle such as 0.09x0.06 [m], or an outline in a file. Can be given again for more.",
+            "rectangle such as 0.09x0.06 [m], or an outline in a file. Repeat for more.",
             help_behavior_hint="(default: disc, rectangle and ellipse)",
         ),
     ] = (),
@@ -40,8 +39,8 @@ def simulate(
         tyro.conf.UseAppendAction[tuple[Path, ...]],
         tyro.conf.arg(
             metavar="FILE",
-            help="Take the motion of this real recording, in any known format, and make touch images only. Can be "
-            "given again for more.",
+            help="Take the motion of this real recording, in any known format, and render touch images for it. Repeat "
+            "for more.",
             help_behavior_hint="(default: none)",
         ),
     ] = (),
@@ -57,13 +56,13 @@ def simulate(
         ),
     ] = None,
     knocks: Annotated[
-        bool, tyro.conf.arg(help="Someone shoves the object now and then, which the sensor does not know.")
+        bool, tyro.conf.arg(help="A finger shoves the object now and then, unknown to the sensor.")
     ] = False,
     ideal: Annotated[
         bool,
         tyro.conf.arg(
-            help="State mounting, outline, time and first pose exactly, which no real set-up does, and let neither "
-            "gel nor light change.",
+            help="State mounting, outline, time and first pose exactly, which no real set-up does, and keep gel and "
+            "light constant.",
         ),
     ] = False,
     sensor: SensorOption = SENSOR,
@@ -71,7 +70,6 @@ def simulate(
     images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
     resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
     dask: DaskOption = None,
-    shard: ShardOption = None,
     json: JsonOption = False,
 ) -> int:
     """Simulate recordings of a sensor that pushes objects: poses, touch images, contacts and forces."""
@@ -79,75 +77,67 @@ def simulate(
 
     from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
     from palpate.lab.simulate.folder import plan, simulate_folder
-    from palpate.lab.simulate.objects import PAPER
     from palpate.lab.simulate.replay import replay_folder
-    from palpate.shards import part_of_work
     from palpate.types.sensor import known_sensor
 
     begin = time.perf_counter()
-    failed: dict[str, str] = {}
+    unreadable: dict[str, str] = {}
+    how = {"workers": workers, "resume": resume, "dask": dask}
     if replay:
-        _check_replay((*shape, *filter(None, [shape_unit])), count, seconds, images, knocks, ideal, sensor)
-        with busy("reading"):
-            recordings, failed = _recordings(replay)
-        with progress_bar("rendering", len(part_of_work(tuple(recordings), shard))) as progress:
-            outcome = replay_folder(folder, recordings, seed, unit, workers, resume, dask, progress, shard)
-    else:
-        jobs = plan(_shapes(shape or PAPER, shape_unit), count, seed, unit, knocks, ideal, known_sensor(sensor))
-        with progress_bar("simulating", len(part_of_work(jobs, shard))) as progress:
-            outcome = simulate_folder(folder, jobs, seconds, images, workers, resume, dask, progress, shard)
-    failed |= outcome.failed
-    wall_s = time.perf_counter() - begin
-    for name, why in failed.items():
-        complain(why if replay else f"{folder / name}: {why}")  # a replay's error names the file that was read
-    if json:
-        print_json(
+        _check_replay(
             {
-                "folder": str(folder),
-                "made": list(outcome.made),
-                "kept": list(outcome.kept),
-                "failed": [{"file": name, "error": why} for name, why in failed.items()],
-                "wall_s": wall_s,
+                "--shape": bool(shape or shape_unit),
+                "--count": count != COUNT,
+                "--seconds": seconds != SECONDS,
+                "--no-images": not images,
+                "--knocks": knocks,
+                "--ideal": ideal,
+                "--sensor": sensor != SENSOR,
             }
         )
+        with busy("reading"):
+            recordings, unreadable = _recordings(replay)
+        with progress_bar("rendering", len(recordings)) as progress:
+            outcome = replay_folder(folder, recordings, seed, unit, progress=progress, **how)
+    else:
+        what = {"seconds": seconds, "images": images, "unit": unit, "knocks": knocks, "ideal": ideal}
+        shapes = _shapes(shape or ("disc", "rectangle", "ellipse"), shape_unit)
+        simulations = plan(shapes, count, seed, sensor=known_sensor(sensor), **what)
+        with progress_bar("simulating", len(simulations)) as progress:
+            outcome = simulate_folder(folder, simulations, progress=progress, **how)
+    failed = unreadable | outcome.failed
+    wall_s = time.perf_counter() - begin
+    for name, why in failed.items():
+        complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
+    if json:
+        errors = [{"file": name, "error": why} for name, why in failed.items()]
+        made = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": errors}
+        print_json({"folder": str(folder), **made, "wall_s": wall_s})
     else:
         counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(failed)} failed"
         print_line(f"{folder}: {counts}, {wall_s:.1f} s")
     return 3 if failed else 0
 
 
-def _check_replay(
-    shape: tuple[str, ...], count: int, seconds: float, images: bool, knocks: bool, ideal: bool, sensor: str
-) -> None:
-    """SettingError for options that say what a recording's motion is to be, which a replay takes from its file.
-
-    A replay is that of a round gel, in the place of a round tip.
-    """
+def _check_replay(given: dict[str, bool]) -> None:
+    """Raise SettingError for options about the motion, which a replay takes from its file."""
     from palpate.errors import SettingError
 
-    given = {
-        "--shape": bool(shape),
-        "--count": count != COUNT,
-        "--seconds": seconds != SECONDS,
-        "--no-images": not images,
-        "--knocks": knocks,
-        "--ideal": ideal,
-        "--sensor": sensor != SENSOR,
-    }
     if wrong := [option for option, is_given in given.items() if is_given]:
         raise SettingError(f"--replay takes object and motion from its file; {', '.join(wrong)} cannot go with it")
 
 
 def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[str, str]]:
-    """Recordings by the names of their replays, and why others cannot be read; SettingError if two have one name."""
+    """Return recordings by the names of their replays, and the errors of unreadable ones."""
     from palpate.errors import FileError, SettingError
     from palpate.io import load_recording
+    from palpate.lab.simulate.folder import SUFFIX
 
     sources: dict[str, Path] = {}
     found: dict[str, Recording] = {}
     failed: dict[str, str] = {}
     for file in files:
-        name = f"{(file.with_suffix('') if file.suffix == '.gz' else file).stem}.mcap"
+        name = (file.with_suffix("") if file.suffix == ".gz" else file).stem + SUFFIX
         if name in sources:
             raise SettingError(f"--replay {sources[name]} and --replay {file} would both be {name}; replay them apart")
         sources[name] = file
@@ -158,15 +148,16 @@ def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[s
     return found, failed
 
 
-def _shapes(names: tuple[str, ...], unit: ShapeUnit | None) -> dict[str, "Shape"]:
-    """Shapes by name; SettingError if two have the same."""
+def _shapes(given: tuple[str, ...], unit: ShapeUnit | None) -> dict[str, "Shape"]:
+    """Return shapes by name, the stem for a file; raises SettingError if two have the same name."""
     from palpate.errors import SettingError
-    from palpate.lab.simulate.objects import find_shape
+    from palpate.geometry.objects import SHAPES
+    from palpate.io.outlines.load import load_shape
 
     found = {}
-    for given in names:
-        name, shape = find_shape(given, unit)
+    for source in given:
+        name = Path(source).stem if Path(source).is_file() and source not in SHAPES else source
         if name in found:
-            raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
-        found[name] = shape
+            raise SettingError(f"--shape {source}: {name!r} is given twice; each shape needs a name of its own")
+        found[name] = load_shape(source, unit)
     return found

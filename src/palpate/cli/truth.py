@@ -21,11 +21,11 @@ def truth_print(
 ) -> int:
     """Write what to print for truth by a camera: tags for table, object and sensor, and a board to calibrate with."""
     from palpate.cli.console import print_line
-    from palpate.lab.simulate.objects import find_shape
+    from palpate.io.outlines.load import load_shape
     from palpate.lab.truth.sheets import write_sheets
 
     check_new(out, force)
-    write_sheets(out, *find_shape(shape), paper, force)
+    write_sheets(out, Path(shape).name, load_shape(shape), paper, force)
     print_line(f"{out}: print it at 100 % and measure the line of 100 mm")
     return 0
 

@@ -13,7 +13,6 @@ from palpate.geometry.objects import SHAPES
 from palpate.geometry.shapes import Disc, Polygon, Rectangle
 from palpate.io.outlines.load import load_shape
 from palpate.io.outlines.scan import shape_of_scan
-from palpate.lab.simulate.objects import find_shape
 from palpate.types.units import extent_of
 
 BOX = [(0.0, 0.0), (0.09, 0.0), (0.09, 0.06), (0.0, 0.06)]
@@ -35,7 +34,6 @@ def test_names_and_lengths():
     assert load_shape("disc") == SHAPES["disc"]
     assert load_shape("0.09x0.06") == Rectangle(0.09, 0.06)
     assert load_shape("90x60", unit="mm") == Rectangle(0.09, 0.06)
-    assert find_shape("90x60", "mm") == ("90x60", Rectangle(0.09, 0.06))
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from pin_samples import PIN_DOME, draw_dome, press
 
 from palpate.cli.main import main
 from palpate.errors import FileError, SettingError
-from palpate.lab.simulate.pins import PIN_DOME, draw_dome, press
 from palpate.lab.train import from_presses
 from palpate.lab.train.from_presses import samples_of_presses, train_on_presses
 from palpate.lab.train.samples import Samples

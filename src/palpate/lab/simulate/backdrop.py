@@ -1,37 +1,40 @@
-"""What a simulated sensor sees without contact: three coloured lights on a gel, drawn anew for each unit.
+"""The image without contact: three coloured lights on a gel, drawn for each unit, and marks on its skin.
 
-Seventeen real DIGITs were the guide: red glows on the upper left, green on the upper right and blue below, each as a
+Modelled on seventeen real DIGITs: red glows on the upper left, green on the upper right and blue below, each as a
 soft cone or one with a sharp, curved border, some broken into streaks; a dim band at the top, vignette, tint and
-specks. White balance keeps the mean of each channel near 95 and leaves its spread to the unit.
+specks. White balance keeps the mean of each channel near 95; its spread varies between units.
 
-A flat gel is lit evenly from its sides: real ones of a GelSight Mini and a GelSlim are soft all over.
+A flat gel is lit evenly from its sides: a real GelSight Mini and a real GelSlim are soft all over.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.lab.simulate.marks import GRAIN_LEVELS, GRAIN_RADIUS, grain
-
 Image = NDArray[np.float32]
-
 Colours = tuple[float, float, float]
+
+GRAIN_RADIUS = (1.2, 3.0)
+"""Least and largest radius of a grain of dust or a dent [px], as on seventeen real DIGITs."""
+GRAIN_LEVELS = (-25.0, 60.0)
+"""Least and largest change of each colour by a grain [grey levels]."""
 
 
 @dataclass(frozen=True)
 class Backdrop:
-    """What the untouched gels of a kind of sensor have in common."""
+    """Common properties of the untouched gels of one kind of sensor."""
 
     mean: tuple[Colours, Colours]
-    """Of red, green and blue over the image, from and to [grey levels]."""
+    """Least and largest mean of red, green and blue over the image [grey levels]."""
     spread: tuple[Colours, Colours]
-    """Standard deviation over the image, from and to [grey levels]."""
+    """Least and largest standard deviation over the image [grey levels]."""
     sharpest: float
-    """How sharp the borders and streaks of a light may be, 0 to 1."""
+    """Largest sharpness of the borders and streaks of a light, 0 to 1."""
     has_band: bool
-    """Whether the light does not reach a band at the top."""
+    """A band at the top gets little light."""
 
 
 ROUND = Backdrop(
@@ -45,9 +48,9 @@ FLAT = Backdrop(
 def draw_illumination(
     glow: NDArray[np.float64], height: int, width: int, rng: np.random.Generator, kind: Backdrop = ROUND
 ) -> Image:
-    """Draw how strongly each of three lights reaches each pixel, (3, height, width), about 1 in the mean.
+    """Draw the strength of each of three lights at each pixel, (3, height, width), about 1 in the mean.
 
-    glow (3,) [rad] says on which side of the image each makes the gel glow, counter-clockwise from its right.
+    glow (3,) [rad] are the sides of the image that they make glow, counter-clockwise from its right.
     """
     right, up = _grid(height, width)
     horizon = up[0, 0] * rng.uniform(0.55, 0.95)
@@ -79,14 +82,14 @@ def draw_no_contact(
 
 
 def _grid(height: int, width: int) -> tuple[Image, Image]:
-    """Places to the right and up from the image's middle, in half widths."""
+    """Return coordinates to the right and up from the image's middle, in half widths."""
     right = np.linspace(-1.0, 1.0, width, dtype=np.float32)
     up = np.linspace(1.0, -1.0, height, dtype=np.float32) * np.float32(height / width)
     return np.broadcast_to(right, (height, width)), np.broadcast_to(up[:, None], (height, width))
 
 
 def _cone(bearing: float, right: Image, up: Image, sharpness: float, rng: np.random.Generator) -> Image:
-    """One light: a soft glow on its side and a cone with a curved border, both in streaks away from the light."""
+    """Draw one light: a soft glow on its side and a cone with a curved border, both streaked away from the light."""
     side = np.array([np.cos(bearing), np.sin(bearing)]) * (1.0, up[0, 0])
     distance = np.hypot(right - 1.2 * side[0], up - 1.2 * side[1])
     glow = np.exp(-((distance / rng.uniform(0.9, 1.5)) ** 2))
@@ -107,7 +110,7 @@ def _cone(bearing: float, right: Image, up: Image, sharpness: float, rng: np.ran
 
 
 def _streaks(fan: Image, rng: np.random.Generator) -> Image:
-    """Random stripes, about 1 in height, over the angle [rad] at the light, 0 towards the image's middle."""
+    """Draw random stripes, about 1 in height, over the angle at the light [rad], 0 towards the image's middle."""
     turned = np.mod(fan + np.pi, 2.0 * np.pi)
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     fine = np.convolve(rng.normal(size=721 + 12), np.hanning(13) / 2.1, mode="valid")
@@ -116,7 +119,7 @@ def _streaks(fan: Image, rng: np.random.Generator) -> Image:
 
 
 def _cloud(size: tuple[int, ...], cells: int, rng: np.random.Generator) -> Image:
-    """Smooth random values, about 1 in height, with about this many cells across."""
+    """Draw smooth random values, about 1 in height, with about this many cells across."""
     import cv2
 
     height, width = size
@@ -125,8 +128,25 @@ def _cloud(size: tuple[int, ...], cells: int, rng: np.random.Generator) -> Image
 
 
 def _step(values: Any) -> Any:
-    """From 0 to 1 around values of 0."""
+    """Return a smooth step from 0 to 1 around values of 0."""
     return 0.5 + 0.5 * np.tanh(values)
+
+
+def grain(size: tuple[int, int], at: tuple[float, float], radius: float) -> NDArray[np.float64]:
+    """Return the form of a grain, 0 to 1, in an image of so many rows and columns, at this row and column."""
+    rows, columns = np.ogrid[: size[0], : size[1]]
+    return np.exp(-0.5 * ((rows - at[0]) ** 2 + (columns - at[1]) ** 2) / radius**2)
+
+
+def scratch(
+    size: tuple[int, int], at: tuple[float, float], angle: float, width: float, length: float = math.inf
+) -> NDArray[np.float64]:
+    """Return the form of a scratch, 0 or 1, centred at this row and column, with its normal at this angle [rad]."""
+    down, right = np.ogrid[: size[0], : size[1]]
+    down, right = down - at[0], right - at[1]
+    across = np.cos(angle) * right + np.sin(angle) * down
+    along = np.cos(angle) * down - np.sin(angle) * right
+    return ((np.abs(across) < 0.5 * width) & (np.abs(along) < 0.5 * length)).astype(np.float64)
 
 
 def _add_specks(image: NDArray[np.floating], rng: np.random.Generator) -> None:

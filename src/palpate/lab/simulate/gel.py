@@ -1,9 +1,9 @@
-"""Touch images: how a gel looks from inside when an object is pressed into it.
+"""Touch images: the inside of a gel pressed against an object.
 
-The undeformed gel overlaps the object; the overlap is the depth to which the object presses the gel where they touch.
-Around it the gel follows, and three coloured lights show the slopes (`optics`). Only what differs from the gel at rest
-is added to the image without contact, as W. Yuan, S. Dong, E. Adelson, "GelSight", 2017 describe the sensor and
-Z. Si, W. Yuan, "Taxim", 2022 a simulation by examples; here lights are a model and drawn, so no examples are needed.
+The undeformed gel overlaps the object; the overlap is the local indentation. The gel follows around the contact, and
+three coloured lights show its slopes (`optics`). Only the change against the gel at rest is added to the image without
+contact. The sensor is described by W. Yuan, S. Dong, E. Adelson, "GelSight", 2017; Z. Si, W. Yuan, "Taxim", 2022
+simulate it from calibration images, here the lights are a drawn model and no images are needed.
 """
 
 import functools
@@ -13,47 +13,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.lab.simulate.markers import visible_through
-from palpate.lab.simulate.optics import shading
+from palpate.lab.simulate.optics import marker_transmission, shading
 from palpate.lab.simulate.unit import SensorUnit
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-_FILLET = 5e-4  # [m] of the object's upper and lower rim
-_THICKNESS = (0.014, 0.03)  # [m] of objects, from and to
-_OFF_CENTRE = 0.005  # [m] by which an object's middle may lie above or below that of the pad
-_TILT = math.radians(1.5)  # standard deviation of how far a side leans from the sensor's upright
-_SKIRTS = (1.6e-3, 6e-4)  # [m] over which the gel follows around a contact, far to near
-_COARSE = 4  # skirts are smooth enough for one of so many pixels
-_SKIN = 1.5e-4  # [m] no feature is finer than the gel's coating
-_SAG_STEP = 1e-4  # [m]
+_FILLET = np.float32(5e-4)  # [m] radius of the object's upper and lower rim
+_SKIRTS = (1.6e-3, 6e-4)  # [m] widths over which the gel follows around a contact, wide one first
+_SKIN = 1.5e-4  # [m] thickness of the coating; no feature is finer
+_COARSE = 4  # [px] the skirts are smooth enough for an image smaller by this factor
+_SAG_STEP = 1e-4  # [m] between tabulated sections of the gel
 
 
 @dataclass(frozen=True)
 class Side:
-    """The side of an object as the pad meets it: how far it reaches up and down, and how it leans."""
+    """The side of an object that meets the pad."""
 
     below: float = -0.01
     """Lower rim, relative to the sensor's origin [m]."""
     above: float = 0.01
     """Upper rim, relative to the sensor's origin [m]."""
     tilt: float = 0.0
-    """How far it leans back from the sensor, going up [rad]."""
-
-    def __post_init__(self) -> None:
-        if not self.below < 0.0 < self.above:
-            found = f"from {self.below!r} to {self.above!r}"
-            raise SettingError(f"a side is {found}; it must reach from below to above the sensor's origin [m]")
+    """Lean away from the sensor, going up [rad]."""
 
 
 def draw_side(rng: np.random.Generator) -> Side:
-    """Draw the side of an object that somebody has put before the sensor."""
-    middle, thickness = rng.uniform(-_OFF_CENTRE, _OFF_CENTRE), rng.uniform(*_THICKNESS)
-    return Side(middle - 0.5 * thickness, middle + 0.5 * thickness, float(rng.normal(0.0, _TILT)))
+    """Draw the side of an object 14 to 30 mm thick, up to 5 mm off the pad's middle, leaning by 1.5 degrees rms."""
+    middle, thickness = rng.uniform(-0.005, 0.005), rng.uniform(0.014, 0.03)
+    return Side(middle - 0.5 * thickness, middle + 0.5 * thickness, float(rng.normal(0.0, math.radians(1.5))))
 
 
 def render(
@@ -65,12 +55,11 @@ def render(
     rng: np.random.Generator | None = None,
     side: Side = Side(),
 ) -> NDArray[np.uint8]:
-    """Return the touch image (height, width, 3) RGB, or (N, height, width, 3) for N poses.
+    """Return the touch image (height, width, 3) RGB of a prism, or (N, height, width, 3) for N poses.
 
-    sensor_in_object is object_T_sensor, (3,) or (N, 3) [m, m, rad]; it says where on the pad the object is. How deep
-    it is pressed there is the indentation, () or (N,) [m], at the deepest point of the pad; none at 0 and below. shear
-    is the force of the object on the gel along the sensor's y, () or (N,) [N]. The object is a prism with this side.
-    Camera noise is drawn only where there is an rng.
+    sensor_in_object is object_T_sensor, (3,) or (N, 3) [m, m, rad]. indentation is that of the deepest point of the
+    pad, () or (N,) [m]; there is no contact at 0 and below. shear is the force of the object on the gel along the
+    sensor's y, () or (N,) [N]. Camera noise is added if there is an rng.
     """
     poses = np.asarray(sensor_in_object, dtype=np.float64)
     depth, force = np.asarray(indentation, dtype=np.float64), np.asarray(shear, dtype=np.float64)
@@ -84,21 +73,20 @@ def render(
 
 
 def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, indentation: float, side: Side) -> Image:
-    """Return how deep each pixel's piece of gel lies in the object, (height, width) [m]; see `render`."""
+    """Return the overlap of the undeformed gel with a prism at each pixel, (height, width) [m]; see `render`."""
     import cv2
 
     object_T_sensor = np.asarray(sensor_in_object)
-    section, column, row = _section(unit, side)
+    section, column, row = _sections(unit, side)
     nearest = _nearest(unit, shape, object_T_sensor)
     distance = shape.signed_distance(se2.transform(object_T_sensor, section))
     depth = (nearest + indentation - distance).astype(np.float32)
     overlap = np.asarray(cv2.remap(depth, column, row, cv2.INTER_LINEAR))
     z = unit.place[1]
-    # The depth in a prism with rounded rims: the two depths join in a quarter circle.
     within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
-    fillet = np.float32(_FILLET)
-    rounded = fillet - np.hypot(np.maximum(fillet - overlap, 0.0), np.maximum(fillet - within, 0.0))
-    return np.maximum(rounded + np.maximum(np.minimum(overlap, within) - fillet, 0.0), 0.0)
+    # The depths below the side and below the rim join in a quarter circle.
+    rounded = _FILLET - np.hypot(np.maximum(_FILLET - overlap, 0.0), np.maximum(_FILLET - within, 0.0))
+    return np.maximum(rounded + np.maximum(np.minimum(overlap, within) - _FILLET, 0.0), 0.0)
 
 
 def ball_overlap(unit: SensorUnit, radius: float, place: tuple[float, float], indentation: float) -> Image:
@@ -125,7 +113,7 @@ def touch_image(
     height = None if overlap is None else gel_height(unit, overlap, shear)
     difference = np.zeros(image.shape, np.float32) if height is None else shading(unit, height)
     if unit.markers is not None:
-        image = (image + difference) * visible_through(
+        image = (image + difference) * marker_transmission(
             unit.markers, image.shape, unit.pitch, height, shear * unit.shear_compliance
         )
         difference = np.zeros_like(image)
@@ -135,10 +123,10 @@ def touch_image(
 
 
 def gel_height(unit: SensorUnit, overlap: Image, shear: float = 0.0) -> Image:
-    """Return how far the gel's skin is pressed in, (height, width) [m], under an overlap and a shear force [N].
+    """Return the indentation of the gel's skin, (height, width) [m], under an overlap and a shear force [N].
 
-    Where it touches the object it takes its form. Around it the gel follows, less and less; this skirt is shifted by
-    the shear force, which raises it before and lowers it behind the object.
+    In contact the gel takes the object's form. Around it the gel follows in a skirt, which the shear force shifts:
+    raised ahead of the object, lowered behind it.
     """
     import cv2
 
@@ -148,7 +136,7 @@ def gel_height(unit: SensorUnit, overlap: Image, shear: float = 0.0) -> Image:
     shift = np.float32(shear * unit.shear_compliance / (_COARSE * unit.pitch))
     skirt = contact
     for width in _SKIRTS:
-        # Each mean holds the contact fixed, so the form nears that of a stretched membrane.
+        # Each mean holds the contact fixed, which approximates a stretched membrane.
         skirt = cv2.GaussianBlur(np.maximum(contact, skirt), (0, 0), unit.halo * width / (_COARSE * unit.pitch))
         skirt = skirt - shift * cv2.Sobel(skirt, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     height = np.maximum(overlap, cv2.resize(skirt, size, interpolation=cv2.INTER_LINEAR))
@@ -169,11 +157,11 @@ def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
 
 
 @functools.lru_cache(maxsize=16)
-def _section(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
-    """Points of the gel near the sensor's plane, (levels, columns, 2) [m], and where each pixel lies among them.
+def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
+    """Return sections of the gel, (levels, columns, 2) [m], and the column and level at which each pixel reads them.
 
-    Away from the sensor's plane the gel sags and a side that leans recedes, as if the gel were drawn back from the
-    object: one level for each such sag, 0 where the gel reaches farthest into the side.
+    Off the sensor's plane the gel sags and a leaning side recedes; both draw the gel back from the object. Each level
+    is the section at one such distance, the first at the gel's farthest reach into the side.
     """
     y, z = unit.place
     sag = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z
@@ -186,8 +174,8 @@ def _section(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
 
 
 @functools.cache
-def _bell() -> NDArray[np.float32]:
-    """Standard normal values for 256 equally likely bytes."""
+def _normal_quantiles() -> Image:
+    """Return standard normal values for 256 equally likely bytes."""
     from scipy.special import ndtri
 
     values = ndtri((np.arange(256) + 0.5) / 256.0)
@@ -195,7 +183,7 @@ def _bell() -> NDArray[np.float32]:
 
 
 def _noise(unit: SensorUnit, rng: np.random.Generator) -> Image:
-    """Camera noise; looking values up by random bytes is many times faster than drawing normal ones."""
+    """Draw camera noise; looking up random bytes is many times faster than drawing normal values."""
     shape = unit.no_contact.shape
     draws = np.frombuffer(rng.bytes(math.prod(shape)), np.uint8)
-    return np.float32(unit.noise) * _bell()[draws].reshape(shape)
+    return np.float32(unit.noise) * _normal_quantiles()[draws].reshape(shape)

@@ -1,16 +1,14 @@
-"""The motion of a real push, made ready for a touch sensor that takes the place of the real tip.
+"""The motion of a real push, prepared for a touch sensor in the place of the real tip.
 
-Nothing is smoothed. Frames stay as they are where they come at about the sensor's rate, and are interpolated to it
-where not. Where the object's pose is unknown for a short time in contact it is bridged: seen from the sensor it goes
-evenly from the last known pose to the next. How well that does was measured on stretches of real pushes in which the
-pose is known all along, worst frame of each: with one tip it is 0.2 mm and 0.05 degrees off in the median and 1.1 mm
-and 0.6 degrees in 95 % over 0.13 s, but 6 mm and 3 degrees in 95 % over 0.3 s, in which a hand may knock the object;
-two fingers hold it, and over 1.5 s it is 1.1 mm and 1.8 degrees off in 95 %, of which the camera's noise makes 0.7 mm
-and 0.9 degrees.
+Nothing is smoothed. Frames at about the sensor's rate stay as they are, others are interpolated to it. An object pose
+that is unknown for a short time in contact is bridged: seen from the sensor, it moves evenly from the last known pose
+to the next. The worst frame of such bridges, measured on stretches of real pushes with all poses known: with one tip
+0.2 mm and 0.05 degrees off in the median and 1.1 mm and 0.6 degrees in 95 % over 0.13 s, but 6 mm and 3 degrees in 95 %
+over 0.3 s, in which a hand may knock the object. Two fingers hold it: over 1.5 s it is 1.1 mm and 1.8 degrees off in
+95 %, of which the camera's noise makes 0.7 mm and 0.9 degrees.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.lab.simulate.paths import least_jerk
+from palpate.lab.simulate.paths import minimum_jerk
 from palpate.types.motion import LONGEST_GAP
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -27,30 +25,24 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 REST = 0.6
-"""Time at the start in which nothing is touched [s]: a little more than contact detection needs to see the gel."""
-
+"""Time without contact at the start [s]: a little more than contact detection needs to see the gel."""
 SMOOTH = 7
-"""Frames over which the speed of sliding is averaged, for motion capture is noisy."""
-
-_BRIDGE, _BRIDGE_HELD = 0.12, 1.6  # [s] from known pose to known pose, with one tip and with several
-_STAND_OFF = 0.01  # [m] from which the sensor comes in the time that is added before
-_RATE = 0.05  # share by which frames may come faster or slower than the sensor's
-_GAP = 3.0  # median intervals without a frame, across which nothing is interpolated; nor across LONGEST_GAP
+"""Frames over which the sliding speed is averaged, for motion capture is noisy."""
 _STEP = 1e-6  # [m] for the gradient of a distance
 
 
 @dataclass(frozen=True, eq=False)
 class RealMotion:
-    """Where real tip and object were, N frames."""
+    """Poses of real tip and object, N frames."""
 
     time: Array
     """(N,) [s], from 0."""
     sensor_pose: Array
     """world_T_sensor of the real sensor, (N, 3) [m, m, rad]."""
     object_pose: Array
-    """world_T_object, (N, 3) [m, m, rad], bridged where it is not known."""
+    """world_T_object, (N, 3) [m, m, rad], bridged where it is unknown."""
     known: Flags
-    """Whether the object's pose was recorded, (N,)."""
+    """Frames with a recorded object pose, (N,)."""
     contact: Flags
     """(N,)"""
     added: Flags
@@ -59,32 +51,32 @@ class RealMotion:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where a real sensor touches an object or is nearest to it, N frames, in the object frame."""
+    """Nearest points of a real sensor and an object, N frames, in the object frame."""
 
     point: Array
     """Point of the outline that is nearest to the tip, or to the middle of several, (N, 2) [m]."""
     normal: Array
-    """Outward normal there, (N, 2); 0 where another place is as near and there is none."""
+    """Outward normal there, (N, 2); 0 if it is not unique."""
     gap: Array
-    """Distance from the sensor's surface to the outline, of the nearest tip, (N,) [m]; negative is overlap."""
+    """Distance from the surface of the nearest tip to the outline, (N,) [m]; negative is overlap."""
     angle: Array
     """Direction of the contact in the sensor frame, seen from the tip's centre of curvature, (N,) [rad]."""
 
 
 def real_motion(recording: Recording, rate: float) -> RealMotion:
-    """Return the motion of a recording at a rate [Hz], and rest before it where it begins in contact.
+    """Return the motion of a recording at a rate [Hz], preceded by rest if it begins in contact.
 
-    Frames at either end whose object pose cannot be told are left out. Raises SettingError, which names the file and
-    the frames, where contact or object poses are missing, or missing for too long.
+    Frames with unknown object poses at either end are left out. Raises SettingError, which names the file and the
+    frames, if contact or object poses are missing, or missing for too long.
     """
     name = recording.file or "the recording"
     if recording.object_pose is None or np.isnan(recording.object_pose).all():
-        raise SettingError(f"{name}: has no object poses, which a replay takes its motion from")
+        raise SettingError(f"{name}: has no object poses, from which a replay takes its motion")
     if recording.contact is None or not recording.contact.any():
-        raise SettingError(f"{name}: has no contact flags, or none that is set; a replay touches where they say so")
-    several = len(recording.sensor.tips) > 1
+        raise SettingError(f"{name}: has no contact flags, or none that is set; a replay takes its contacts from them")
+    longest = 1.6 if len(recording.sensor.tips) > 1 else 0.12  # [s] from known pose to known pose
     try:
-        pose = _bridged(recording, _BRIDGE_HELD if several else _BRIDGE)
+        pose = _bridged(recording, longest)
     except SettingError as error:
         raise SettingError(f"{name}: {error}") from error
     there = np.flatnonzero(~np.isnan(pose[:, 0]))
@@ -106,7 +98,7 @@ def real_motion(recording: Recording, rate: float) -> RealMotion:
 
 
 def real_contacts(shape: Shape, sensor: SensorProfile, sensor_pose: Array, object_pose: Array) -> Contacts:
-    """Return where a sensor of poses (N, 3) touches an object of poses (N, 3), or is nearest to it."""
+    """Return the contacts, or nearest points, of a sensor and an object with poses (N, 3) each."""
     object_T_sensor = se2.between(object_pose, sensor_pose)
     centers = se2.transform(object_T_sensor[:, None], sensor.centers)
     middle = centers.mean(axis=1)
@@ -114,7 +106,7 @@ def real_contacts(shape: Shape, sensor: SensorProfile, sensor_pose: Array, objec
     right, left, up, down = shape.signed_distance(middle[:, None] + steps).T
     normal = np.column_stack((right - left, up - down))
     length = np.hypot(normal[:, 0], normal[:, 1])[:, None]
-    normal /= np.maximum(length, _STEP * 1e-3)  # 0 where two places are as near, as in a slot: there is none
+    normal /= np.maximum(length, _STEP * 1e-3)  # 0 in the middle of a slot, where two places are as near
     return Contacts(
         point=middle - shape.signed_distance(middle)[:, None] * normal,
         normal=normal,
@@ -124,10 +116,10 @@ def real_contacts(shape: Shape, sensor: SensorProfile, sensor_pose: Array, objec
 
 
 def sliding(motion: RealMotion, contacts: Contacts) -> Array:
-    """Return how fast the object slides over the real tip, (N,) [m/s], positive towards the sensor's +y.
+    """Return the sliding speed of the object over the real tip, (N,) [m/s], positive towards the sensor's +y.
 
-    Averaged over `SMOOTH` frames, and 0 out of contact. The point of the tip that touches now was elsewhere on the
-    object a frame ago, and the difference is what has slid.
+    Averaged over `SMOOTH` frames, and 0 without contact. It is the motion over the object of the tip's point that
+    touches now.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -146,17 +138,17 @@ def sliding(motion: RealMotion, contacts: Contacts) -> Array:
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:
-    """First frame of each run of true flags (N,), and the one after its last."""
+    """Return first frame and end of each run of true flags (N,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
 
 
 def _bridged(recording: Recording, longest: float) -> Array:
-    """Return object poses (N, 3), unknown ones bridged; NaN at either end where they cannot be."""
+    """Return object poses (N, 3), unknown ones bridged; NaN at either end if they cannot be."""
     assert recording.object_pose is not None and recording.contact is not None
     time, pose, n = recording.time, recording.object_pose.copy(), len(recording)
     for first, end in runs(~recording.contact):
-        # What nothing touches rests, from where the last contact left it to where the next one finds it.
+        # An untouched object rests, from its pose after the last contact to that before the next.
         stretch = np.arange(max(first - 1, 0), min(end + 1, n))
         known = stretch[~np.isnan(pose[stretch, 0])]
         if len(known):
@@ -179,18 +171,18 @@ def _bridged(recording: Recording, longest: float) -> Array:
 
 
 def _at_rate(motion: RealMotion, rate: float) -> RealMotion:
-    """Return the motion at a rate [Hz]; as it is where it has that rate, or has gaps only."""
+    """Return the motion at a rate [Hz]; unchanged if it is within 5 % of it."""
     step = np.diff(motion.time)
-    if len(step) < 2 or abs(1.0 / (rate * np.median(step)) - 1.0) <= _RATE:
+    if len(step) < 2 or abs(1.0 / (rate * np.median(step)) - 1.0) <= 0.05:
         return motion
-    pauses = np.flatnonzero(step > min(_GAP * np.median(step), LONGEST_GAP))
+    # Nothing is interpolated across three missing frames or LONGEST_GAP.
+    pauses = np.flatnonzero(step > min(3.0 * np.median(step), LONGEST_GAP))
     begins, ends = motion.time[np.append(0, pauses + 1)], motion.time[np.append(pauses, len(step))]
     pieces = zip(begins.tolist(), ends.tolist(), strict=True)
     time = np.concatenate([np.arange(begin, end + 1e-9, 1.0 / rate) for begin, end in pieces])
     after = np.searchsorted(motion.time, time - 1e-9)
     before = np.maximum(after - (motion.time[after] > time + 1e-9), 0)
     nearer = np.where(motion.time[after] - time < time - motion.time[before], after, before)
-
     return RealMotion(
         time=time,
         sensor_pose=se2.interpolated(time, motion.time, motion.sensor_pose),
@@ -202,23 +194,19 @@ def _at_rate(motion: RealMotion, rate: float) -> RealMotion:
 
 
 def _after_rest(motion: RealMotion, shape: Shape, sensor: SensorProfile, rate: float) -> RealMotion:
-    """Put a time before a motion in which the object rests and the sensor comes straight to it from a little off."""
+    """Prepend a time of rest in which the sensor comes straight to the object from 1 cm away."""
     count = int(np.ceil(REST * rate - 1e-9))
-    off = _STAND_OFF * (1.0 - np.append(0.0, least_jerk(count)[:-1]))
+    off = 0.01 * (1.0 - np.append(0.0, minimum_jerk(count)[:-1]))
     first_object, first_sensor = motion.object_pose[0], motion.sensor_pose[0]
     normal = real_contacts(shape, sensor, first_sensor[None], first_object[None]).normal
     away = se2.transform(np.append([0.0, 0.0], first_object[2]), normal)
     sensor_pose = first_sensor + np.column_stack((off[:, None] * away, np.zeros(count)))
-
-    def after(values: Any, rest: Any) -> Any:
-        return np.concatenate((rest, values))
-
-    nothing = np.zeros(count, np.bool_)
+    none = np.zeros(count, np.bool_)
     return RealMotion(
-        time=after(motion.time, motion.time[0] + np.arange(-count, 0) / rate),
-        sensor_pose=after(motion.sensor_pose, sensor_pose),
-        object_pose=after(motion.object_pose, np.repeat(first_object[None], count, axis=0)),
-        known=after(motion.known, np.repeat(motion.known[:1], count)),
-        contact=after(motion.contact, nothing),
-        added=after(motion.added, ~nothing),
+        time=np.concatenate((motion.time[0] + np.arange(-count, 0) / rate, motion.time)),
+        sensor_pose=np.concatenate((sensor_pose, motion.sensor_pose)),
+        object_pose=np.concatenate((np.repeat(first_object[None], count, axis=0), motion.object_pose)),
+        known=np.concatenate((np.repeat(motion.known[:1], count), motion.known)),
+        contact=np.concatenate((none, motion.contact)),
+        added=np.concatenate((~none, motion.added)),
     )

@@ -1,37 +1,134 @@
-"""Simulated recordings: a drawn sensor pushes an object about in a drawn world, and all of it is kept."""
+"""Simulated recordings: a drawn sensor unit pushes an object in a drawn world."""
 
 import json
 import zlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
-from palpate.lab.simulate.ageing import Ageing, over_time
 from palpate.lab.simulate.gel import draw_side, render
-from palpate.lab.simulate.pushes import Sequence, draw_sequence, measured
-from palpate.lab.simulate.systematic import draw_errors, misstated
+from palpate.lab.simulate.pushes import SECONDS, Sequence, draw_sequence, measured
+from palpate.lab.simulate.set_up_errors import Wear, draw_errors, with_errors, worn
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.parallel import one_thread
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording, episode_numbers
 from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.types.units import extent_of
 
 COUNT = 100_000
-"""Most recordings of one object in a folder: the n-th of a folder's seed s has the seed s * COUNT + n of its own."""
+"""Most recordings of one object in a folder: number n of a folder with seed s has the seed s * COUNT + n."""
 
-_FRAMES = {
-    "sensor_pose": "simulated motion capture with drawn noise; exact in extra/sensor_pose_clean",
-    "object_pose": "simulated motion capture with drawn noise; exact in extra/object_pose_clean",
-    "contact": "contacts of the simulation",
-    "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation [m], "
-    "pad_angle [rad], as in palpate.lab.simulate.world.Motion; shown_angle [rad], that one as images show it",
-}
-WRONG = ", with systematic errors"
-"""What a source says of a recording that has them."""
-_KNOCKED = "; knocked, 1 in frames in which a finger pushes the object and 0 in others"
+
+@dataclass(frozen=True)
+class Simulation:
+    """One recording to simulate. Raises SettingError on a value that is not allowed.
+
+    World, sensor unit, pushes, noise and errors are drawn from seed, shape and kind: the same give the same, with
+    images or without.
+    """
+
+    shape: Shape
+    """The object."""
+    kind: str
+    """Kind of contact, one of `paths.kinds(shape)`."""
+    seed: int
+    """Seed of this recording alone."""
+    seconds: float = 15.0
+    """Length [s]."""
+    images: bool = True
+    """Make touch images."""
+    unit: int | None = None
+    """Seed of the sensor unit, to have the same in many recordings; None draws one for this recording."""
+    knocks: bool = False
+    """A finger shoves the object now and then; extra/knocked marks the frames."""
+    ideal: bool = False
+    """Noise alone; otherwise mounting, outline, time, first pose, gel and light have the errors of a real set-up."""
+    sensor: SensorProfile = DIGIT
+    """Nominal profile of the sensor."""
+
+    def __post_init__(self) -> None:
+        for name, value in (("seed", self.seed), ("unit", self.unit or 0)):
+            if value < 0:
+                raise SettingError(f"{name} is {value}; allowed is 0 or more")
+        if not 0.05 <= (extent := extent_of(self.shape)) <= 0.5:  # larger than a gel, and passed in a few seconds
+            raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
+        if not SECONDS[0] <= self.seconds <= SECONDS[1]:
+            raise SettingError(f"seconds is {self.seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
+
+    @property
+    def source(self) -> str:
+        """Description of the recording's origin, with all that is needed to make it again."""
+        folder_seed, number = divmod(self.seed, COUNT)
+        unit = self._seeds()[0]
+        return (
+            f"simulated by palpate: MuJoCo, {self.kind}, {float(self.seconds)!r} s, "
+            f"seed {folder_seed}, recording {number}, "
+            + (f"drawn touch images of unit {unit}" if self.images else f"no touch images, gel of unit {unit}")
+            + (", knocked" if self.knocks else "")
+            + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
+            + ("" if self.ideal else ", with systematic errors")
+        )
+
+    def run(self, progress: Callable[[int], None] | None = None) -> Recording:
+        """Return the recording; `progress` is called with the number of images made, which take most of the time.
+
+        The recording's sensor is the nominal profile, for nobody measures each unit.
+        """
+        unit_seed, *seeds = self._seeds()
+        pushes, noise, camera, shoves, systematic = (np.random.default_rng(each) for each in seeds)
+        errors = None if self.ideal else draw_errors(systematic)
+        unit = draw_unit(self.sensor, unit_seed)
+        with one_thread():
+            gel = replace(self.sensor, radius=unit.radius)
+            hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)
+            sequence = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
+            wear = errors.wear if errors else None
+            images = _images(unit, wear, self.shape, sequence, camera, progress) if self.images else None
+        motion = sequence.motion
+        knocked = {"knocked": motion.knocked.astype(np.float64)} if self.knocks else {}
+        exact = Recording(
+            time=sequence.time,
+            sensor_pose=measured(sequence.sensor_pose, noise),
+            shape=self.shape,
+            sensor=self.sensor,
+            object_pose=measured(motion.object_pose, noise),
+            contact=motion.contact,
+            episode=episode_numbers(motion.contact),
+            image=images,
+            source=self.source,
+            frames={
+                "sensor_pose": "simulated motion capture with drawn noise; exact in extra/sensor_pose_clean",
+                "object_pose": "simulated motion capture with drawn noise; exact in extra/object_pose_clean",
+                "contact": "contacts of the simulation",
+                "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation "
+                "[m], pad_angle [rad] from the gel's apex; shown_angle [rad], the same as images show it"
+                + ("; knocked, 1 in frames in which a finger pushes the object and 0 in others" * self.knocks),
+            },
+            extra={
+                "normal_force": motion.normal_force,
+                "tangential_force": motion.tangential_force,
+                "slip": motion.slip,
+                "indentation": motion.indentation,
+                "pad_angle": motion.pad_angle,
+                "shown_angle": unit.shown_angle(motion.pad_angle),
+                "sensor_pose_clean": sequence.sensor_pose,
+                "object_pose_clean": motion.object_pose,
+                **knocked,
+            },
+        )
+        return with_errors(exact, errors) if errors else exact
+
+    def _seeds(self) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:
+        """Return the seeds of unit, pushes, noise, camera, knocks and errors, different for each object and kind."""
+        what = json.dumps([shape_to_dict(self.shape), self.kind]).encode()
+        drawn, *others = np.random.SeedSequence([self.seed, zlib.crc32(what)]).spawn(6)
+        return int(drawn.generate_state(1)[0]) if self.unit is None else self.unit, *others
 
 
 def simulate_recording(
@@ -41,92 +138,15 @@ def simulate_recording(
     seconds: float = 15.0,
     images: bool = True,
     progress: Callable[[int], None] | None = None,
-    unit: int | None = None,
-    knocks: bool = False,
-    ideal: bool = False,
-    sensor: SensorProfile = DIGIT,
+    **options: Any,
 ) -> Recording:
-    """Simulate a sequence of pushes of one kind, one of `places.kinds(shape)`, by a DIGIT or another sensor.
-
-    World, sensor unit, pushes and noise are drawn from seed, shape and kind; the same give the same, whether with
-    images or not; with a seed of its own, `unit`, the sensor unit is the same in many recordings. The recording's
-    sensor is the profile as its maker has it, not the unit: nobody measures each gel. With `knocks` someone shoves the
-    object now and then, and extra/knocked says when.
-    Mounting, outline, time and first pose are stated with the errors of a real set-up, and gel and light change while
-    they are used, see `systematic`; an `ideal` recording has noise alone.
-    `progress` is called with the number of images made, which take most of the time. Raises SettingError on a kind or
-    duration that is not allowed.
-    """
-    unit_seed, *seeds = _seeds(shape, kind, seed, unit)
-    pushes, noise, camera, shoves, wrong = (np.random.default_rng(each) for each in seeds)
-    errors = None if ideal else draw_errors(wrong)
-    ageing = errors.ageing if errors else None
-    sensor_unit = draw_unit(sensor, unit_seed)
-    with one_thread():
-        gel = replace(sensor, radius=sensor_unit.radius)
-        drift = errors.gel_drift if errors else (0.0, 0.0)
-        sequence = draw_sequence(shape, kind, gel, pushes, seconds, shoves if knocks else None, drift)
-        pictures = _pictures(sensor_unit, ageing, shape, sequence, camera, progress) if images else None
-    motion = sequence.motion
-    exact = Recording(
-        time=sequence.time,
-        sensor_pose=measured(sequence.sensor_pose, noise),
-        shape=shape,
-        sensor=sensor,
-        object_pose=measured(motion.object_pose, noise),
-        contact=motion.contact,
-        episode=episode_numbers(motion.contact),
-        image=pictures,
-        source=simulated_source(shape, kind, seed, seconds, images, unit, knocks, ideal, sensor),
-        frames=_FRAMES | {"extra": _FRAMES["extra"] + _KNOCKED} if knocks else _FRAMES,
-        extra={
-            "normal_force": motion.normal_force,
-            "tangential_force": motion.tangential_force,
-            "slip": motion.slip,
-            "indentation": motion.indentation,
-            "pad_angle": motion.pad_angle,
-            "shown_angle": sensor_unit.shown_angle(motion.pad_angle),
-            "sensor_pose_clean": sequence.sensor_pose,
-            "object_pose_clean": motion.object_pose,
-            **({"knocked": motion.knocked.astype(np.float64)} if knocks else {}),
-        },
-    )
-    return misstated(exact, errors) if errors else exact
+    """Simulate a sequence of pushes; arguments and options are the fields of `Simulation`."""
+    return Simulation(shape, kind, seed, seconds, images, **options).run(progress)
 
 
-def simulated_source(
-    shape: Shape,
-    kind: str,
-    seed: int,
-    seconds: float = 15.0,
-    images: bool = True,
-    unit: int | None = None,
-    knocks: bool = False,
-    ideal: bool = False,
-    sensor: SensorProfile = DIGIT,
-) -> str:
-    """Return the words that say where a simulated recording comes from, and from what it can be made again.
-
-    They name the seed that `palpate simulate` takes, and which of its recordings this is.
-    """
-    drawn, *_ = _seeds(shape, kind, seed, unit)
-    of_folder, number = divmod(seed, COUNT)
-    touch = f"drawn touch images of unit {drawn}" if images else f"no touch images, gel of unit {drawn}"
-    which = f"{kind}, {float(seconds)!r} s, seed {of_folder}, recording {number}"
-    of = "" if sensor == DIGIT else f", {sensor.name}"
-    return f"simulated by palpate: MuJoCo, {which}, {touch}{', knocked' * knocks}{of}{'' if ideal else WRONG}"
-
-
-def _seeds(shape: Shape, kind: str, seed: int, unit: int | None) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:
-    """Seeds of unit, pushes, noise, camera, knocks and systematic errors: other ones for each object and kind."""
-    what = json.dumps([shape_to_dict(shape), kind]).encode()
-    drawn, *others = np.random.SeedSequence([seed, zlib.crc32(what)]).spawn(6)
-    return int(drawn.generate_state(1)[0]) if unit is None else unit, *others
-
-
-def _pictures(
+def _images(
     unit: SensorUnit,
-    ageing: Ageing | None,
+    wear: Wear | None,
     shape: Shape,
     sequence: Sequence,
     rng: np.random.Generator,
@@ -135,11 +155,10 @@ def _pictures(
     motion = sequence.motion
     side = draw_side(rng)
     poses = se2.between(motion.object_pose, sequence.sensor_pose)
-    units = over_time(unit, ageing, sequence.time)
-    each = zip(units, poses, motion.indentation, motion.tangential_force, strict=True)
-    pictures: list[bytes] = []
-    for now, *values in each:
-        pictures.append(encode_image(render(now, shape, *values, rng=rng, side=side)))
+    units = worn(unit, wear, sequence.time)
+    images: list[bytes] = []
+    for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
+        images.append(encode_image(render(now, shape, *contact, rng=rng, side=side)))
         if progress:
-            progress(len(pictures))
-    return tuple(pictures)
+            progress(len(images))
+    return tuple(images)

@@ -1,4 +1,4 @@
-"""One simulated sensor: its gel, its camera and its lights, all drawn from a seed."""
+"""One simulated sensor: its gel, camera, lights and markers, all drawn from a seed."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,27 +10,31 @@ from numpy.typing import NDArray
 
 from palpate.errors import SettingError
 from palpate.lab.simulate import backdrop
-from palpate.lab.simulate.markers import Markers, draw_markers
 from palpate.types.sensor import SensorProfile
 
 Image = NDArray[np.float32]
 
-_RIM = 8e-4  # [m] from the pad's edge to where the gel gives way freely
-_BEARINGS = np.deg2rad((30.0, 150.0, 270.0))  # from where red, green and blue light come in the image, usually
-_FLAT_BEARINGS = np.deg2rad((90.0, 0.0, 270.0))  # the same of a GelSight Mini
-_MARKED = 0.5  # share of flat gels that have markers
-_USUAL = 0.5  # share of units in which they do; in the others from anywhere, in any order
-_WEAK = 0.1  # share of lights that are weak
+_MAX_CROSSTALK = np.array([(0.2, 0.3, 0.4), (0.3, 0.2, 0.5), (0.2, 0.4, 0.2)])  # of each light in each channel
 
-_CROSSTALK = np.array([(0.2, 0.3, 0.4), (0.3, 0.2, 0.5), (0.2, 0.4, 0.2)])  # most that each light adds to each channel
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """A grid of dark dots on a gel's skin, which move with it."""
+
+    dots: NDArray[np.float32]
+    """Columns and rows of their centres in the image at rest, (n, 2) [px]."""
+    radius: float
+    """Radius of a dot [px]."""
+    dark: float
+    """Share of the light that a dot absorbs."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorUnit:
-    """What makes one unit differ from the next of its profile; `draw_unit` makes it."""
+    """The individual properties of one unit of a profile; `draw_unit` makes it."""
 
     profile: SensorProfile
-    """What all units share."""
+    """Properties that all units share."""
     seed: int
     """The seed it was drawn from."""
     radius: float
@@ -38,39 +42,39 @@ class SensorUnit:
     length_radius: float
     """Radius of curvature of the gel along the pad [m]."""
     pitch: float
-    """Width and height on the gel of a pixel [m]."""
+    """Width and height of a pixel on the gel [m]."""
     offset: tuple[float, float]
-    """Where the image's middle lies on the pad, (y, z) in the sensor frame [m]."""
+    """The image's middle on the pad, (y, z) in the sensor frame [m]."""
     roll: float
-    """How far the image is turned on the pad, about the sensor's x [rad]."""
+    """Rotation of the image on the pad, about the sensor's x [rad]."""
     flat_width: float
-    """Width of the flat part of the gel across the pad [m]; 0 where it is round."""
+    """Width of the flat part of the gel across the pad [m]; 0 for a round gel."""
     markers: Markers | None
-    """Black dots on the skin; None without."""
+    """Dots on the skin; None without."""
     light: NDArray[np.float64]
     """Direction towards each light, (3 lights, 3): to the image's right, up, and into the camera."""
     colour: NDArray[np.float64]
-    """What each light adds to red, green and blue where the gel faces it, (3 lights, 3) [grey levels]."""
+    """Levels of red, green and blue from each light on gel that faces it, (3 lights, 3) [grey levels]."""
     shear_compliance: float
-    """How far a tangential force shifts the gel's skin [m/N]."""
+    """Shift of the gel's skin under a tangential force [m/N]."""
     response: float
-    """Exponent by which the camera answers more strongly where the image is bright; 0 is everywhere alike."""
+    """Exponent of the camera's response: above 0 it answers more strongly where the image is bright."""
     halo: float
-    """Over how much of the usual distance the gel follows around a contact."""
+    """Distance over which the gel follows around a contact, relative to the usual."""
     shadow: float
-    """Share of a light that is missing where something stands in its way, 0 to 1."""
+    """Share of a light that an obstacle blocks, 0 to 1."""
     fold: float
-    """How much of its light the gel's skin loses where it is folded, and gains where it is stretched, 0 to 1."""
+    """Strength of dark folds and bright stretched skin, 0 to 1."""
     noise: float
     """Standard deviation of the camera's noise [grey levels]."""
     illumination: Image
-    """How strongly each light reaches each pixel, (3, height, width)."""
+    """Strength of each light at each pixel, (3, height, width)."""
     no_contact: NDArray[np.uint8]
     """Image without contact and noise, (height, width, 3), RGB."""
 
     @cached_property
     def place(self) -> Image:
-        """Where on the pad each pixel looks, (2, height, width): y and z in the sensor frame [m]."""
+        """Position of each pixel on the pad, (2, height, width): y and z in the sensor frame [m]."""
         height, width = self.no_contact.shape[:2]
         right = (np.arange(width) - 0.5 * (width - 1)) * self.pitch
         up = (0.5 * (height - 1) - np.arange(height)[:, None]) * self.pitch
@@ -81,37 +85,37 @@ class SensorUnit:
 
     @cached_property
     def softness(self) -> Image:
-        """How far the gel gives way at each pixel, (height, width): 1, falling to 0 at the pad's hard rim."""
-        inside = np.clip((self.half_width - np.abs(self.place[0])) / np.float32(_RIM), 0.0, 1.0)
+        """Compliance of the gel at each pixel, (height, width): 1, falling to 0 at the pad's hard rim over 0.8 mm."""
+        inside = np.clip((self.half_width - np.abs(self.place[0])) / np.float32(8e-4), 0.0, 1.0)
         return inside * inside * (3.0 - 2.0 * inside)
 
     def sag(self, y: Any) -> Any:
-        """How far the gel falls back at y on the pad [m]."""
+        """Return the drop of the gel's surface at y on the pad [m]."""
         return _arc(np.maximum(np.abs(y) - 0.5 * self.flat_width, 0.0), self.radius)
 
     def sag_along(self, z: Any) -> Any:
-        """How far the gel falls back at z on the pad [m]."""
+        """Return the drop of the gel's surface at z on the pad [m]."""
         return _arc(z, self.length_radius)
 
     @cached_property
     def rest_slope(self) -> Image:
-        """Slopes of the gel's normal at rest to the right and up at each pixel, (2, height, width); it is hollow."""
+        """Slopes of the gel's normal at rest to the right and up at each pixel, (2, height, width)."""
         y, z = self.place
         beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * self.flat_width), 0.0)
         return np.stack([-beyond / np.float32(self.radius), -z / np.float32(self.length_radius)])
 
     def shown_angle(self, pad_angle: Any) -> Any:
-        """Return the angle at which the profile's geometry takes a contact to lie that is at pad_angle (...) [rad].
+        """Return the angle (...) [rad] at which a nominal sensor would see a contact that is at pad_angle (...) [rad].
 
-        That is all that an image tells: how far its pixels lie apart on this unit, where its middle looks and how round
-        the gel is show nowhere in it. Of a flat gel, whose edges are what shows, it is the angle itself.
+        An image does not reveal the unit's pitch, offset, roll and radius, so this is the angle that can be learnt from
+        it. A flat gel shows its edges, and the two angles are the same.
         """
         if self.flat_width:
             return pad_angle
         y, z = self.radius * np.sin(pad_angle) - self.offset[0], -self.offset[1]
         pixels = (math.cos(self.roll) * y + math.sin(self.roll) * z) / self.pitch
         place = pixels * 2.0 * self.half_width / self.no_contact.shape[1] / self.profile.radius
-        return np.arcsin(np.clip(place, -1.0, 1.0))  # out of sight, where it lies beyond the gel's side
+        return np.arcsin(np.clip(place, -1.0, 1.0))  # clipped beyond the gel's side
 
     @property
     def half_width(self) -> float:
@@ -133,16 +137,18 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
         found = f"sensor {profile.name!r} has {height} rows, radius {profile.radius} m and half_width {half_width}"
         raise SettingError(f"{found}; touch images need rows, and a half_width that radius and flat_width reach")
     rng = np.random.default_rng(seed)
-    bearing = (_FLAT_BEARINGS if flat else _BEARINGS) + rng.normal(0.0, math.radians(12.0), 3)
-    if rng.random() > _USUAL:
+    # In half of the units red, green and blue come from the usual sides; in the others from any, in any order.
+    usual = np.deg2rad((90.0, 0.0, 270.0) if flat else (30.0, 150.0, 270.0))
+    bearing = usual + rng.normal(0.0, math.radians(12.0), 3)
+    if rng.random() > 0.5:
         bearing = rng.permutation(bearing) + rng.uniform(-math.pi, math.pi)
     elevation = rng.uniform(math.radians(12.0), math.radians(40.0), 3)
     level = np.cos(elevation)
     light = np.stack([level * np.cos(bearing), level * np.sin(bearing), np.sin(elevation)], axis=-1)
-    crosstalk = rng.uniform(0.0, 1.0, (3, 3)) * _CROSSTALK
+    crosstalk = rng.uniform(0.0, 1.0, (3, 3)) * _MAX_CROSSTALK
     colour = (np.eye(3) + crosstalk) * rng.uniform(130.0, 210.0, (3, 1))
-    colour *= np.where(rng.random((3, 1)) < _WEAK, rng.uniform(0.2, 0.6, (3, 1)), 1.0)
-    # A round gel is hollow across the pad: what a light makes glow is the far side. In a flat one it is the near side.
+    colour *= np.where(rng.random((3, 1)) < 0.1, rng.uniform(0.2, 0.6, (3, 1)), 1.0)  # every tenth light is weak
+    # A light makes the far side of a round gel glow, which is hollow, and the near side of a flat one.
     kind, glow = (backdrop.FLAT, bearing) if flat else (backdrop.ROUND, math.pi - bearing)
     illumination = backdrop.draw_illumination(glow, height, width, rng, kind)
     unit = SensorUnit(
@@ -166,14 +172,25 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
         illumination=illumination,
         no_contact=backdrop.draw_no_contact(illumination, colour / 200.0, rng, kind),
     )
-    shade = 0.7 + 0.3 * np.sqrt(unit.softness)[..., None]  # little light gets to the rim
-    markers = draw_markers(unit.place, rng) if flat and rng.random() < _MARKED else None
+    shade = 0.7 + 0.3 * np.sqrt(unit.softness)[..., None]  # little light reaches the rim
+    markers = _draw_markers(unit.place, rng) if flat and rng.random() < 0.5 else None
     unit = replace(unit, no_contact=np.rint(unit.no_contact * shade).astype(np.uint8), markers=markers)
     for array in (unit.light, unit.colour, unit.illumination, unit.no_contact):
         array.flags.writeable = False
     return unit
 
 
+def _draw_markers(place: Image, rng: np.random.Generator) -> Markers:
+    """Draw markers 1.2 to 2.4 mm apart, for pixels at these positions on the pad (2, height, width) [m]."""
+    _, height, width = place.shape
+    pitch = float(abs(place[0, 0, 1] - place[0, 0, 0]))
+    spacing = rng.uniform(1.2e-3, 2.4e-3) / pitch
+    columns, rows = (np.arange(rng.uniform(0.2, 0.8) * spacing, count, spacing) for count in (width, height))
+    dots = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    dots += rng.normal(0.0, 0.05 * spacing, dots.shape)
+    return Markers(dots.astype(np.float32), rng.uniform(1.8e-4, 3e-4) / pitch, rng.uniform(0.5, 0.9))
+
+
 def _arc(away: Any, radius: float) -> Any:
-    """How far an arc falls back at this distance from its apex."""
+    """Return the drop of an arc at this distance from its apex."""
     return radius - np.sqrt(np.maximum(radius * radius - away * away, 0.0))

@@ -1,54 +1,96 @@
-"""A world in which a sensor pushes an object: the sensor goes exactly where it is told, the rest is physics."""
+"""A simulated world: the sensor follows its commanded path, the object moves by physics, a finger may shove it."""
 
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.lab.simulate.scene import WARMS_FOR, WorldSettings, build_model, load_mujoco, set_gel
-from palpate.lab.simulate.shove import Finger, Shove
+from palpate.lab.simulate.paths import minimum_jerk
+from palpate.lab.simulate.scene import WARM_UP, WorldSettings, build_model, load_mujoco, set_gel
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 
-_SETTLING = 0.4  # [s] in which the object sinks onto its feet
-_UPRIGHT = 0.999  # cosine of the largest tilt, 2.6 degrees: more than any load on the feet gives
+MAX_FINGER_FORCE = 15.0
+"""Largest force of the finger that shoves the object [N]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What happened, frame by frame; forces and slip are those of the last time step before the frame."""
+    """Motion and contact of the object, frame by frame; forces and slip are those of the last time step of a frame."""
 
     object_pose: Array
     """world_T_object, (N, 3) [m, m, rad]."""
     contact: NDArray[np.bool_]
-    """Whether gel and object touch, (N,)."""
+    """Contact between gel and object, (N,)."""
     normal_force: Array
     """Force that presses gel and object together, (N,) [N]."""
     tangential_force: Array
     """Friction on the gel within the plane, (N,) [N], positive towards the sensor's +y."""
     slip: Array
-    """Speed at which the object slides over the gel at the contact, (N,) [m/s], positive towards the sensor's +y."""
+    """Speed of the object over the gel at the contact, (N,) [m/s], positive towards the sensor's +y."""
     indentation: Array
-    """Depth of the object in the gel, (N,) [m]; 0 outside contact."""
+    """Depth of the object in the gel, (N,) [m]; 0 without contact."""
     pad_angle: Array
-    """Where on the gel the contact is, (N,) [rad]: its angle from the apex seen from the centre of curvature, positive
-    towards the sensor's +y; NaN outside contact. On a flat pad it is that of the normal where it is pressed deepest."""
+    """Position of the contact on the gel, (N,) [rad]: its angle from the apex seen from the centre of curvature,
+    positive towards the sensor's +y; NaN without contact. On a flat pad it is the normal's at the deepest point."""
     knocked: NDArray[np.bool_]
-    """Whether a finger has pushed the object since the frame before, (N,)."""
+    """Shove by a finger since the frame before, (N,)."""
 
 
-def joined(motions: list[Motion]) -> Motion:
+def concatenated(motions: list[Motion]) -> Motion:
     """Return motions, one after the other, as one."""
     names = [field.name for field in fields(Motion)]
     return Motion(**{name: np.concatenate([getattr(motion, name) for motion in motions]) for name in names})
 
 
+@dataclass(frozen=True, eq=False)
+class Shove:
+    """A push by a finger, from rest to rest with minimum jerk."""
+
+    point: Array
+    """Point of the object that the finger pushes, (2,) [m] in the object frame."""
+    direction: float
+    """Direction of the finger in the world [rad]."""
+    length: float
+    """Distance that the finger moves [m]."""
+    seconds: float
+    """Duration [s]."""
+
+
+class Finger:
+    """A finger during a shove: a spring that only pushes, and not harder than MAX_FINGER_FORCE."""
+
+    def __init__(self, shove: Shove, start: Array, time_step: float) -> None:
+        """Place the finger at the pushed point (2,) [m] in the world; time_step is in [s]."""
+        self.point = shove.point
+        """Point of the object that is pushed, (2,) [m] in the object frame."""
+        self._direction = np.array([np.cos(shove.direction), np.sin(shove.direction)])
+        path = shove.length * minimum_jerk(max(round(shove.seconds / time_step), 2))
+        self._speed = np.gradient(path, time_step).tolist()
+        self._position = (float(start @ self._direction) + path).tolist()
+        self._step = 0
+
+    @property
+    def is_done(self) -> bool:
+        """True after the last time step of the shove."""
+        return self._step == len(self._position)
+
+    def force(self, point: Array, velocity: Array) -> Array:
+        """Return the force (2,) [N] in the next time step on the pushed point, (2,) [m] and [m/s] in the world."""
+        ahead = self._position[self._step] - float(point @ self._direction)
+        faster = self._speed[self._step] - float(velocity @ self._direction)
+        self._step += 1
+        # 2000 N/m and 40 N s/m: the object lags the finger by 1 to 2 mm.
+        return min(max(2000.0 * ahead + 40.0 * faster, 0.0), MAX_FINGER_FORCE) * self._direction
+
+
 class World:
-    """One object and one sensor; time goes on with every `run`."""
+    """One object and one sensor; time advances with every `run`."""
 
     def __init__(
         self,
@@ -68,12 +110,10 @@ class World:
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
         self._finger: Finger | None = None
-        self._sensor, self._center = sensor, sensor.center
+        self._sensor, self._rate = sensor, sensor.rate
         self._sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
-        self._rate = sensor.rate
         self._velocity = np.zeros(3)
-        still = np.repeat(self._sensor_pose[None], int(_SETTLING * sensor.rate) + 1, axis=0)
-        self.run(still[1:])
+        self.run(np.repeat(self._sensor_pose[None], int(0.4 * sensor.rate), axis=0))  # 0.4 s to settle
 
     @property
     def object_pose(self) -> Array:
@@ -87,27 +127,24 @@ class World:
         return self._sensor_pose
 
     def shove(self, shove: Shove) -> None:
-        """Begin a shove of the object from where it is now; it goes on with `run`, whatever the sensor does."""
+        """Begin a shove of the object at its present pose; it goes on during `run`, independent of the sensor."""
         start = se2.transform(self.object_pose, shove.point)
         self._finger = Finger(shove, start, self._model.opt.timestep)
 
     def run(self, sensor_poses: ArrayLike) -> Motion:
-        """Move the sensor from where it is through poses (N, 3) [m, m, rad], one a frame, and return what happened.
+        """Move the sensor from its present pose through poses (N, 3) [m, m, rad], one per frame; return the motion.
 
-        Between frames the sensor follows cubics without a jump in velocity. Raises SettingError where the object
-        topples or the simulation breaks down, which no world of `draw_settings` should make happen.
+        Between frames the sensor follows cubics without a jump in velocity. Raises SettingError if the object topples
+        or the simulation breaks down, which does not happen in worlds of `draw_settings`.
         """
-        poses = np.asarray(sensor_poses, dtype=np.float64)
-        if poses.shape[1:] != (3,) or not np.isfinite(poses).all():
-            raise SettingError(f"sensor poses have shape {poses.shape}; they must be finite, (N, 3)")
-        path, velocity = self._between_frames(poses)
+        path, velocity = self._interpolated(np.asarray(sensor_poses, dtype=np.float64))
         data, model, step = self._data, self._model, self._mujoco.mj_step
         qpos, qvel = data.qpos, data.qvel
         frames = len(path) // self._steps
         rows = np.zeros((frames, 10))
         index = 0
         for frame in range(frames):
-            self._wear()
+            self._drift()
             for _ in range(self._steps):
                 qpos[:3] = path[index]
                 qvel[:3] = velocity[index]
@@ -120,18 +157,16 @@ class World:
         contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
         return Motion(rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
 
-    def _wear(self) -> None:
-        """Let the gel become what it is at the next frame."""
+    def _drift(self) -> None:
+        """Set friction and stiffness of the gel for the next frame."""
         settings, seconds = self._settings, self._age / self._rate
         self._age += 1
-        if any(settings.gel_drift) and seconds <= WARMS_FOR:
+        if any(settings.gel_drift) and seconds <= WARM_UP:
             friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
             set_gel(self._model, self._sensor, settings.gel_friction * friction, settings.gel_stiffness * stiffness)
 
-    def _between_frames(self, poses: Array) -> tuple[Array, Array]:
-        """Return position and velocity of the pusher's joints at every time step (M, 3)."""
-        from scipy.interpolate import CubicHermiteSpline
-
+    def _interpolated(self, poses: Array) -> tuple[Array, Array]:
+        """Return position and velocity of the pusher's joints at every time step, (M, 3) each."""
         knots = np.concatenate((self._sensor_pose[None], poses))
         knots[:, 2] = np.unwrap(knots[:, 2])
         if len(knots) == 1:
@@ -139,22 +174,18 @@ class World:
         slopes = np.gradient(knots, 1.0 / self._rate, axis=0)
         slopes[0] = self._velocity
         self._sensor_pose, self._velocity = knots[-1], slopes[-1]
-        times = np.arange(len(knots)) / self._rate
-        curve = CubicHermiteSpline(times, knots, slopes)
+        curve = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
         pose, rate = curve(at), curve(at, 1)
-        # The joints carry the centre of curvature, about which the gel is round.
-        arm = self._center * np.ones((len(at), 1))
+        # The joints move the gel's centre of curvature.
+        arm = self._sensor.center * np.ones((len(at), 1))
         lever = se2.transform(np.column_stack((np.zeros((len(at), 2)), pose[:, 2])), arm)
         path = np.column_stack((pose[:, :2] + lever, pose[:, 2]))
         turn = rate[:, 2:] * np.column_stack((-lever[:, 1], lever[:, 0]))
         return path, np.column_stack((rate[:, :2] + turn, rate[:, 2]))
 
     def _push(self) -> bool:
-        """Let the finger push the object in the next time step, and say whether it does.
-
-        It pushes at the height of the centre of mass, so that nothing is tilted.
-        """
+        """Apply the finger's force, level with the centre of mass, for the next time step; True if it pushes."""
         self._applied[:] = 0.0
         if self._finger is None or self._finger.is_done:
             return False
@@ -179,14 +210,14 @@ class World:
             frame = contact.frame.reshape(3, 3)
             sign = 1.0 if contact.geom[0] in self._gel else -1.0  # the normal points from the first geom to the second
             into = sign * frame[0]  # from the gel into the object
-            place = np.arctan2(into[1], into[0]) - yaw
+            bearing = np.arctan2(into[1], into[0]) - yaw
             tangent = np.array([-into[1], into[0], 0.0]) / np.hypot(into[0], into[1])
             on_gel = -sign * (frame.T @ force[:3])
             normal_sum += float(force[0])
             tangent_sum += float(on_gel @ tangent)
             if -contact.dist > depth:
                 depth = -contact.dist
-                angle = float(np.arctan2(np.sin(place), np.cos(place)))
+                angle = float(np.arctan2(np.sin(bearing), np.cos(bearing)))
                 slip = float(tangent[:2] @ self._sliding(contact.pos))
         return 1.0, normal_sum, tangent_sum, slip, max(depth, 0.0), angle
 
@@ -203,8 +234,10 @@ class World:
         return qvel[4:6] + qvel[9] * np.array([-y, x])
 
     def _check(self, frame: int) -> None:
+        """Raise SettingError if the object tilts by more than its feet can give, 2.6 degrees, or MuJoCo warns."""
         i, j = self._data.qpos[8:10].tolist()
         upright = 1.0 - 2.0 * (i * i + j * j)
-        if not upright > _UPRIGHT or any(warning.number for warning in self._data.warning):
-            found = f"the upward part of the object's axis is {upright:.4f}; allowed is {_UPRIGHT} to 1"
-            raise SettingError(f"the simulation broke down at frame {frame} of a run: {found}")
+        if not upright > 0.999 or any(warning.number for warning in self._data.warning):
+            raise SettingError(
+                f"the simulation broke down at frame {frame} of a run: the object's axis is at {upright:.4f} of upright"
+            )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.lab.simulate.marks import scratch as gel_scratch
+from palpate.lab.simulate.backdrop import scratch as gel_scratch
 from palpate.lab.study.faults.stream import Array, Image, Stream, before_contact, in_contact
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration

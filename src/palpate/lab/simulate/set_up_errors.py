@@ -1,0 +1,182 @@
+"""Errors of a real set-up that last all through a recording, and wear of the gel while it is used.
+
+- Mounting: the sensor is 1 mm and 1 degree off the robot's kinematics, in any direction, as with a bracket printed at
+  home and a ruler.
+- Outline: 1 to 2 % too large or too small, as outlines from a drawing or a scan are.
+- Time: the images of every second recording are a frame late, as from cameras without a trigger.
+- First pose: 2 to 5 mm and 1 to 3 degrees off, as an object placed by hand on marks; its sigma says so.
+- Gel: over the first 15 s friction and stiffness each drift by up to 20 %, as the gel warms and gathers dust.
+- Light: over the same time all three lights grow or fade together by up to 5 %, and each by up to 5 % besides. A red
+  LED loses some 0.7 % of its light per kelvin, a blue or green one a fifth of that, and a closed housing warms by ten
+  kelvin and more. The detector of contact has to stay quiet at this.
+- Marks: none to two grains, dents or scratches appear at any moment and stay. Real units have one or two of them from
+  years of use, so one in a recording is many.
+
+A change of the skin all over is not drawn: real images minutes apart differ by 14 grey levels of a smooth pattern
+(`docs/study/wear.json`), which is one level in 15 s. The bench of faults has it.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.geometry import se2
+from palpate.geometry.shapes import scaled
+from palpate.lab.simulate.backdrop import GRAIN_LEVELS, GRAIN_RADIUS, grain, scratch
+from palpate.lab.simulate.scene import WARM_UP
+from palpate.lab.simulate.unit import SensorUnit
+from palpate.types.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A grain or a scratch that appears on the skin during a recording."""
+
+    when: float
+    """Share of the recording before it appears, 0 to 1; then it stays."""
+    place: tuple[float, float]
+    """Its middle, in shares of the image's height and width from the upper left, 0 to 1."""
+    width: float
+    """Standard deviation of a grain, width of a scratch [px]."""
+    length: float
+    """Length of a scratch, in shares of the image's width; 0 for a grain."""
+    angle: float
+    """Direction of a scratch's normal in the image, from its right downwards [rad]."""
+    levels: tuple[float, float, float]
+    """Change of red, green and blue [grey levels]."""
+
+    def image(self, size: tuple[int, int]) -> Array:
+        """Return the change of an image of so many rows and columns, (rows, columns, 3) [grey levels]."""
+        at = (self.place[0] * size[0], self.place[1] * size[1])
+        if self.length:
+            form = scratch(size, at, self.angle, self.width, self.length * size[1])
+        else:
+            form = grain(size, at, self.width)
+        return form[..., None] * np.array(self.levels)
+
+
+@dataclass(frozen=True, eq=False)
+class Wear:
+    """Change of one unit's image during one recording."""
+
+    light: Array
+    """Relative growth of the three lights, (3,) [1/s], for WARM_UP."""
+    marks: tuple[Mark, ...]
+    """Marks that appear on the skin."""
+
+    def applied(self, unit: SensorUnit, seconds: float, duration: float) -> SensorUnit:
+        """Return the unit at a time [s] of a recording of this duration [s].
+
+        The image without contact changes as the lights that reach each pixel do, so its colours and its slope from one
+        side to the other drift.
+        """
+        strength = 1.0 + self.light * min(seconds, WARM_UP)
+        colour = strength[:, None] * unit.colour
+        before, after = (np.tensordot(unit.illumination, each, axes=(0, 0)) for each in (unit.colour, colour))
+        image = unit.no_contact * (after / np.maximum(before, 1e-6))
+        for mark in self.marks:
+            if mark.when * duration <= seconds:
+                image += mark.image(image.shape[:2])
+        return replace(unit, colour=colour, no_contact=np.clip(np.rint(image), 0, 255).astype(np.uint8))
+
+
+@dataclass(frozen=True, eq=False)
+class SetUpErrors:
+    """Systematic errors of one recording."""
+
+    mounting: Array
+    """Stated sensor pose in the frame of the true one, (3,) [m, m, rad]."""
+    outline: float
+    """Size of the stated outline relative to the object."""
+    late: int
+    """Delay of the images [frames]."""
+    first_pose: Array
+    """Stated first pose in the frame of the true one, (3,) [m, m, rad]."""
+    first_pose_sigma: Array
+    """Standard deviations of first poses, (3,) [m, m, rad]."""
+    gel_drift: tuple[float, float]
+    """Relative growth of the gel's friction and stiffness [1/s], for WARM_UP."""
+    wear: Wear
+    """Change of the gel's light and skin."""
+
+
+def draw_errors(rng: np.random.Generator) -> SetUpErrors:
+    """Draw the errors of one recording; the same generator gives the same."""
+    (low, high), (least, most) = (2e-3, 5e-3), (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
+    drift = 0.2 / WARM_UP
+    return SetUpErrors(
+        mounting=_offset(rng, 1e-3, np.radians(1.0)),
+        outline=1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.02),
+        late=int(rng.integers(2)),
+        first_pose=_offset(rng, rng.uniform(low, high), rng.uniform(least, most)),
+        first_pose_sigma=np.array([_rms(low, high) / np.sqrt(2.0)] * 2 + [_rms(least, most)]),
+        gel_drift=(rng.uniform(-drift, drift), rng.uniform(-drift, drift)),
+        # A generator of its own: later draws from rng do not depend on the wear.
+        wear=draw_wear(rng.spawn(1)[0]),
+    )
+
+
+def draw_wear(rng: np.random.Generator) -> Wear:
+    """Draw the change of a unit's light and skin."""
+    light = rng.uniform(-0.05, 0.05) + rng.uniform(-0.05, 0.05, 3)
+    return Wear(light / WARM_UP, tuple(_draw_mark(rng) for _ in range(rng.integers(3))))
+
+
+def worn(unit: SensorUnit, wear: Wear | None, time: Array) -> Iterator[SensorUnit]:
+    """Yield the unit at each of these times (N,) [s], from 0; without wear it stays the same."""
+    now, last = unit, -1
+    for seconds in time.tolist():
+        step = int(seconds / 0.5)  # in half a second no light changes by a grey level
+        if wear is not None and step != last:
+            last = step
+            now = wear.applied(unit, step * 0.5, float(time[-1]))
+        yield now
+
+
+def with_errors(recording: Recording, errors: SetUpErrors) -> Recording:
+    """Return the recording of an exact world as a robot with these errors makes it; its truth stays exact."""
+    assert recording.object_pose is not None
+    images = recording.image
+    if images is not None:
+        images = [images[max(index - errors.late, 0)] for index in range(len(images))]
+    return replace(
+        recording,
+        sensor_pose=se2.compose(recording.sensor_pose, errors.mounting),
+        shape=scaled(recording.shape, errors.outline),
+        image=images,
+        first_pose=se2.compose(recording.object_pose[0], errors.first_pose),
+        first_pose_sigma=errors.first_pose_sigma,
+        frames=recording.frames
+        | {
+            "shape": f"stated {abs(errors.outline - 1.0):.1%} too {'large' if errors.outline > 1.0 else 'small'}",
+            "image": f"{errors.late} {'frame' if errors.late == 1 else 'frames'} late",
+            "first_pose": "stated with an error; first_pose_sigma is its standard deviation",
+        },
+    )
+
+
+def _draw_mark(rng: np.random.Generator) -> Mark:
+    """Draw a mark, a scratch as often as a grain."""
+    when, row, column, angle = rng.uniform((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, math.pi)).tolist()
+    if rng.random() < 0.5:
+        red, green, blue = rng.uniform(*GRAIN_LEVELS, 3).tolist()
+        return Mark(when, (row, column), rng.uniform(*GRAIN_RADIUS), 0.0, angle, (red, green, blue))
+    level = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
+    width, length = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
+    return Mark(when, (row, column), width, length, angle, (level, level, level))
+
+
+def _offset(rng: np.random.Generator, length: float, turn: float) -> Array:
+    """Draw a pose (3,) at this distance [m] and angle [rad] from the identity, in any direction."""
+    angle = rng.uniform(-np.pi, np.pi)
+    return np.array([length * np.cos(angle), length * np.sin(angle), turn * rng.choice([-1.0, 1.0])])
+
+
+def _rms(low: float, high: float) -> float:
+    """Return the root mean square of a uniform distribution."""
+    return float(np.sqrt((low * low + low * high + high * high) / 3.0))

@@ -1,0 +1,148 @@
+"""Errors of a set-up and wear of the gel have the stated size, and wear is not taken for touch."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate import DIGIT, Disc
+from palpate.geometry import se2
+from palpate.lab.simulate import set_up_errors
+from palpate.lab.simulate.gel import touch_image
+from palpate.lab.simulate.recordings import simulate_recording
+from palpate.lab.simulate.scene import WARM_UP
+from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, draw_errors, draw_wear, with_errors, worn
+from palpate.lab.simulate.unit import draw_unit
+from palpate.pipeline.run import track
+
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+
+DISC = Disc(0.088)
+ERRORS = SetUpErrors(
+    mounting=np.array([6e-4, -8e-4, 0.02]),
+    outline=1.02,
+    late=1,
+    first_pose=np.array([3e-3, 0.0, -0.03]),
+    first_pose_sigma=np.array([2e-3, 2e-3, 0.03]),
+    gel_drift=(0.0, 0.0),
+    wear=Wear(np.zeros(3), ()),
+)
+RISE = np.array([0.1, -0.1, 0.02]) / WARM_UP
+GRAIN = Mark(0.5, (0.25, 0.75), 2.0, 0.0, 0.0, (40.0, -20.0, 10.0))
+SCRATCH = Mark(0.0, (0.5, 0.5), 3.0, 0.25, 0.0, (-30.0, -30.0, -30.0))
+UNIT = dataclasses.replace(draw_unit(DIGIT, 3), no_contact=np.full((320, 240, 3), 120, np.uint8))
+"""A unit of one even level, on which marks do not saturate."""
+
+
+def test_stated_values_are_off_by_the_errors_and_the_truth_is_not():
+    exact = simulate_recording(DISC, "disc", 3, 3.0, ideal=True)
+    stated = with_errors(exact, ERRORS)
+    assert exact.image is not None and stated.image is not None and exact.object_pose is not None
+    mounting = se2.between(exact.sensor_pose, stated.sensor_pose)
+    np.testing.assert_allclose(mounting, np.tile(ERRORS.mounting, (90, 1)), atol=1e-12)
+    assert stated.shape == Disc(1.02 * 0.088)
+    assert [stated.image[index] for index in (0, 1, 89)] == [exact.image[index] for index in (0, 0, 88)]
+    assert stated.first_pose is not None and stated.frames["image"] == "1 frame late"
+    np.testing.assert_allclose(se2.between(exact.object_pose[0], stated.first_pose), ERRORS.first_pose, atol=1e-12)
+    np.testing.assert_array_equal(stated.object_pose, exact.object_pose)
+    np.testing.assert_array_equal(stated.contact, exact.contact)
+
+
+def test_drawn_errors_have_the_stated_size():
+    drawn = [draw_errors(np.random.default_rng(seed)) for seed in range(400)]
+    mounting, first = (np.array([getattr(one, name) for one in drawn]) for name in ("mounting", "first_pose"))
+    np.testing.assert_allclose(np.hypot(*mounting[:, :2].T), 1e-3)
+    np.testing.assert_allclose(np.abs(mounting[:, 2]), np.radians(1.0))
+    length, turn = np.hypot(*first[:, :2].T), np.abs(first[:, 2])
+    assert 2e-3 <= length.min() < 2.2e-3 and 4.8e-3 < length.max() <= 5e-3
+    assert np.radians(1.0) <= turn.min() and turn.max() <= np.radians(3.0)
+    outline = np.array([one.outline for one in drawn]) - 1.0
+    assert (np.abs(outline) >= 0.01).all() and (np.abs(outline) <= 0.02).all()
+    for signs in (mounting[:, 0], mounting[:, 2], first[:, 1], first[:, 2], outline):
+        assert abs(np.mean(signs > 0.0) - 0.5) < 0.1
+    assert {one.late for one in drawn} == {0, 1}
+    np.testing.assert_allclose(np.sqrt(np.mean(first**2, axis=0)), drawn[0].first_pose_sigma, rtol=0.1)
+    assert np.abs([one.gel_drift for one in drawn]).max() <= 0.2 / 15.0
+
+
+def test_drawn_wear_has_the_stated_size():
+    drawn = [draw_wear(np.random.default_rng(seed)) for seed in range(500)]
+    light = np.array([one.light * WARM_UP for one in drawn])
+    assert 0.08 < np.abs(light).max() <= 0.1 and np.abs(light.mean(axis=0)).max() < 0.01
+    # All together and each besides, in equal parts.
+    assert np.mean(light[:, 0] * light[:, 1]) == pytest.approx(0.5 * np.mean(light**2), rel=0.2)
+    counts = np.bincount([len(one.marks) for one in drawn])
+    np.testing.assert_allclose(counts / len(drawn), 1 / 3, atol=0.1)
+    marks = [mark for one in drawn for mark in one.marks]
+    assert np.mean([mark.when for mark in marks]) == pytest.approx(0.5, abs=0.05)
+    assert 0.4 < np.mean([mark.length > 0.0 for mark in marks]) < 0.6
+
+
+def test_the_image_without_contact_follows_the_lights():
+    drawn, wear = draw_unit(DIGIT, 5), Wear(RISE, ())
+    later = wear.applied(drawn, WARM_UP, 60.0)
+    np.testing.assert_allclose(later.colour, drawn.colour * (1.0 + WARM_UP * RISE)[:, None])
+    assert (wear.applied(drawn, 50.0, 60.0).no_contact == later.no_contact).all()  # the lights have warmed up
+    bright = (drawn.no_contact > 60) & (drawn.no_contact < 220)
+    share = later.no_contact / np.maximum(drawn.no_contact, 1.0) - 1.0
+    assert np.abs(share[bright]).max() < 0.115
+    # The red channel grows at the red light, and falls where the green light dominates.
+    red, reach = share[..., 0][bright[..., 0]], (drawn.illumination[0] / drawn.illumination[1])[bright[..., 0]]
+    own, foreign = red[reach > np.quantile(reach, 0.8)].mean(), red[reach < np.quantile(reach, 0.2)].mean()
+    assert own > foreign + 0.02 and own > 0.05
+
+
+def test_an_imprint_is_lit_by_the_lights_of_its_time():
+    overlap = np.zeros((320, 240), np.float32)
+    overlap[140:180, 100:140] = 4e-4
+    dark = Wear(np.full(3, -0.1 / WARM_UP), ()).applied(UNIT, WARM_UP, WARM_UP)
+    before, after = (touch_image(one, overlap).astype(float) - one.no_contact for one in (UNIT, dark))
+    strong = np.abs(before) > 30.0
+    # The camera's response differs a little in the dark, and folds do not depend on the lights.
+    assert np.median(after[strong] / before[strong]) == pytest.approx(0.9, abs=0.04)
+
+
+def test_a_grain_and_a_scratch_appear_and_stay():
+    wear = Wear(np.zeros(3), (GRAIN, SCRATCH))
+    early, late = (wear.applied(UNIT, seconds, 10.0).no_contact.astype(int) - 120 for seconds in (4.9, 5.0))
+    np.testing.assert_array_equal(late[80, 180], GRAIN.levels)
+    assert not early[80, 180].any() and not late[80, 190].any()
+    for image in (early, late):  # the scratch is there from the first image on, 3 px across and 60 px long
+        rows_columns = np.argwhere((image == -30).all(axis=2))
+        assert rows_columns.min(axis=0).tolist() == [131, 119] and rows_columns.max(axis=0).tolist() == [189, 121]
+
+
+def test_wear_changes_an_image_by_less_than_a_grey_level_at_a_time():
+    time = np.arange(20 * 30) / 30.0
+    levels = [float(now.no_contact.mean(axis=(0, 1))[1]) for now in worn(UNIT, Wear(RISE, ()), time)]
+    assert levels[0] == 120.0 and levels[-1] < 118.0 and levels[-1] == levels[16 * 30]
+    assert np.abs(np.diff(levels)).max() < 1.0
+    assert all(now is UNIT for now in worn(UNIT, None, time))
+
+
+def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
+    wear = Wear(RISE, (dataclasses.replace(GRAIN, when=0.3), dataclasses.replace(SCRATCH, when=0.6)))
+    monkeypatch.setattr(set_up_errors, "draw_wear", lambda rng: wear)
+    ideal, usual = (simulate_recording(DISC, "disc", 3, 5.0, unit=2, ideal=ideal) for ideal in (True, False))
+    touched = usual.contact
+    assert touched is not None and touched.any() and not touched[:15].any() and not touched[-8:].any()
+
+    def mean_image(recording, frames):
+        return np.mean([recording[index].image for index in frames], axis=0)
+
+    rise = {
+        name: mean_image(of, range(142, 150)) - mean_image(of, range(8))
+        for name, of in (("ideal", ideal), ("usual", usual))
+    }
+    assert np.abs(rise["ideal"].mean(axis=(0, 1))).max() < 0.1
+    # After a third of the warm-up: red 3 % brighter by its own light, green 3 % darker.
+    red, green, _ = rise["usual"].mean(axis=(0, 1)) / mean_image(usual, range(8)).mean(axis=(0, 1))
+    assert 0.01 < red < 0.034 and -0.034 < green < -0.01
+    at_grain = rise["usual"][78:83, 178:183].mean(axis=(0, 1)) - rise["ideal"][78:83, 178:183].mean(axis=(0, 1))
+    assert at_grain[0] > 15.0 and at_grain[1] < -5.0
+    # Images may be a frame late, and the ends of a contact hardly show.
+    found = track(usual).online.contact
+    assert found is not None
+    near = np.convolve(touched, np.ones(5), mode="same") > 0
+    well_within = np.convolve(~touched, np.ones(7), mode="same") < 0.5
+    assert not found[~near].any() and found[well_within].all()

@@ -1,0 +1,209 @@
+"""`palpate simulate`: folders of recordings that are reproducible, resumable and whole."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import palpate
+
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+
+SHORT = ("--seconds", "3", "--no-images")
+DISC = ("--shape", "disc", *SHORT)
+SUFFIX = ".mcap"
+RECORDING = f"disc-000000{SUFFIX}"
+
+
+class Done(NamedTuple):
+    """Exit code and output of a command."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def simulate(run_palpate):
+    return lambda *words: Done(*run_palpate("simulate", *words))
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def test_a_recording_with_images(simulate):
+    assert simulate("out", "--shape", "disc", "--count", "1", "--seconds", "3", "--ideal").code == 0
+    made = palpate.load_recording(f"out/{RECORDING}")
+    assert (len(made), made.sensor, made.shape) == (90, palpate.DIGIT, palpate.load_shape("disc"))
+    assert made.contact is not None and made.image is not None and made.object_pose is not None
+    assert "simulated" in made.source and "seed 0, recording 0," in made.source
+    force, depth = made.extra["normal_force"], made.extra["indentation"]
+    assert ((force > 0) <= made.contact).all() and (depth[~made.contact] == 0).all()
+    # The noise of motion capture: 0.1 mm, 0.1 to 0.2 degrees.
+    for noisy, name in ((made.sensor_pose, "sensor_pose_clean"), (made.object_pose, "object_pose_clean")):
+        error = noisy - made.extra[name]
+        assert error[:, :2].std() == pytest.approx(1e-4, rel=0.25)
+        assert np.radians(0.07) < np.angle(np.exp(1j * error[:, 2])).std() < np.radians(0.27)
+    # Contact shows in the images.
+    free = np.flatnonzero(~made.contact)[:8]
+    images = {int(i): np.asarray(made[int(i)].image, float) for i in (*free, depth.argmax())}
+    blank = np.mean([images[int(i)] for i in free], axis=0)
+    change = {i: float(np.abs(image - blank).max()) for i, image in images.items()}
+    assert change.pop(int(depth.argmax())) > 2 * max(change.values())
+
+
+def test_the_same_options_give_the_same_files(simulate):
+    """On one process or two; images and the sensor unit do not change the motion, and knocks not what was before."""
+    for name, options in (
+        ("one", ()),
+        ("two", ("--workers", "2")),
+        ("seed", ("--seed", "1")),
+        ("unit", ("--unit", "5")),
+        ("knocks", ("--knocks",)),
+    ):
+        assert simulate(name, *DISC, "--count", "2", "--ideal", *options).code == 0
+    assert simulate("images", *DISC[:-1], "--count", "1", "--ideal").code == 0
+    assert contents("one") == contents("two")
+    assert contents("seed").keys() == {f"disc-10000{k}{SUFFIX}" for k in (0, 1)}
+    plain, knocked, seen = (palpate.load_recording(f"{name}/{RECORDING}") for name in ("one", "knocks", "images"))
+    assert np.array_equal(plain.sensor_pose, seen.sensor_pose) and seen.image is not None and plain.image is None
+    assert all(np.array_equal(value, seen.extra[name], equal_nan=True) for name, value in plain.extra.items())
+    flags = knocked.extra["knocked"]
+    begin = int(np.argmax(flags))
+    assert set(flags) == {0.0, 1.0} and np.array_equal(knocked.sensor_pose[:begin], plain.sensor_pose[:begin])
+    units = [palpate.load_recording(path).source.split("of unit ")[1] for path in sorted(Path("unit").iterdir())]
+    assert units == ["5", "5"] and "of unit 5" not in plain.source
+
+
+@pytest.mark.parametrize("name", ["disc", "rectangle", "ellipse", "triangle", "hexagon", "t", "butterfly"])
+def test_every_object_is_pushed_and_tracked_by_its_contacts(simulate, name):
+    assert simulate("out", "--shape", name, "--count", "3", *SHORT, "--ideal", "--seed", "2").code == 0
+    for path in Path("out").iterdir():
+        made = palpate.load_recording(path)
+        assert made.contact is not None and made.object_pose is not None and made.contact.sum() > 5
+        tracker = palpate.Tracker(made.shape, made.sensor, made.object_pose[0], palpate.TrackerSettings("oracle"))
+        estimate = [tracker.update(frame) for frame in made][-1]
+        assert np.hypot(*(estimate.pose - made.object_pose[-1])[:2]) < 0.01
+
+
+def test_resume_keeps_whole_files_of_the_same_options_and_makes_the_rest(simulate):
+    words = ("out", *DISC, "--count", "3")
+    assert simulate(*words).code == 0
+    whole = contents("out")
+    again = simulate(*words)
+    assert again.code == 2 and "holds 3 recordings already; --resume" in again.err
+    cut, missing, kept = sorted(Path("out").iterdir())
+    cut.write_bytes(whole[cut.name][:20000])
+    missing.unlink()
+    stamp = kept.stat().st_mtime_ns
+    done = json.loads(simulate(*words, "--resume", "--json").out)
+    assert (done["made"], done["kept"]) == ([cut.name, missing.name], [kept.name])
+    assert contents("out") == whole and kept.stat().st_mtime_ns == stamp
+    for other in (("--ideal",), ("--knocks",), ("--seconds", "4")):
+        refused = simulate(*words, "--resume", *other)
+        assert refused.code == 2 and "was made with other options" in refused.err
+
+
+def test_a_damaged_image_is_made_again(simulate):
+    words = ("out", "--shape", "disc", "--count", "1", "--seconds", "3")
+    assert simulate(*words).code == 0
+    path = Path("out") / RECORDING
+    whole, recording = path.read_bytes(), palpate.load_recording(path)
+    assert recording.image is not None
+    place = whole.index(recording.image[40]) + len(recording.image[40]) // 2
+    path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+    assert json.loads(simulate(*words, "--resume", "--json").out)["made"] == [RECORDING]
+    assert path.read_bytes() == whole
+
+
+def test_an_outline_that_cannot_be_pushed_does_not_stop_the_rest(simulate):
+    # A gel cannot reach into a star whose points leave no room, and no edge of it is free.
+    angle = np.arange(40) * (np.pi / 20)
+    star = np.where(np.arange(40) % 2, 0.02, 0.1)[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
+    np.savetxt("star.csv", star, delimiter=",")
+    done = simulate("out", "--shape", "star.csv", *DISC, "--count", "1", "--json")
+    found = json.loads(done.out)
+    assert done.code == 3 and found["made"] == [RECORDING]
+    assert [failed["file"] for failed in found["failed"]] == [f"star-edges-000000{SUFFIX}"]
+    assert done.err.count("\n") == 1 and f"star-edges-000000{SUFFIX}: no place was found" in done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--shape", "cube"), "shape is 'cube'; allowed are disc, rectangle, ellipse"),
+        (("--shape", "disc", "--shape", "disc"), "'disc' is given twice"),
+        (("--shape", "0.02x0.03"), "the outline is 0.03 m wide; simulation allows 0.05 to 0.5 m"),
+        (("--count", "0"), "count is 0; allowed is 1 to 100000"),
+        (("--seconds", "2.9"), "seconds is 2.9; allowed is 3 to 600"),
+        (("--seconds", "nan"), "seconds is nan; allowed is 3 to 600"),
+        (("--seed", "-1"), "seed is -1; allowed is 0 or more"),
+        (("--unit", "-1"), "unit is -1; allowed is 0 or more"),
+        (("--workers", "0"), "workers is 0; allowed is 1 or more"),
+        (("--dask", "nowhere"), "no Dask scheduler answers at 'nowhere'"),
+        (("--replay", "real.txt", "--knocks", "--ideal"), "its file; --knocks, --ideal cannot go with it"),
+        (("--replay", "real.txt", "--count", "3"), "--replay takes object and motion from its file; --count"),
+    ],
+)
+def test_bad_options_are_one_line_and_leave_nothing(simulate, words, said):
+    done = simulate("out", *words, *([] if "--replay" in words else ["--no-images"]))
+    assert done.code == 2 and done.out == "" and done.err.startswith("palpate: ") and done.err.count("\n") == 1
+    assert said in done.err and not list(Path().glob("out/*"))
+
+
+def test_missing_packages_and_a_file_for_a_folder_are_named(simulate, monkeypatch):
+    Path("file").write_text("")
+    assert "file: cannot be a folder of recordings" in simulate("file").err
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert "MuJoCo, which is not installed: pip install palpate[sim]" in simulate("out").err
+    assert not Path("out").exists()
+
+
+def test_an_interrupt_leaves_whole_files_only():
+    words = ("simulate", "out", "--shape", "disc", "--count", "200", "--seconds", "3", "--workers", "2")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "palpate", *words], start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    until = time.monotonic() + 60
+    while len(list(Path().glob(f"out/*{SUFFIX}"))) < 2 and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    files = list(Path("out").iterdir())
+    assert 2 <= len(files) < 200 and all(len(palpate.load_recording(path)) == 90 for path in files)
+
+
+def test_a_replay_of_a_real_recording(simulate):
+    time, still = np.arange(40) / 30.0, np.zeros((40, 3))
+    pushing = np.column_stack((-0.045 + np.maximum(time - 0.7, 0.0) * 0.02, np.zeros(40), np.zeros(40)))
+    moved = np.column_stack((np.maximum(time - 0.7, 0.0) * 0.02, np.zeros(40), np.zeros(40)))
+    tip = palpate.SensorProfile("tip", radius=0.005)
+    good = palpate.Recording(time, pushing, palpate.Rectangle(0.09, 0.09), tip, moved, contact=time >= 0.7, source="x")
+    palpate.write_recording(good, f"good{SUFFIX}")
+    palpate.write_recording(palpate.Recording(time, still, good.shape, tip, still), f"mute{SUFFIX}")
+    Path("words.json").write_text("no recording")
+    given = [word for name in (f"good{SUFFIX}", f"mute{SUFFIX}", "words.json") for word in ("--replay", name)]
+    done = simulate("out", *given, "--json")
+    found = json.loads(done.out)
+    assert done.code == 3 and found["made"] == [f"good{SUFFIX}"]
+    assert {failed["file"] for failed in found["failed"]} == {f"mute{SUFFIX}", f"words{SUFFIX}"}
+    assert f"palpate: mute{SUFFIX}: has no contact flags" in done.err and "palpate: words.json: " in done.err
+    made = palpate.load_recording(f"out/good{SUFFIX}")
+    assert made.image is not None and made.sensor == palpate.DIGIT and len(made) == 40
+    assert made.source.startswith("motion of x; touch rendered by palpate: seed 0, drawn images of unit ")
+    again = simulate("out", "--replay", f"good{SUFFIX}", "--resume")
+    assert again.code == 0 and "0 made, 1 kept, 0 failed" in again.out
