@@ -1,0 +1,377 @@
+"""Contact from images: shares made by hand, light that changes, scratches, faults and calibrations."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate import DIGIT, Background, Calibration, Disc, Frame, FrameError, SettingError, Tracker, TrackerSettings
+
+Array = np.ndarray
+SMALL = replace(DIGIT, image_height=60, image_width=60)
+FIRST = 15  # frames of half a second
+
+
+class Camera:
+    """Feeds images to a tracker whose sensor stands at a disc, and tells contact."""
+
+    def __init__(self, calibration: Calibration | None = None, rate: float = 30.0, sensor=SMALL) -> None:
+        sensor = replace(sensor, rate=rate)
+        how = TrackerSettings(tactile="none", hypotheses=1)
+        self.tracker = Tracker(Disc(0.05), sensor, (0.05, 0.0, 0.0), how, calibration=calibration)
+        self.rate, self.count, self.reason = rate, 0, ""
+
+    def __call__(self, image: Array) -> bool:
+        self.count += 1
+        estimate = self.tracker.update(Frame(self.count / self.rate, np.zeros(3), image=image))
+        self.reason = estimate.reason
+        return estimate.contact
+
+    @property
+    def background(self) -> Background:
+        assert self.tracker.background is not None
+        return self.tracker.background
+
+
+def grey(level: float | tuple[float, ...] = 100.0, size: tuple[int, int] = (60, 60)) -> Array:
+    return np.full((*size, 3), level, np.uint8)
+
+
+def marked(cells: int) -> Array:
+    """Return a grey image of 30 x 30 cells of 2 x 2 px, some of them brighter."""
+    image = grey()
+    for index in range(cells):
+        row, column = 2 * (index // 30), 2 * (index % 30)
+        image[row : row + 2, column : column + 2] = 150
+    return image
+
+
+def still(image: Array | None = None, deviation: float = 0.0) -> Calibration:
+    """Return a calibration of this very stream, of an untouched image."""
+    mean = (grey() if image is None else image).astype(np.float32)
+    return Calibration(Background(mean, np.full(mean.shape, deviation, np.float32)), is_sure=True)
+
+
+def noisy(image: Array, rng: np.random.Generator, level: float = 0.6) -> Array:
+    return np.clip(image + rng.normal(0.0, level, image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("rate", "frames"), [(30.0, 15), (60.0, 30), (5.0, 8)])
+def test_the_first_half_second_is_taken_as_untouched(rate, frames):
+    rng, camera = np.random.default_rng(0), Camera(rate=rate)
+    images = [rng.integers(97, 104, (60, 60, 3)).astype(np.uint8) for _ in range(frames)]
+    for image in images:
+        assert camera.tracker.background is None
+        assert not camera(image)
+    found, expected = camera.background, np.array(images, float)
+    np.testing.assert_allclose(found.mean, expected.mean(axis=0), atol=1e-4)
+    np.testing.assert_allclose(found.deviation, expected.std(axis=0, ddof=1), atol=1e-4)
+
+
+def test_black_images_and_moving_touches_are_not_taken_as_untouched():
+    camera = Camera()
+    for _ in range(20):
+        camera(grey(0.0))
+    for column in range(20):
+        image = grey()
+        image[20:30, 2 * column : 2 * column + 20] = 150
+        camera(image)
+    assert camera.tracker.background is None
+    for _ in range(FIRST):
+        camera(grey())
+    assert (camera.background.mean == 100.0).all()
+
+
+def test_one_percent_of_the_cells_begin_a_touch_and_half_of_that_ends_it():
+    # Of 900 cells, 4 are 0.44 %, 5 are 0.56 %, 9 are 1 % and 10 are 1.1 %.
+    camera = Camera(still())
+    cells = [0, 9, 10, 9, 5, 4, 9, 300]
+    assert [camera(marked(count)) for count in cells] == [False, False, True, True, True, False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("deviation", "change", "touched"), [(10.0, 39, False), (10.0, 41, True), (0.0, 3, False), (0.0, 5, True)]
+)
+def test_a_touch_is_four_deviations_of_a_cell_and_at_least_four_levels(deviation, change, touched):
+    image = grey()
+    image[10:30, 20:50] += change
+    assert Camera(still(deviation=deviation))(image) is touched
+
+
+def test_light_that_fades_in_a_touch_leaves_none_behind():
+    rng = np.random.default_rng(1)
+    gel = rng.uniform(40.0, 160.0, (60, 60, 3))
+    touch = np.zeros((60, 60, 1))
+    touch[20:30, 20:30] = 40.0
+    camera = Camera(still(gel))
+
+    def image(light: Array, touched: bool) -> Array:
+        return np.rint(light * gel + touched * touch).astype(np.uint8)
+
+    assert not camera(image(np.array([1.1, 0.9, 1.05]), False))
+    assert all(camera(image(np.array([fade, 1.0, 2.0 - fade]), True)) for fade in np.linspace(1.0, 0.8, 60))
+    assert not camera(image(np.array([0.8, 1.0, 1.2]), False))
+
+
+def test_light_that_wanders_to_one_side_is_followed_and_hides_no_touch():
+    # 20 levels from left to right, over 10 s: five times as much as a touch.
+    ramp = np.linspace(-1.0, 1.0, 60)[:, None] * 20.0
+    camera = Camera(still())
+    assert not any(camera(np.rint(grey() + part * ramp).astype(np.uint8)) for part in np.linspace(0.0, 1.0, 300))
+    assert np.abs(camera.background.mean - grey() - ramp).max() < 8.0  # it lags by 3 s
+    touched = np.rint(grey() + ramp).astype(np.uint8)
+    touched[10:30, 5:40] += 20
+    assert camera(touched) and Camera(still())(touched)
+
+
+def test_noise_is_followed():
+    rng, camera = np.random.default_rng(2), Camera(still())
+    for _ in range(450):
+        camera(noisy(grey(), rng, 2.5))
+    assert np.sqrt((camera.background.deviation**2).mean()) == pytest.approx(2.5, rel=0.05)
+
+
+def test_a_resting_touch_goes_on():
+    camera = Camera(still())
+    assert all(camera(marked(20)) for _ in range(200))
+    assert (camera.background.mean == 100.0).all()
+    assert not camera(marked(0))
+
+
+@pytest.mark.parametrize("before", [0, 4])  # frames; every fifth one is followed by the background
+def test_a_residual_imprint_becomes_part_of_the_untouched_gel(before):
+    rng, camera = np.random.default_rng(8), Camera(still())
+    assert not any(camera(noisy(marked(0), rng)) for _ in range(before))
+    assert all(camera(noisy(marked(300), rng)) for _ in range(20))
+    assert [camera(noisy(marked(12), rng)) for _ in range(40)] == [True] * 4 + [False] * 36
+    assert camera.background.mean[0, 1] == pytest.approx(150.0, abs=3.0)
+    assert camera(noisy(marked(300), rng))
+
+
+def test_a_touch_that_wanes_or_moves_goes_on():
+    rng, camera = np.random.default_rng(9), Camera(still())
+    waning = [300] * 20 + [round(300 * 0.9**count) for count in range(1, 33)]
+    assert all(camera(noisy(marked(count), rng)) for count in waning if count > 9)
+    moving = [np.roll(marked(12), 2 * count, axis=0) for count in range(20)]
+    for after in (moving, [marked(25)] * 20):
+        camera = Camera(still())
+        assert all(camera(noisy(image, rng)) for image in [marked(300)] * 20 + after)
+
+
+def line(width: float) -> Array:
+    """Return a grey DIGIT image with a dark line across, so many px wide."""
+    image = grey(size=(320, 240))
+    rows, columns = np.indices(image.shape[:2])
+    image[np.abs(0.8 * (columns - 120) + 0.6 * (rows - 160)) < 0.5 * width] -= 60
+    return image
+
+
+def test_a_scratch_is_no_touch():
+    known = still(grey(size=(320, 240)), 2.0)
+    assert Camera(known, sensor=DIGIT)(line(9.0))  # wider than a cell
+    camera = Camera(known, sensor=DIGIT)
+    assert not any(camera(line(3.0)) for _ in range(60))
+    pressed = line(3.0)
+    pressed[100:160, 60:100] += 20
+    assert camera(pressed)
+
+
+def test_stripes_of_a_camera_are_noise():
+    rng, levels = np.random.default_rng(7), np.full((320, 240, 3), 100.0, np.float32)
+
+    def striped() -> Array:
+        stripes = np.repeat(rng.normal(0.0, 3.0, (1, 30, 3)), 8, axis=1)
+        return (levels + stripes + rng.normal(0.0, 1.0, levels.shape)).astype(np.uint8)
+
+    of_pixels = Background(levels, np.full_like(levels, 3.2))
+    assert of_pixels.noise.mean() == pytest.approx(0.8, abs=0.1)  # if pixels had noise of their own
+    of_cells = Background(levels, of_pixels.deviation, np.full_like(of_pixels.noise, 3.0))
+    unaware, camera = (Camera(Calibration(gel, is_sure=True), sensor=DIGIT) for gel in (of_pixels, of_cells))
+    assert any(unaware(striped()) for _ in range(5))
+    assert sum(camera(striped()) for _ in range(20)) <= 1
+    pressed = striped()
+    pressed[100:180, 60:120] += 40
+    assert camera(pressed)
+
+
+def test_markers_are_taken_off():
+    rng, camera = np.random.default_rng(3), Camera(sensor=DIGIT)
+    dotted = grey((120.0, 90.0, 100.0), (320, 240)).astype(float)
+    for row in range(20, 320, 30):
+        for column in range(20, 240, 30):
+            dotted[row : row + 8, column : column + 8] -= 60.0
+    assert not any(camera(noisy(dotted, rng, 1.0)) for _ in range(30))
+    assert camera.background.mean.min() > 80.0
+    assert not camera(noisy(np.roll(dotted, 4, axis=0), rng, 1.0))  # the skin moves with its dots
+    dotted[100:160, 60:120] += 25.0
+    assert camera(noisy(dotted, rng, 1.0))
+
+
+# Faults
+
+
+def gel(rng: np.random.Generator) -> Array:
+    """Return a gel with different light from all sides, with one level of noise."""
+    rows, columns = np.indices((60, 60)) / 60
+    levels = np.stack([100 + 50 * columns, 100 + 40 * np.sin(6.0 * rows), 150 - 60 * rows * columns], axis=-1)
+    return np.rint(levels + rng.normal(0.0, 1.0, levels.shape)).astype(np.uint8)
+
+
+def settled(rng: np.random.Generator) -> Camera:
+    camera = Camera()
+    assert not any(camera(gel(rng)) for _ in range(20))
+    return camera
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((60, 60, 3), np.uint8),
+        np.full((60, 60, 3), 255, np.uint8),
+        np.random.default_rng(1).integers(0, 256, (60, 60, 3), np.uint8),
+    ],
+    ids=["black", "saturated", "noise"],
+)
+def test_an_image_without_a_gel_is_refused_and_changes_nothing(image):
+    rng = np.random.default_rng(0)
+    camera = settled(rng)
+    before = camera.background
+    for _ in range(3):
+        with pytest.raises(FrameError, match="is unlike the untouched gel"):
+            camera(image)
+    assert camera.background is before and not camera(gel(rng))
+    touched = gel(rng)
+    touched[10:30, 10:30] += 40
+    assert camera(touched)
+
+
+def test_a_camera_that_hangs_is_refused_until_it_goes_on():
+    rng = np.random.default_rng(0)
+    camera, image = settled(rng), gel(rng)
+    for _ in range(6):
+        camera(image)
+    for _ in range(3):
+        with pytest.raises(FrameError, match=r"found the same \d times, to the last bit"):
+            camera(image)
+    assert not camera(gel(rng))
+
+
+def test_images_without_noise_may_repeat():
+    camera = Camera()
+    assert not any(camera(grey()) for _ in range(40))
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.zeros((60, 50, 3), np.uint8), r"found uint8 \(60, 50, 3\); expected uint8 \(60, 60, 3\)"),
+        (np.zeros((3, 60, 60), np.uint8), r"found uint8 \(3, 60, 60\)"),
+        (np.zeros((60, 60, 3), np.float32), "float32"),
+    ],
+)
+def test_an_image_of_another_size_or_type_is_refused(image, words):
+    for camera in (Camera(), Camera(still())):
+        with pytest.raises(FrameError, match=words):
+            camera(image)
+
+
+def known(rng: np.random.Generator) -> Calibration:
+    images = np.array([gel(rng) for _ in range(30)], np.float32)
+    return Calibration(Background(images.mean(axis=0), images.std(axis=0)))
+
+
+VIEWS = {
+    "mirrored": lambda image: image[:, ::-1],
+    "turned by 180 degrees": lambda image: np.rot90(image, 2),
+    "turned by 270 degrees": np.rot90,
+    "channels BGR": lambda image: image[..., ::-1],
+}
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("touched", [False, True])
+def test_images_in_another_view_than_the_calibration_are_refused_with_its_name(view, touched):
+    rng = np.random.default_rng(0)
+    camera, image = Camera(known(rng)), gel(rng)
+    image[20:35, 20:40] += 40 * touched
+    with pytest.raises(FrameError, match=f"lies otherwise than the untouched gel of the calibration: it fits {view}, "):
+        camera(np.ascontiguousarray(VIEWS[view](image)))
+    assert camera(image) is touched
+
+
+def test_a_symmetric_gel_is_never_refused_for_its_view():
+    rng = np.random.default_rng(2)
+    rows, columns = np.indices((60, 60)) / 30.0 - 1.0
+    dome = (150.0 - 40.0 * (rows**2 + columns**2))[..., None] * (1.0, 0.98, 1.02)
+    for _ in range(5):
+        assert not Camera(still(dome, 2.0))(noisy(dome, rng, 2.0))
+
+
+def test_a_grey_image_is_named_against_a_coloured_gel():
+    rng = np.random.default_rng(0)
+    camera = Camera(known(rng))
+    with pytest.raises(FrameError, match="found grey, expected colours"):
+        camera(np.repeat(gel(rng)[..., :1], 3, axis=2))
+    assert not camera(gel(rng))
+
+
+def checkered(share: float) -> Array:
+    """Return a grey image, a share of whose 30 x 30 cells is darker or brighter."""
+    cells = np.full(900, 100, np.uint8)
+    off = np.random.default_rng(2).permutation(900)[: round(900 * share)]
+    cells[off[::2]], cells[off[1::2]] = 50, 150
+    return np.broadcast_to(cells.reshape(30, 30).repeat(2, axis=0).repeat(2, axis=1)[..., None], (60, 60, 3)).copy()
+
+
+def test_a_calibration_is_doubted_until_its_gel_is_seen(caplog):
+    unsure = replace(still(), is_sure=False)
+    camera = Camera(unsure)
+    assert Camera(still())(checkered(0.7))
+    with pytest.raises(
+        FrameError, match=r"expected is that of the calibration: was that another unit or a touched gel"
+    ):
+        camera(checkered(0.7))
+    for _ in range(20):
+        assert camera(checkered(0.5)) and camera.reason.startswith("no image so far looks like the untouched gel")
+    assert sum("no image so far" in record.getMessage() for record in caplog.records) == 1
+    assert not camera(checkered(0.0)) and camera.reason == ""
+    assert camera(checkered(0.7)) and camera.reason == ""
+
+
+def test_a_calibration_of_another_size_is_refused_before_any_image():
+    with pytest.raises(SettingError, match=re.escape("is of images of 60 x 60 px; those of sensor 'DIGIT' have 320 x")):
+        Camera(still(), sensor=DIGIT)
+
+
+# Colours of an untouched DIGIT
+
+
+def slopes(*slope: float) -> Array:
+    """Return a DIGIT image whose red, green and blue grow by these shares from the middle to the right."""
+    x = np.linspace(-1.0, 1.0, 240)[:, None]
+    return np.rint(np.broadcast_to(100.0 * (1.0 + np.array(slope) * x), (320, 240, 3))).astype(np.uint8)
+
+
+def question(image: Array, calibration: Calibration | None = None) -> str:
+    tracker = Tracker(Disc(0.05), DIGIT, (0.2, 0.0, 0.0), calibration=calibration)
+    tracker.update(Frame(0.0, np.zeros(3), image=np.ascontiguousarray(image)))
+    return tracker.unusual_colours
+
+
+USUAL = slopes(-0.5, 0.4, 0.1)
+
+
+def test_unusual_colours_are_asked_about_once():
+    assert question(USUAL) == question(USUAL[::-1]) == ""
+    for image in (USUAL[:, ::-1], np.rot90(USUAL, 2)):
+        assert "green at the left and red at the right, and most units are red at the left" in question(image)
+    assert "the gel is blue at the left and green at the right" in question(USUAL[..., ::-1])
+    for unclear in ((0.0, 0.0, 0.0), (0.03, -0.02, -0.01), (-0.4, 0.5, -0.42)):  # grey, faint, two alike
+        assert question(slopes(*unclear)) == ""
+
+
+def test_nothing_is_asked_of_a_view_that_is_known():
+    swapped = np.ascontiguousarray(USUAL[..., ::-1])
+    assert question(swapped, still(swapped))
+    assert not question(swapped, replace(still(swapped), is_view_known=True))
