@@ -16,10 +16,10 @@ def truth_print(
     /,
     *,
     shape: Annotated[str, tyro.conf.arg(metavar="NAME|FILE", help="The object, as palpate simulate takes it.")],
-    paper: Annotated[Literal["a4", "a3"], tyro.conf.arg(help="What it is printed on.")] = "a4",
+    paper: Annotated[Literal["a4", "a3"], tyro.conf.arg(help="Paper size.")] = "a4",
     force: ForceOption = False,
 ) -> int:
-    """Write what to print for truth by a camera: tags for table, object and sensor, and a board to calibrate with."""
+    """Write the sheets to print for ground truth: tags for table, object and sensor, and a calibration board."""
     from palpate.cli.console import print_line
     from palpate.io.outlines.load import load_shape
     from palpate.lab.truth.sheets import write_sheets
@@ -37,22 +37,21 @@ def truth_camera(
     out: Annotated[Path, tyro.conf.arg(metavar="CAMERA.json", help="The file to write.")],
     force: ForceOption = False,
 ) -> int:
-    """Calibrate the overhead camera by a video of the printed board, held aslant all over the view."""
+    """Calibrate the overhead camera by a video of the printed board, held at an angle all over the view."""
     from palpate.cli.console import busy, print_line
-    from palpate.lab.truth.camera import calibrated, save_camera
-    from palpate.lab.truth.video import pictures
+    from palpate.lab.truth.camera import calibrated, read_video, save_camera
 
     check_new(out, force)
     with busy(f"looking for the board in {video.name}"):
-        camera = calibrated(picture for _, picture in pictures(video))
+        camera = calibrated(picture for _, picture in read_video(video))
     save_camera(camera, out, force)
-    print_line(f"{out}: corners are off by {camera.error:.2f} px; half a pixel and less is good")
+    print_line(f"{out}: reprojection error {camera.error:.2f} px; half a pixel or less is good")
     return 0
 
 
 def truth(
     recording: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING", help="What the robot recorded meanwhile.")
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING", help="The robot's recording of the same push.")
     ],
     video: VideoOption,
     /,
@@ -68,17 +67,15 @@ def truth(
     from palpate import io as formats
     from palpate.cli.console import busy, number, print_json, print_table
     from palpate.errors import FileError
-    from palpate.lab.truth.alignment import align
-    from palpate.lab.truth.camera import load_camera
-    from palpate.lab.truth.record import with_truth
-    from palpate.lab.truth.video import pictures
-    from palpate.lab.truth.watched import watch
+    from palpate.lab.truth.alignment import align, with_truth
+    from palpate.lab.truth.camera import load_camera, read_video
+    from palpate.lab.truth.tracks import track_tags
 
     check_new(out, force)
-    given, seen_by = formats.load_recording(recording), load_camera(camera)
+    given, overhead = formats.load_recording(recording), load_camera(camera)
     with busy(f"looking for tags in {video.name}"):
         try:
-            tag_on_object, tag_on_sensor = watch(pictures(video), seen_by)
+            tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
             alignment = align(given.time, given.sensor_pose, tag_on_sensor)
         except FileError as error:
             raise FileError(str(error) if str(error).startswith(str(video)) else f"{video}: {error}") from error
@@ -86,7 +83,7 @@ def truth(
     formats.write(found, out, overwrite=force)
     assert found.object_pose is not None
     known = int(np.isfinite(found.object_pose).all(axis=1).sum())
-    said = {
+    summary = {
         "frames": len(found),
         "with_truth": known,
         "delay_s": alignment.delay,
@@ -98,17 +95,17 @@ def truth(
         "file": str(out),
     }
     if json:
-        print_json(said)
+        print_json(summary)
         return 0
     rows = [
         ("frames with ground truth", f"{known} of {len(found)}", ""),
         ("recording's time less the video's", number(alignment.delay), "s"),
         ("its standard deviation", number(1e3 * alignment.sigma[3]), "ms"),
-        ("tag of the object over the table", number(said["object_height_mm"]), "mm"),
-        ("tag of the sensor over the table", number(said["sensor_height_mm"]), "mm"),
-        ("robot and camera apart, root mean square", number(said["residual_mm"]), "mm"),
-        ("table in the world, standard deviation", number(said["table_sigma_mm"]), "mm"),
+        ("object's tag above the table", number(summary["object_height_mm"]), "mm"),
+        ("sensor's tag above the table", number(summary["sensor_height_mm"]), "mm"),
+        ("RMS distance between robot and camera", number(summary["residual_mm"]), "mm"),
+        ("standard deviation of the table's place", number(summary["table_sigma_mm"]), "mm"),
         ("written", str(out), ""),
     ]
-    print_table("truth", ("what", "value", "unit"), rows, numbers=(1,))
+    print_table("truth", ("quantity", "value", "unit"), rows, numbers=(1,))
     return 0

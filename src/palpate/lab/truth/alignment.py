@@ -1,10 +1,10 @@
-"""Where the table is in the robot's world, where the tag is on the sensor, and how late the video is.
+"""Ground truth in the robot's world: table and recording aligned by the tag on the sensor.
 
-The robot says where the sensor is, the video where the sensor's tag is: world_T_table * table_T_tag is
-world_T_sensor * sensor_T_tag at the same time. All three unknowns are those that fit best.
+The robot measures the sensor's pose, the video that of the sensor's tag: world_T_table * table_T_tag equals
+world_T_sensor * sensor_T_tag at the same time. The unknowns are world_T_table, sensor_T_tag and the delay.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,27 +12,23 @@ from scipy.optimize import least_squares
 
 from palpate.errors import FileError
 from palpate.geometry import se2
-from palpate.lab.truth.watched import Watched
+from palpate.lab.truth.tracks import TagTrack
+from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
 
 FEWEST = 20
 """Pictures of the sensor's tag that are needed."""
-LEAST_TURN = 10.0
-"""[degrees] of the sensor's turning that are needed to begin with."""
-TURN_MORE = "let it turn by 60 or more in the recording, best before the first push"
-"""What helps."""
-LARGEST_SIGMA = 1e-3
-"""[m] standard deviation of the table's place in the world, above which a recording does not tell it."""
-
-_STEP = 0.01  # [s] of the speeds that are compared
-_ROBOT = np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad] how well a robot knows its own poses
-_MOUNT = 0.05  # [m] how far a tag may be from the sensor's origin
+SIGMA = "object_pose_sigma"
+"""Field of a recording's `extra` with the standard deviations of its truth: x, y [m] and angle [rad], (N, 3)."""
+_STEP = 0.01  # [s] between turning rates that are compared
+_ROBOT = np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad] accuracy of the robot's poses
+_ADVICE = "let it turn by 60 or more in the recording, best before the first push"
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """How video and recording go together."""
+    """Relation of video and recording."""
 
     world_T_table: Array
     """(3,) [m, m, rad]"""
@@ -43,77 +39,99 @@ class Alignment:
     sigma: Array
     """Standard deviations of the table's pose, (3,) [m, m, rad], and of the delay [s]: (4,)."""
     residual: float
-    """How far the two ways to the tag end apart, root mean square [m]."""
+    """Distance of the sensor's tag between video and robot, root mean square [m]."""
 
 
-def align(time: Array, sensor_pose: Array, tag: Watched) -> Alignment:
+def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
     """Fit the sensor's poses in the world (N, 3) at times (N,) [s] to its tag in the video.
 
-    Raises FileError where they have too little in common, or the sensor does not turn.
+    Raises FileError if they overlap too little, or the sensor turns too little to locate the table to 1 mm.
     """
     angle = np.unwrap(sensor_pose[:, 2])
 
     def sensor_at(when: Array) -> Array:
-        columns = [np.interp(when, time, values) for values in (*sensor_pose[:, :2].T, angle)]
-        return np.column_stack(columns)
+        return np.column_stack([np.interp(when, time, values) for values in (*sensor_pose[:, :2].T, angle)])
 
-    def apart(unknowns: Array, used: NDArray[np.bool_]) -> Array:
+    def difference(unknowns: Array, used: NDArray[np.bool_]) -> Array:
         by_video = se2.compose(unknowns[:3], tag.pose[used])
         by_robot = se2.compose(sensor_at(tag.time[used] + unknowns[6]), unknowns[3:6])
-        difference = se2.between(by_robot, by_video)
-        return difference / (tag.sigma + _ROBOT)
+        return se2.between(by_robot, by_video)
 
     _check_enough(len(tag.time))
     turned = np.degrees(np.ptp(angle))
-    if turned < LEAST_TURN:
-        raise FileError(f"the sensor turns by {turned:.0f} degrees; {TURN_MORE}")
+    if turned < 10.0:
+        raise FileError(f"the sensor turns by {turned:.0f} degrees; {_ADVICE}")
     delay = _delay(time, angle, tag)
     used = (tag.time + delay > time[0]) & (tag.time + delay < time[-1])
     _check_enough(int(used.sum()))
-    table = _rough(sensor_at(tag.time[used] + delay), tag.pose[used])
+    table = _laid_over(sensor_at(tag.time[used] + delay), tag.pose[used])
     mount = se2.between(sensor_at(tag.time[used] + delay), se2.compose(table, tag.pose[used]))
     start = np.concatenate([table, [0.0, 0.0, np.angle(np.exp(1j * mount[:, 2]).mean())], [delay]])
+    noise = tag.sigma + _ROBOT
 
     def residuals(unknowns: Array) -> Array:
-        return np.concatenate([apart(unknowns, used).ravel(), unknowns[3:5] / _MOUNT])
+        # The tag is within some 5 cm of the sensor's origin.
+        return np.concatenate([(difference(unknowns, used) / noise).ravel(), unknowns[3:5] / 0.05])
 
     found = least_squares(residuals, start, loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 0.01, 0.01, 0.1, 0.01])
-    # Errors of the robot and of the video last for many pictures, a tenth of which count.
+    # Errors of robot and video last for many pictures; a tenth of them count.
     covariance = 10.0 * np.linalg.inv(found.jac.T @ found.jac)
     sigma = np.sqrt(np.diag(covariance))[[0, 1, 2, 6]]
-    if sigma[:2].max() > LARGEST_SIGMA:
+    if (largest := sigma[:2].max()) > 1e-3:
         raise FileError(
-            f"the table's place in the world is known to {sigma[:2].max() * 1e3:.1f} mm only: the sensor turns by "
-            f"{turned:.0f} degrees; {TURN_MORE}"
+            f"the table's place in the world is known to {largest * 1e3:.1f} mm only: the sensor turns by "
+            f"{turned:.0f} degrees; {_ADVICE}"
         )
-    off = apart(found.x, used)[:, :2] * (tag.sigma[:2] + _ROBOT[:2])
+    off = difference(found.x, used)[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
     return Alignment(found.x[:3], found.x[3:6], float(found.x[6]), sigma, rms)
 
 
-def _check_enough(seen: int) -> None:
-    if seen < FEWEST:
-        raise FileError(f"the sensor's tag is seen in {seen} pictures of the recording's time, {FEWEST} are needed")
+def with_truth(recording: Recording, tag: TagTrack, alignment: Alignment) -> Recording:
+    """Return the recording with the object's poses in the world from its tag in the video; NaN if it is not seen."""
+    table = alignment.sigma[:3]
+    away = np.linalg.norm(tag.pose[:, :2], axis=1, keepdims=True)
+    place = np.sqrt(tag.sigma[:2] ** 2 + table[:2] ** 2 + (table[2] * away) ** 2)
+    sigma = np.column_stack([place, np.full(len(away), np.hypot(tag.sigma[2], table[2]))])
+    pose = se2.compose(alignment.world_T_table, tag.pose)
+    pose, sigma = _at_times(recording.time, tag.time + alignment.delay, pose, sigma)
+    how = f"by an overhead camera and a tag {tag.height * 1e3:.0f} mm over the table, {alignment.delay:.3f} s apart"
+    frames = recording.frames | {"object_pose": how}
+    return replace(recording, object_pose=pose, extra={**recording.extra, SIGMA: sigma}, frames=frames)
 
 
-def _delay(time: Array, angle: Array, tag: Watched) -> float:
-    """The delay by which sensor and tag turn most alike [s]; their turning does not depend on how the tag is mounted.
+def _at_times(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Array, Array]:
+    """Return poses and sigmas (M, 3) at times (M,), from (N, 3) at times (N,); NaN in gaps above 0.1 s and outside."""
+    if len(time) < 2:
+        return np.full((len(when), 3), np.nan), np.full((len(when), 3), np.nan)
+    after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
+    known = ((when >= time[0]) & (when <= time[-1]) & (time[after] - time[after - 1] <= 0.1))[:, None]
+    spread = np.column_stack([np.interp(when, time, values) for values in sigma.T])
+    return np.where(known, se2.interpolated(when, time, pose), np.nan), np.where(known, spread, np.nan)
 
-    It makes the squared difference of the two rates least, of the whole video, the sensor at rest before and after its
-    recording.
+
+def _check_enough(count: int) -> None:
+    if count < FEWEST:
+        raise FileError(f"the sensor's tag is seen in {count} pictures of the recording's time, {FEWEST} are needed")
+
+
+def _delay(time: Array, angle: Array, tag: TagTrack) -> float:
+    """Return the delay [s] at which the turning rates of sensor and tag differ least, independent of the mounting.
+
+    All of the video counts; the sensor is taken to rest before and after its recording.
     """
     robot, video = _turning(time, angle), _turning(tag.time, np.unwrap(tag.pose[:, 2]))
-    alike = 2.0 * np.correlate(robot, video, "full") - np.correlate(robot**2, np.ones(len(video)), "full")
-    return float((np.argmax(alike) - (len(video) - 1)) * _STEP + time[0] - tag.time[0])
+    agreement = 2.0 * np.correlate(robot, video, "full") - np.correlate(robot**2, np.ones(len(video)), "full")
+    return float((np.argmax(agreement) - (len(video) - 1)) * _STEP + time[0] - tag.time[0])
 
 
 def _turning(time: Array, angle: Array) -> Array:
     return np.diff(np.interp(np.arange(time[0], time[-1], _STEP), time, angle))
 
 
-def _rough(sensor: Array, tag: Array) -> Array:
-    """world_T_table that lays the tag's way on the sensor's, (3,)."""
+def _laid_over(sensor: Array, tag: Array) -> Array:
+    """Return world_T_table (3,) that lays the tag's path over the sensor's."""
     a, b = tag[:, :2] - tag[:, :2].mean(axis=0), sensor[:, :2] - sensor[:, :2].mean(axis=0)
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
-    moved = sensor[:, :2].mean(axis=0) - se2.rotation(np.array(angle)) @ tag[:, :2].mean(axis=0)
-    return np.array([*moved, angle])
+    shift = sensor[:, :2].mean(axis=0) - se2.rotation(np.array(angle)) @ tag[:, :2].mean(axis=0)
+    return np.array([*shift, angle])

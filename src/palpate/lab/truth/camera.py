@@ -1,7 +1,7 @@
-"""How a camera sees: calibrated by pictures of the printed board."""
+"""The overhead camera: its video, and its calibration by pictures of the printed board."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -9,17 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import checked_array, read_json, whole_file
+from palpate.files import checked_array, existing_file, read_json, whole_file
 from palpate.lab.truth.tags import Gray, board
 
 Array = NDArray[np.float64]
 
 FEWEST = 8
-"""Pictures of the board that a calibration takes at least."""
-MOST = 40
-"""Pictures that it uses; more tell little."""
-
-_CORNERS = 12  # of the board that have to be seen in a picture
+"""Pictures of the board that a calibration needs."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +25,14 @@ class Camera:
     size: tuple[int, int]
     """Rows and columns of its pictures [px]."""
     matrix: tuple[tuple[float, float, float], ...]
-    """3 x 3, as OpenCV has it [px]."""
+    """Camera matrix of OpenCV, 3 x 3 [px]."""
     distortion: tuple[float, ...]
-    """As OpenCV has it: k1, k2, p1, p2, k3."""
+    """Distortion coefficients of OpenCV: k1, k2, p1, p2, k3."""
     error: float
-    """How far corners of the board are off in the median picture [px]."""
+    """Reprojection error of the board's corners in the median picture [px]."""
 
     def rays(self, points: Array) -> Array:
-        """Directions (N, 3), of depth 1, in which points of a picture (N, 2) [px] lie."""
+        """Return directions (N, 3), of depth 1, of points in a picture (N, 2) [px]."""
         import cv2
 
         flat = cv2.undistortPoints(points[:, None], np.array(self.matrix), np.array(self.distortion))[:, 0]
@@ -44,7 +40,10 @@ class Camera:
 
 
 def calibrated(pictures: Iterable[Gray]) -> Camera:
-    """The camera by pictures of the board, held aslant all over the view. Raises FileError where they are too few."""
+    """Return the camera from pictures of the board, held at an angle all over the view.
+
+    At most 40 of them are used. Raises FileError if the board is seen in too few.
+    """
     import cv2
 
     detector = cv2.aruco.CharucoDetector(board())
@@ -53,11 +52,11 @@ def calibrated(pictures: Iterable[Gray]) -> Camera:
     for picture in pictures:
         size = picture.shape[:2]
         corners, numbers, _, _ = detector.detectBoard(picture)
-        if numbers is not None and len(numbers) >= _CORNERS:
+        if numbers is not None and len(numbers) >= 12:  # of 24
             seen.append(board().matchImagePoints(corners, numbers))
     if len(seen) < FEWEST:
         raise FileError(f"the board is seen in {len(seen)} pictures, at least {FEWEST} are needed")
-    chosen = [seen[index] for index in np.unique(np.linspace(0, len(seen) - 1, MOST).astype(int))]
+    chosen = [seen[index] for index in np.unique(np.linspace(0, len(seen) - 1, 40).astype(int))]
     points, pixels = [each[0] for each in chosen], [each[1] for each in chosen]
     _, matrix, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(
         points, pixels, size[::-1], np.zeros((3, 3)), np.zeros(5)
@@ -67,13 +66,13 @@ def calibrated(pictures: Iterable[Gray]) -> Camera:
 
 
 def save_camera(camera: Camera, path: Path, overwrite: bool = False) -> None:
-    """Write it as JSON. Raises FileError if the file exists and `overwrite` is not set."""
+    """Write a camera as JSON. Raises FileError if the file exists and `overwrite` is not set."""
     with whole_file(path, overwrite) as part:
         part.write_text(json.dumps(asdict(camera), indent=2) + "\n", encoding="utf-8")
 
 
 def load_camera(path: Path) -> Camera:
-    """The camera that `save_camera` wrote. Raises FileError on anything else."""
+    """Return the camera that `save_camera` wrote. Raises FileError on anything else."""
     data, numbers = read_json(path), ("fi", "numbers")
     try:
         matrix = checked_array("matrix", data["matrix"], numbers, (3, 3)).tolist()
@@ -84,3 +83,25 @@ def load_camera(path: Path) -> Camera:
         raise FileError(f"{path}: is no camera of palpate truth-camera ({error!r})") from error
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
+
+
+def read_video(path: Path) -> Iterator[tuple[float, Gray]]:
+    """Yield each picture of a video, in grey, with its time [s]. Raises FileError if the file is no video."""
+    import cv2
+
+    capture = cv2.VideoCapture(str(existing_file(path)))
+    try:
+        rate, count = capture.get(cv2.CAP_PROP_FPS), 0
+        while capture.isOpened():
+            done, picture = capture.read()
+            if not done:
+                break
+            time = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+            # Some containers have no times.
+            time = time if time > 0.0 or not count else count / rate
+            yield time, np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+            count += 1
+    finally:
+        capture.release()
+    if not count:
+        raise FileError(f"{path}: is no video that OpenCV can read")
