@@ -16,7 +16,7 @@ from pathlib import Path
 
 import palpate
 from palpate.lab.train.train import TrainSettings, train
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 
 recordings = sorted(Path(sys.argv[1]).glob("*.mcap"))
 folder = Path(sys.argv[2])

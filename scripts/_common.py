@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from palpate.pipeline.quiet import quiet
+from palpate.pipeline.track import quiet
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "docs/study"

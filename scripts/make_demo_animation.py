@@ -16,10 +16,18 @@ from palpate.cli.demo import TACTILE, demo_recording
 from palpate.config import TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.lines import closed_outline
-from palpate.pipeline.above import ESTIMATE, draw_object, draw_sensor, draw_start, draw_way, frame_above
-from palpate.pipeline.figures import draw_errors, draw_touch
-from palpate.pipeline.poses import pose_words, world_sigma
-from palpate.pipeline.run import Run, track
+from palpate.pipeline.figures import (
+    ESTIMATE,
+    draw_errors,
+    draw_object,
+    draw_path,
+    draw_sensor,
+    draw_start,
+    draw_touch,
+    frame_above,
+)
+from palpate.pipeline.metrics import pose_words, world_sigma
+from palpate.pipeline.track import Run, track
 
 SIZE, DPI = (8.0, 5.2), 100  # [inch], [px] each
 PLACES = {
@@ -62,7 +70,7 @@ def animation(run: Run, every: int = EVERY) -> list[Image.Image]:
 def draw_scene(axes: Axes, run: Run, index: int, limits: np.ndarray) -> None:
     """Draw the push from above as it is at a frame; limits (2, 2) [mm] are the least and largest x and y."""
     draw_start(axes, run)
-    draw_way(axes, run, index)
+    draw_path(axes, run, index)
     draw_object(axes, run, index, 1.8, 1.0)
     draw_sensor(axes, run, index)
     axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="95 % ellipse of the estimate")

@@ -13,7 +13,7 @@ from _common import DATA, for_each, write
 
 import palpate
 from palpate.lab.study.files import find_recordings
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 
 
 def main(data: Path) -> None:

@@ -20,7 +20,7 @@ import palpate
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.lab.study.files import find_recordings
 from palpate.pipeline.metrics import translation_errors
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 
 NO_ERROR = {"mounting": np.zeros(3), "outline": 1.0, "late": 0, "first_pose": np.zeros(3)}
 DEFAULT = palpate.NoiseSettings()

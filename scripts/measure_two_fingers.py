@@ -16,7 +16,7 @@ import palpate
 from palpate.io.cmu_two_finger import HAND
 from palpate.lab.simulate.pushes import draw_sequence, measured
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 
 SEED = 89102
 OBJECTS = {"rectangle": "rectangle-edges", "ellipse": "ellipse", "disc": "disc", "triangle": "polygon-edges"}

@@ -16,7 +16,7 @@ from palpate.cli import demo, main, options
 from palpate.config import TrackerSettings
 from palpate.graph.smoother import SmootherName
 from palpate.io.recording_mcap import write_recording
-from palpate.pipeline.poses import pose_words
+from palpate.pipeline.metrics import pose_words
 from palpate.pipeline.run_folder import FILES
 from palpate.touch.modes import Tactile, TactileChoice
 from palpate.tracker_arguments import first_pose_of

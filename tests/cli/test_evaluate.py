@@ -22,7 +22,7 @@ from palpate.io.recording_mcap import read_recording, write_recording
 from palpate.lab.study import job as study_job
 from palpate.lab.study.results import ALL
 from palpate.lab.study.trial import read_trial
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 from palpate.touch.calibration import write_calibration
 from palpate.touch.modes import Tactile
 

@@ -9,7 +9,7 @@ from recording_samples import pushed
 
 from palpate.geometry.lines import ellipses_95
 from palpate.pipeline.figures import run_figure, shown_instants
-from palpate.pipeline.run import Run, track
+from palpate.pipeline.track import Run, track
 from palpate.types.images import encode_image
 from palpate.types.sensor import DIGIT
 

@@ -9,8 +9,7 @@ import pytest
 from palpate import io as formats
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.pipeline.findings import LISTED, Finding, counted
-from palpate.pipeline.inspection import inspect_recording
+from palpate.pipeline.check_recording import LISTED, Finding, counted, inspect_recording
 from palpate.pipeline.truth import trusted_truth
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording

@@ -8,8 +8,8 @@ import pytest
 from palpate import io as formats
 from palpate.config import STICKING, TrackerSettings
 from palpate.geometry import se2
-from palpate.pipeline.inspection import inspect_recording
-from palpate.pipeline.run import Run, track
+from palpate.pipeline.check_recording import inspect_recording
+from palpate.pipeline.track import Run, track
 from palpate.types.recording import Recording
 
 LIMIT_MM, LIMIT_DEG = 6.0, 3.0  # beyond it an estimate is off

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.pipeline.recovery import recovery, unfelt
+from palpate.pipeline.metrics import recovery, unfelt
 from palpate.types.trajectory import Trajectory
 
 NAN = float("nan")

@@ -12,8 +12,8 @@ from palpate import io as formats
 from palpate.config import PRESETS, TrackerSettings
 from palpate.errors import FileError, SettingError
 from palpate.pipeline import run_folder
-from palpate.pipeline.run import track
 from palpate.pipeline.run_folder import FILES, RECORDING, check_folder
+from palpate.pipeline.track import track
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.camera_view import CameraView

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.pipeline.poses import pose_words, world_sigma
+from palpate.pipeline.metrics import pose_words, world_sigma
 
 
 def test_sigma_is_along_the_axes_of_the_world():

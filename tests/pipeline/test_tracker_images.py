@@ -14,7 +14,7 @@ from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.recordings import simulate_recording
-from palpate.pipeline.run import Run, track
+from palpate.pipeline.track import Run, track
 from palpate.touch.calibration import Calibration, calibrate
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import SHIPPED, TouchModel

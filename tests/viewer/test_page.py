@@ -12,8 +12,8 @@ from view_samples import FIRST, FRAMES, LAST, tracked_push
 from palpate.cli import main
 from palpate.errors import FileError
 from palpate.io.recording_mcap import write_recording
-from palpate.pipeline.run import track
 from palpate.pipeline.run_folder import FILES, PAGE
+from palpate.pipeline.track import track
 from palpate.viewer import page as page_module
 from palpate.viewer.page import PageLimits, page_data, write_page
 

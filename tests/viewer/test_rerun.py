@@ -21,7 +21,7 @@ from palpate.errors import FileError, SettingError
 from palpate.filter.consistency import Status
 from palpate.geometry import se2
 from palpate.geometry.lines import ellipses_95
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 from palpate.tracker import Tracker
 from palpate.viewer import colours, rerun_view
 from palpate.viewer.rerun_view import LiveLog, live_view, open_stream, save_scene

@@ -10,9 +10,9 @@ from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Rectangle
+from palpate.pipeline.first_release import Release
 from palpate.pipeline.run_folder import RECORDING
 from palpate.touch.background import background_of
-from palpate.touch.lift import Lift
 from palpate.types.sensor import SensorProfile
 from palpate.viewer import scene
 from palpate.viewer.scene import Scene, contact_points, jpeg, load_scene
@@ -70,7 +70,7 @@ def test_a_recording_shows_itself(tmp_path):
 def test_a_run_that_began_in_contact_shows_the_gel_after_it(run_folder, monkeypatch):
     assert load_scene(run_folder).calibration is None
     gel = background_of([np.full((40, 30, 3), level, np.uint8) for level in (90, 91)])
-    monkeypatch.setattr(scene, "lift_of", lambda recording: Lift(gel, 0.5))
+    monkeypatch.setattr(scene, "first_release", lambda recording: Release(gel, 0.5))
     summary = json.loads((run_folder / "summary.json").read_text())
     (run_folder / "summary.json").write_text(json.dumps({**summary, "untouched_from_s": 0.5}))
     calibration = load_scene(run_folder).calibration
@@ -99,9 +99,9 @@ def test_a_run_folder_that_cannot_be_shown(run_folder, file, text, message):
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ("9.0,1,0,0,0,1,0,0,1,0,1", "line 2: time is 9 s, at which there is no estimate"),
-        ("0.0,1,0,0,0,1,0,0,1,0", "line 2: found 10 fields, expected 11"),
-        ("0.0,1,0,0,0,1,0,0,1,0,one", "line 2: could not convert"),
+        ("9.0,1,0,0,0,1,0,0,1,0,1", "has an answer at 9 s, at which there is no estimate"),
+        ("0.0,1,0,0,0,1,0,0,1,0", "expected rows of 11 numbers"),
+        ("0.0,1,0,0,0,1,0,0,1,0,one", "expected rows of 11 numbers"),
     ],
 )
 def test_answers_that_cannot_be_read(run_folder, row, message):

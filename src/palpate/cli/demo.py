@@ -29,8 +29,8 @@ def demo(
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
     from palpate.config import TrackerSettings
-    from palpate.pipeline.run import track
     from palpate.pipeline.run_folder import RECORDING, new_run, write_files
+    from palpate.pipeline.track import track
     from palpate.types.sensor import DIGIT
 
     with new_run(out, force=True) as part:

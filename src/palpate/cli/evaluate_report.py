@@ -78,7 +78,7 @@ def report_study(out: Path, results: Mapping[str, Any]) -> None:
 def _show_knocks(methods: Mapping[str, Mapping[str, Any]]) -> None:
     """Tell what becomes of the estimate after knocks, by each method."""
     from palpate.cli.console import number, percent, print_table
-    from palpate.pipeline.recovery import AFTER, FAR_DEG, FAR_MM
+    from palpate.pipeline.metrics import AFTER, FAR_DEG, FAR_MM
 
     rows = [
         [

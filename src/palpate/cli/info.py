@@ -8,7 +8,7 @@ import tyro
 from palpate.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from palpate.pipeline.inspection import Inspection
+    from palpate.pipeline.check_recording import Inspection
     from palpate.types.recording import Recording
 
 
@@ -30,7 +30,7 @@ def info(
     from palpate.cli.calibration_info import show_calibration
     from palpate.cli.console import busy, print_json
     from palpate.geometry.shapes import shape_to_dict
-    from palpate.pipeline.inspection import inspect_recording
+    from palpate.pipeline.check_recording import inspect_recording
     from palpate.types.sensor import sensor_to_dict
 
     if formats.detect_format(file) is None and file.suffix.lower() == ".npz":
@@ -62,7 +62,7 @@ def info(
 def _show(file: Path, recording: "Recording", inspection: "Inspection") -> None:
     from palpate.cli.console import number, print_line, print_table
     from palpate.geometry.shapes import shape_to_dict
-    from palpate.pipeline.findings import counted
+    from palpate.pipeline.check_recording import counted
 
     begin = recording.time[0]
     shape = shape_to_dict(recording.shape)

@@ -23,7 +23,7 @@ STEPS = (("p50", "step time, median", 2), ("p95", "step time, 95 %", 2), ("max",
 def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
     """Print the summary of one run."""
     from palpate.cli.console import number, percent, print_json, print_line, print_table
-    from palpate.pipeline.poses import pose_words
+    from palpate.pipeline.metrics import pose_words
 
     if json:
         print_json(summary)

@@ -24,7 +24,7 @@ from palpate.cli.options import (
 
 if TYPE_CHECKING:
     from palpate.config import TrackerSettings
-    from palpate.pipeline.run import Run, Watch
+    from palpate.pipeline.track import Run, Watch
     from palpate.touch.calibration import Calibration
     from palpate.types.plane import Plane
     from palpate.types.recording import Recording
@@ -131,14 +131,23 @@ def track(
 
     def track_file(file: Path, folder: Path) -> dict[str, Any]:
         from palpate.cli.console import busy, progress_bar
-        from palpate.pipeline.run import track as track_recording
         from palpate.pipeline.run_folder import new_run
+        from palpate.pipeline.track import track as track_recording
 
         with new_run(folder, output.force) as part:
             with busy(f"reading {file.name}"):
                 recording, plane = _read(file, bag, start, settings, calibration)
             with output.viewer(recording) as watch, progress_bar(file.name, len(recording)) as progress:
-                run = track_recording(recording, settings, first_pose, progress, model, calibration, sigma, watch=watch)
+                run = track_recording(
+                    recording,
+                    settings,
+                    first_pose,
+                    first_pose_sigma=sigma,
+                    model=model,
+                    calibration=calibration,
+                    progress=progress,
+                    watch=watch,
+                )
             output.write(run, part, plane)
         return run.summary
 

@@ -17,7 +17,7 @@ import numpy as np
 from palpate.errors import FrameError
 from palpate.live.poses import PoseTrack, Refused, SensorPlace, TimedPose
 from palpate.live.sources import Sources, TouchImage
-from palpate.pipeline.run import Watch
+from palpate.pipeline.track import Watch
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame

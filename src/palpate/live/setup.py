@@ -16,7 +16,7 @@ from palpate.errors import SettingError
 from palpate.geometry.shapes import Shape
 from palpate.live.camera import Camera, Device, V4l2Device, camera_path
 from palpate.live.sources import Clock, Sources, pose_source, replayed
-from palpate.pipeline.prepared import first_pose_of
+from palpate.pipeline.track import first_pose_of
 from palpate.touch.calibration import Calibration, view_of
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile

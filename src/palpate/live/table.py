@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.table import Table
 
 from palpate.live.session import LiveState
-from palpate.pipeline.poses import pose_words, world_sigma
+from palpate.pipeline.metrics import pose_words, world_sigma
 
 
 @contextmanager

@@ -1,21 +1,17 @@
-"""What a run knows beyond poses, as two files: `answers.csv` and `friction.csv`, numbers in full double precision.
+"""Two files of a run beside its poses: `answers.csv` and `friction.csv`, numbers in full double precision.
 
-`answers.csv` holds all poses that may be the object's, the best first, at each frame at which there are several: one a
-row, with its covariance in the tangent space at it (right, body frame). `friction.csv` holds the Coulomb friction
-between sensor and object as learnt up to each frame, with its standard deviation.
+`answers.csv` has all answers, the best first, at each frame with several: one a row, with its covariance in the tangent
+space at it (right, body frame). `friction.csv` has the estimated friction between sensor and object at each frame.
 """
 
-import csv
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import read_csv, whole_file
+from palpate.files import read_text
 from palpate.io.estimates_csv import COVARIANCE, UPPER
-from palpate.printable import one_line
 from palpate.types.answer import Answer, Answers
 
 Array = NDArray[np.float64]
@@ -25,21 +21,21 @@ _FRICTION = ("time", "friction", "deviation")
 
 
 def write_answers(time: Array, answers: Answers, path: Path) -> None:
-    """Write the answers at times (N,) [s], none where there is one only."""
-    rows = (
+    """Write the answers at times (N,) [s], nothing where there is only one."""
+    rows = [
         (when, one.weight, *one.pose, *one.covariance[UPPER])
         for when, several in zip(time, answers, strict=True)
         for one in several
-    )
-    _write(path, _ANSWERS, rows)
+    ]
+    _write(path, _ANSWERS, np.reshape(rows, (-1, len(_ANSWERS))))
 
 
 def read_answers(path: Path, time: Array) -> Answers:
     """Return the answers at times (N,) [s], which are those of the run's estimates. Raises FileError."""
     found: dict[float, list[Answer]] = {float(when): [] for when in time}
-    for number, row in enumerate(_read(path, _ANSWERS), 2):
+    for row in _read(path, _ANSWERS):
         if row[0] not in found:
-            raise FileError(f"{path}: line {number}: time is {row[0]:.17g} s, at which there is no estimate")
+            raise FileError(f"{path}: has an answer at {row[0]:.17g} s, at which there is no estimate")
         covariance = np.zeros((3, 3))
         covariance[UPPER] = covariance.T[UPPER] = row[5:]
         found[row[0]].append(Answer(row[2:5], covariance, float(row[1])))
@@ -59,24 +55,16 @@ def read_friction(path: Path, time: Array) -> Array:
     return rows[:, 1:]
 
 
-def _write(path: Path, columns: tuple[str, ...], rows: Iterable[Iterable[float]]) -> None:
-    """Write rows as they come: there may be many more answers than frames."""
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([repr(float(value)) for value in row] for row in rows)
+def _write(path: Path, columns: tuple[str, ...], rows: Array) -> None:
+    np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
 
 
 def _read(path: Path, columns: tuple[str, ...]) -> Array:
-    lines = read_csv(path)
-    if not lines or tuple(lines[0]) != columns:
+    header, *lines = read_text(path).splitlines()
+    if header != ",".join(columns):
         raise FileError(f"{path}: line 1: expected the header {','.join(columns)}")
-    rows = []
-    for number, line in enumerate(lines[1:], 2):
-        if len(line) != len(columns):
-            raise FileError(f"{path}: line {number}: found {len(line)} fields, expected {len(columns)}")
-        try:
-            rows.append([float(value) for value in line])
-        except ValueError as error:
-            raise FileError(f"{path}: line {number}: {one_line(error)}") from error
-    return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
+    try:
+        rows = np.array([line.split(",") for line in lines], np.float64)
+        return rows.reshape(-1, len(columns)) if lines else np.empty((0, len(columns)))
+    except ValueError as error:
+        raise FileError(f"{path}: expected rows of {len(columns)} numbers ({error})") from error

@@ -1,18 +1,17 @@
-"""The figure of a run: where the object went, what touch saw and how wrong the estimate was."""
+"""The figure of a run: the push from above, touch images, and errors over time."""
 
 import textwrap
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.pipeline.above import ESTIMATE, draw_above, draw_number, known_truth
-from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
-from palpate.pipeline.poses import pose_words
-from palpate.pipeline.run import Run
-from palpate.pipeline.time_gaps import time_gaps
-from palpate.pipeline.truth import flag_runs
+from palpate.geometry import se2
+from palpate.geometry.lines import closed_outline, ellipses_95
+from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
+from palpate.pipeline.track import Run
+from palpate.pipeline.truth import flag_runs, time_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,13 +19,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+# Okabe and Ito's colours, which people with any colour vision tell apart, and greys.
+TRUTH, ESTIMATE, SENSOR, START = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA"
 ERROR, CONTACT, UNKNOWN = "#000000", "#E69F00", "#999999"
 INSTANTS = 3
-"""Frames of contact that are shown from above and, where there are images, as the sensor saw them."""
+"""Frames of contact shown from above and, if there are images, as touch images."""
+_ELLIPSES = 12  # along the whole path
 
 
 def run_figure(run: Run) -> "Figure":
-    """Draw a run: the view from above on the left; on the right the errors over time, below touch images if any."""
+    """Draw a run: from above on the left; on the right touch images, if any, and the errors over time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -61,10 +63,7 @@ def run_figure(run: Run) -> "Figure":
 
 
 def shown_instants(run: Run) -> list[int]:
-    """Frames in the middle of the longest contacts, as tracking found them.
-
-    Where contacts are too few, the longest are cut into parts.
-    """
+    """Return the middle frames of the longest contacts; if there are too few, the longest are cut into parts."""
     contact = run.online.contact
     parts = sorted([] if contact is None else flag_runs(contact), key=_length)[-INSTANTS:]
     while parts and len(parts) < INSTANTS and _length(parts[-1]) > 1:
@@ -80,7 +79,7 @@ def _length(part: tuple[int, int]) -> int:
 
 def _title(run: Run) -> str:
     summary, file = run.summary, run.recording.file
-    # A file's name may hold bytes that are no text.
+    # The name of a file may contain bytes that are not text.
     name = file.name.encode("utf-8", "replace").decode() if file else run.recording.source or "recording"
     pose = pose_words(summary["final_pose"], summary["final_sigma"])
     lines = [
@@ -98,7 +97,7 @@ def _title(run: Run) -> str:
 
 
 def _seconds(run: Run) -> Array:
-    """Times (N,) [s] since the first frame."""
+    """Return times (N,) [s] since the first frame."""
     return run.online.time - run.online.time[0]
 
 
@@ -123,10 +122,7 @@ def draw_touch(axes: "Axes", run: Run, index: int) -> None:
 
 
 def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
-    """Draw the errors of translation and rotation over time with their sigma, or sigma alone where no truth is known.
-
-    The instants are numbered.
-    """
+    """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
     assert run.online.covariance is not None
     distance, angle = deviations(run.online.covariance)
     distance, angle = distance * 1e3, np.degrees(angle)
@@ -160,7 +156,7 @@ def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above
 
 
 def _shade(axes: "Axes", run: Run) -> None:
-    """Shade contact, and hatch where truth is not known."""
+    """Shade contact, and hatch frames without truth."""
     time, known = _seconds(run), known_truth(run)
     spans = []
     if run.online.contact is not None:
@@ -174,7 +170,7 @@ def _shade(axes: "Axes", run: Run) -> None:
             "label": "truth unknown",
         }
         spans.append((~known, style))
-    # A frame stands for the time up to the next one, and at a gap for itself only.
+    # A frame lasts until the next one, except before a gap.
     ends = np.append(time[1:], time[-1])
     gaps = time_gaps(time)
     ends[gaps] = time[gaps]
@@ -186,7 +182,7 @@ def _shade(axes: "Axes", run: Run) -> None:
 
 
 def _with_gaps(time: Array, *columns: Array) -> list[Array]:
-    """Time and columns (N,) with a NaN at each gap in time, so that lines end there."""
+    """Return time and columns (N,) with a NaN at each gap in time, so that lines end there."""
     after = time_gaps(time) + 1
     return [
         np.insert(time, after, time[after - 1]),
@@ -195,10 +191,118 @@ def _with_gaps(time: Array, *columns: Array) -> list[Array]:
 
 
 def _limit(axes: "Axes", error: Array | None, width: Array, signed: bool) -> None:
-    """Show all of the error, and of the band what leaves the error readable."""
+    """Set limits that show the whole error, and as much of the band as leaves it readable."""
     top = float(np.percentile(width, 99)) * 1.1
     if error is not None:
         worst = float(np.nanmax(np.abs(error)))
         top = max(1.1 * worst, min(top, 4.0 * worst))
     top = top or 1.0
     axes.set_ylim(-top if signed else 0.0, top)
+
+
+def draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
+    """Draw the whole path, the object at numbered instants and, stronger, at the end."""
+    last = len(run.online) - 1
+    draw_start(axes, run)
+    draw_path(axes, run, last)
+    along = np.linspace(0, last, _ELLIPSES).astype(int)
+    axes.plot(*_joined(_ellipses(run, along)).T, color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
+    for number, index in enumerate(instants, 1):
+        draw_object(axes, run, index, 1.0, 0.6)
+        draw_sensor(axes, run, index)
+        x, y, yaw = run.recording.sensor_pose[index]
+        draw_number(axes, number, (1e3 * x, 1e3 * y), -32.0 * np.array([np.cos(yaw), np.sin(yaw)]))
+    draw_object(axes, run, last, 1.8, 1.0)
+    draw_sensor(axes, run, last)
+    frame_above(axes)
+
+
+def frame_above(axes: "Axes") -> None:
+    """Set labels, aspect and grid of the view from above."""
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.25)
+
+
+def draw_start(axes: "Axes", run: Run) -> None:
+    """Draw the outline at the first pose."""
+    axes.plot(*_placed(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
+
+
+def draw_path(axes: "Axes", run: Run, last: int) -> None:
+    """Draw the paths of object, estimate and sensor up to a frame."""
+    shown = slice(0, last + 1)
+    sensor = run.recording.sensor_pose[shown, :2]
+    contact = np.zeros(len(sensor), np.bool_) if run.online.contact is None else run.online.contact[shown]
+    if known_truth(run) is not None:
+        assert run.truth is not None
+        axes.plot(*_millimetres(run.truth[shown, :2]), color=TRUTH, lw=3.0, label="truth")
+    axes.plot(*_millimetres(run.online.pose[shown, :2]), color=ESTIMATE, lw=1.4, label="estimate")
+    axes.plot(*_millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
+    touching = np.where(contact[:, None], sensor, np.nan)
+    axes.plot(*_millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
+
+
+def draw_object(axes: "Axes", run: Run, index: int, width: float, alpha: float) -> None:
+    """Draw the object at a frame: true outline, if known, estimated outline and 95 % ellipse."""
+    known = known_truth(run)
+    if known is not None and known[index]:
+        assert run.truth is not None
+        axes.fill(*_placed(run, run.truth[index]), color=TRUTH, alpha=0.12, lw=0)
+        axes.plot(*_placed(run, run.truth[index]), color=TRUTH, lw=1.8 * width, alpha=alpha)
+    axes.plot(*_placed(run, run.online.pose[index]), color=ESTIMATE, lw=width, alpha=alpha)
+    (ellipse,) = _ellipses(run, np.array([index]))
+    axes.fill(*_millimetres(ellipse), facecolor=ESTIMATE, alpha=0.25, lw=0)
+    axes.plot(*_millimetres(ellipse), color=ESTIMATE, lw=1.0)
+
+
+def draw_sensor(axes: "Axes", run: Run, index: int) -> None:
+    """Draw the sensor's pads at a frame."""
+    for pad in run.recording.sensor.pads:
+        at = se2.transform(run.recording.sensor_pose[index], pad)
+        axes.fill(*_millimetres(at), color=SENSOR, alpha=0.8, lw=0)
+
+
+def draw_number(axes: "Axes", number: int, place: Any, shift: Any = (0.0, 0.0), coordinates: Any = "data") -> None:
+    """Draw a number in a circle at a place, shifted by some points."""
+    axes.annotate(
+        str(number),
+        place,
+        shift,
+        coordinates,
+        "offset points",
+        ha="center",
+        va="center",
+        fontsize=9,
+        bbox={"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": SENSOR},
+        zorder=5,
+    )
+
+
+def known_truth(run: Run) -> NDArray[np.bool_] | None:
+    """Return the frames (N,) with ground truth, None if there are none."""
+    if run.truth is None:
+        return None
+    known = np.isfinite(run.truth[:, 0])
+    return known if known.any() else None
+
+
+def _placed(run: Run, pose: Array) -> Array:
+    """Return the closed outline (2, P) [mm] at a pose."""
+    return _millimetres(se2.transform(pose, closed_outline(run.recording.shape)))
+
+
+def _ellipses(run: Run, frames: NDArray[np.intp]) -> Array:
+    """Return the 95 % ellipses (M, P, 2) [m] of M frames."""
+    assert run.online.covariance is not None
+    return ellipses_95(run.online.pose[frames], run.online.covariance[frames])
+
+
+def _joined(lines: Array) -> Array:
+    """Return lines (M, P, 2) [m] as one (K, 2) [mm] with gaps."""
+    gaps = np.full((len(lines), 1, 2), np.nan)
+    return 1e3 * np.concatenate((lines, gaps), axis=1).reshape(-1, 2)
+
+
+def _millimetres(points: Array) -> Array:
+    return 1e3 * points.T

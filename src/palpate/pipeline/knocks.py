@@ -1,9 +1,8 @@
-"""Knocks: when something else than the sensor moves the object, as simulation tells or ground truth shows.
+"""Knocks: frames in which something other than the sensor moves the object.
 
-What a push explains follows from quasi-static pushing. A touched object moves no point faster than `FASTER` times the
-sensor. Where one tip touches, the outline moves with it along its normal; along the outline it moves between what the
-push alone makes of it, as if there were no friction, and what the tip does, as if it stuck. The rest is unexplained:
-a hand that slides the object along the tip shows in the second, one that turns it about the tip in the first.
+Quasi-static pushing limits the motion that a push explains. A touched object moves no point faster than `FASTER` times
+the sensor. Where one tip touches, the outline moves with it along its normal, and along the outline by something
+between the motion without friction and that of the tip. The rest is unexplained.
 """
 
 import numpy as np
@@ -16,35 +15,33 @@ from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Frames = NDArray[np.intp]
 
 FASTER = 2.0
-"""Times the sensor's motion from which on a push does not explain the object's. A quasi-static push by a
-force at distance d from the centre moves no point faster than (R d + c^2) / (d^2 + c^2) times the contact,
-where R is the farthest point of the outline and c the friction radius. Its largest value over d, (1 + sqrt(1
-+ (R/c)^2)) / 2, is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
+"""Largest speed of the object over the sensor's in a push. A force at distance d from the centre moves no point faster
+than (R d + c^2) / (d^2 + c^2) times the contact, with the outline's largest radius R and the friction radius c. Its
+largest value over d is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
 SPEED = 0.05
-"""[m/s] Unexplained speed that is a knock. In undisturbed real pushes noise and what is not known of friction make
-0.022 m/s at most, and a contact flag that comes late 0.043; hands made 0.12 m/s and more."""
+"""Unexplained speed of a knock [m/s]: undisturbed real pushes have 0.043 m/s at most, hands 0.12 m/s and more."""
 NOISES = 4.0
-"""Median distances of a pose from the middle between its neighbours that noise of the capture moves an object by.
-Of normal noise, one step in ten thousand is longer: sqrt(4 / 3) for the difference of two poses, times sqrt(ln 10^4 /
-ln 2) for the tail."""
+"""Noise of the capture, in median distances of a pose from the middle between its neighbours: the difference of two
+poses is larger once in ten thousand steps."""
 WINDOW = 0.1
-"""[s] over which speeds are averaged: as long as a hand acts, and three frames of noise at 30 Hz."""
+"""Time over which speeds are averaged [s]: as long as a hand acts, and three frames of noise at 30 Hz."""
 SHORT = 0.3
-"""[s] Knocks that are closer are one, and so long the truth may be unknown where the object jumps meanwhile."""
+"""Knocks that are closer are one, and truth may be unknown for this time while the object jumps [s]."""
 
 
 def knocked_frames(recording: Recording) -> Flags:
-    """Return the frames (N,) in which something else than the sensor moves the object.
+    """Return True at frames (N,) in which something other than the sensor moves the object.
 
-    They are those that `extra["knocked"]` (N,) tells or, without it, those around which the object moves faster than
-    the sensor and the noise of the capture explain. Where truth is not known nothing is a knock but what lies within
-    one; without contact flags nothing is.
+    They are those of `extra["knocked"]` (N,), as a simulation knows; without it, those around which the object moves
+    faster than the sensor and the noise of the capture explain. Frames without truth count only within a knock; without
+    contact flags there are none.
     """
-    told = recording.extra.get("knocked")
-    if told is not None and told.shape == recording.time.shape:
-        return told > 0
+    simulated = recording.extra.get("knocked")
+    if simulated is not None and simulated.shape == recording.time.shape:
+        return simulated > 0
     knocked = np.zeros(len(recording), np.bool_)
     known = np.flatnonzero(trusted_truth(recording))
     if len(known) < 2 or recording.contact is None:
@@ -58,18 +55,18 @@ def knocked_frames(recording: Recording) -> Flags:
     return knocked
 
 
-def unexplained_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
-    """Return how fast (M,) [m/s] the object moves beyond what the sensor explains, around each of M known frames.
+def unexplained_speed(recording: Recording, known: Frames) -> Array:
+    """Return the speed (M,) [m/s] of the object that the sensor does not explain, at M known frames, two or more.
 
-    The recording has contact flags, and ground truth at the frames `known` (M,), two or more. Speeds are means over
-    `WINDOW` or, where that holds too few known frames, from the one before to the one after; 0 where that is too long.
+    Speeds are means over `WINDOW` or, if it holds too few known frames, between the two neighbours; 0 where these are
+    too far apart.
     """
     assert recording.object_pose is not None and recording.contact is not None
     contact, (before, after) = recording.contact[known], _windows(recording.time[known])
     objects, sensors = recording.object_pose[known], recording.sensor_pose[known]
 
     def farthest(pose: Array, points: Array) -> Array:
-        """The farthest (M,) [m] that any of points (P, 2) [m] on the body moves from before to after."""
+        """Return the largest motion (M,) [m] of points (P, 2) [m] on a body from before to after."""
         placed = se2.transform(pose[:, None], points)
         return np.linalg.norm(placed[after] - placed[before], axis=-1).max(axis=-1)
 
@@ -84,10 +81,10 @@ def unexplained_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
     return np.where(seconds < SHORT + WINDOW, np.maximum(unexplained, 0.0), 0.0) / seconds
 
 
-def noise_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
-    """Return how fast (M,) [m/s] noise of the capture may make an object seem, around each of M known frames.
+def noise_speed(recording: Recording, known: Frames) -> Array:
+    """Return the speed (M,) [m/s] that the noise of the capture may look like, at M known frames.
 
-    Noise is what a pose is off the middle between its neighbours, in the median, so that knocks do not count.
+    Noise is the median distance of a pose from the middle between its neighbours, so that knocks do not count.
     """
     assert recording.object_pose is not None
     points = se2.transform(recording.object_pose[known][:, None], recording.shape.outline(40))
@@ -97,32 +94,29 @@ def noise_speed(recording: Recording, known: NDArray[np.intp]) -> Array:
     return NOISES * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
 
 
-def _windows(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The first and the last frame of the window around each of two or more frames at times (M,) [s]."""
+def _windows(time: Array) -> tuple[Frames, Frames]:
+    """Return the first and the last frame of the window around each of two or more frames at times (M,) [s]."""
     frame = np.arange(len(time))
     before = np.minimum(np.searchsorted(time, time - 0.5 * WINDOW), np.maximum(frame - 1, 0))
     after = np.searchsorted(time, time + 0.5 * WINDOW, side="right") - 1
     return before, np.maximum(after, np.minimum(frame + 1, frame[-1]))
 
 
-def _unexplained_at_tip(
-    recording: Recording, objects: Array, sensors: Array, before: NDArray[np.intp], after: NDArray[np.intp]
-) -> Array:
-    """The unexplained way (M,) [m] of the object's point that is nearest to the one tip."""
+def _unexplained_at_tip(recording: Recording, objects: Array, sensors: Array, before: Frames, after: Frames) -> Array:
+    """Return the unexplained motion (M,) [m] of the object's point that is nearest to the one tip."""
     model = contact_model(recording.shape, recording.sensor)
     touch = model.touching(se2.between(objects, sensors)[None])[0]
     point, normal, c = touch["point"] - model.friction_center, touch["normal"], model.friction_radius
 
     def moved(pose: Array, point: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """How a point of the body moves: along the outline's normal, and i times along the outline."""
+        """Return the motion of a point of a body, along the outline's normal and, times i, along the outline."""
         turn = np.exp(1j * pose[:, 2])
-        way = pose[after, 0] - pose[before, 0] + 1j * (pose[after, 1] - pose[before, 1])
-        return (way + (turn[after] - turn[before]) * point) * np.conj(normal * np.exp(1j * objects[:, 2]))
+        shift = pose[after, 0] - pose[before, 0] + 1j * (pose[after, 1] - pose[before, 1])
+        return (shift + (turn[after] - turn[before]) * point) * np.conj(normal * np.exp(1j * objects[:, 2]))
 
-    way, tip = moved(objects, touch["point"]), moved(sensors, touch["material"])
-    # A force along the normal at the arm (along the normal, along the outline) turns the object, so that its point
-    # moves along the outline, too.
+    motion, tip = moved(objects, touch["point"]), moved(sensors, touch["material"])
+    # A force along the normal turns the object, so its point moves along the outline too; arm is (normal, along).
     arm = point * np.conj(normal)
-    pushed = -arm.real * arm.imag / (c**2 + arm.imag**2) * way.real
-    explained = np.clip(way.imag, np.minimum(pushed, tip.imag), np.maximum(pushed, tip.imag))
-    return np.hypot(way.real - tip.real, way.imag - explained)
+    pushed = -arm.real * arm.imag / (c**2 + arm.imag**2) * motion.real
+    explained = np.clip(motion.imag, np.minimum(pushed, tip.imag), np.maximum(pushed, tip.imag))
+    return np.hypot(motion.real - tip.real, motion.imag - explained)

@@ -1,46 +1,56 @@
-"""Figures of merit of a tracked trajectory. Frames without trusted truth are NaN and left out."""
+"""Scores of a tracked trajectory: errors, coverage, consistency, and recovery after knocks.
+
+Frames without trusted ground truth have NaN errors and are not scored.
+"""
 
 from collections import Counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri  # as scipy.stats.chi2.isf, without the second that importing scipy.stats takes
 
 from palpate.geometry import se2
-from palpate.pipeline.poses import world_sigma
-from palpate.pipeline.recovery import is_far, recovery, unfelt
+from palpate.pipeline.truth import flag_runs
 from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 CONTENT = ("tracking", "resting")
-"""Statuses of an estimate that calls itself right."""
+"""Statuses of an estimate that reports no doubt."""
 PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
+FAR_MM, FAR_DEG = 10.0, 5.0
+"""An estimate that is farther off than either is wrong."""
+LASTING = 0.3
+"""Scored time for which an estimate has to be near to have recovered [s]: at the very end it may be near by chance."""
+AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
+"""Times after a knock at which errors are reported [s]."""
+_BESIDE, _ROUNDING = 0.1, 1e-9  # [s] that a scored frame may lie beside such a time; and of sums of times
 
 
 def translation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
-    """Distances (N,) [m] between estimated and true poses (N, 3)."""
+    """Return the distances (N,) [m] between estimated and true poses (N, 3)."""
     difference = np.asarray(pose)[..., :2] - np.asarray(truth)[..., :2]
     return np.hypot(difference[..., 0], difference[..., 1])
 
 
 def rotation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
-    """Signed angles (N,) [rad] from true to estimated poses (N, 3), in (-pi, pi]."""
+    """Return the signed angles (N,) [rad] from true to estimated poses (N, 3), in (-pi, pi]."""
     return se2.wrap(np.asarray(pose, dtype=np.float64)[..., 2] - np.asarray(truth)[..., 2])
 
 
 def deviations(covariance: ArrayLike) -> tuple[Array, Array]:
-    """Return how long [m] and how large [rad] errors of covariances (N, 3, 3) are, root mean square, (N,) each."""
+    """Return the RMS translation [m] and rotation [rad] errors that covariances (N, 3, 3) predict, (N,) each."""
     variance = np.diagonal(np.asarray(covariance, dtype=np.float64), axis1=1, axis2=2)
     return np.sqrt(variance[:, 0] + variance[:, 1]), np.sqrt(variance[:, 2])
 
 
 def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
-    """Normalised estimation error squared (N,): d^T covariance^-1 d with d = log(estimate^-1 truth).
+    """Return the normalised estimation error squared (N,): d^T covariance^-1 d with d = log(estimate^-1 truth).
 
-    The covariance (N, 3, 3) is that of the right tangent space at the estimate, as d is. The mean over
-    independent frames is 3 if the covariance is right. NaN where the covariance is singular.
+    The covariance (N, 3, 3) is in the right tangent space at the estimate, as d is. The mean over independent frames is
+    3 if the covariance is right. NaN where the covariance is singular.
     """
     d = se2.log(se2.between(pose, truth))
     covariance = np.asarray(covariance, dtype=np.float64)
@@ -52,21 +62,43 @@ def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
 
 
 def inside_95(nees: ArrayLike) -> Flags:
-    """Say whether each true pose is in the 95 % region of its estimate, (N,) from the NEES (N,); not so where NaN."""
-    from scipy.special import chdtri  # as scipy.stats.chi2.isf, without the second that importing that takes
-
+    """Return True where the true pose is in the 95 % region of its estimate, (N,) from the NEES (N,); False for NaN."""
     return np.asarray(nees) <= chdtri(3, 0.05)
 
 
+def is_far(translation: Array, rotation: Array) -> Flags:
+    """Return True where errors, (N,) [mm] and (N,) [deg], exceed FAR_MM or FAR_DEG."""
+    return (translation > FAR_MM) | (np.abs(rotation) > FAR_DEG)
+
+
 def rms(errors: ArrayLike) -> float | None:
-    """Root mean square of errors (N,), NaN left out; None if there are none."""
+    """Return the root mean square of errors (N,) without NaN; None if there are none."""
     return None if (known := _known(errors)) is None else float(np.sqrt(np.mean(known**2)))
 
 
 def percentiles(values: ArrayLike) -> dict[str, float]:
-    """The 50th, 95th and 99th percentile and the largest of values (N,)."""
+    """Return the 50th, 95th and 99th percentile and the maximum of values (N,)."""
     values = np.asarray(values, dtype=np.float64)
     return {name: float(np.percentile(values, share)) for name, share in PERCENTILES.items()}
+
+
+def world_sigma(pose: ArrayLike, covariance: ArrayLike) -> Array:
+    """Return the standard deviations (3,) [m, m, rad] of a pose (3,) along the world's x and y, and of its yaw.
+
+    The covariance (3, 3) is in the tangent space at the pose (right, body frame), order x, y, theta.
+    """
+    covariance = np.asarray(covariance, dtype=np.float64)
+    rotation = se2.rotation(np.asarray(pose, dtype=np.float64)[2])
+    position = rotation @ covariance[:2, :2] @ rotation.T
+    return np.sqrt([position[0, 0], position[1, 1], covariance[2, 2]])
+
+
+def pose_words(pose: ArrayLike, sigma: ArrayLike) -> str:
+    """Return a pose (3,) [m, m, rad] with its standard deviations (3,) as text in mm and degrees."""
+    in_words = np.array((1e3, 1e3, 180.0 / np.pi))
+    x, y, yaw = np.asarray(pose) * in_words
+    sigma_x, sigma_y, sigma_yaw = np.asarray(sigma) * in_words
+    return f"x {x:.1f} ± {sigma_x:.1f} mm, y {y:.1f} ± {sigma_y:.1f} mm, yaw {yaw:.1f} ± {sigma_yaw:.1f}°"
 
 
 def summarise(
@@ -83,15 +115,12 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the content of `summary.json`.
 
-    `truth` (N, 3) is NaN where it is not known or not trusted. `final_pose` is world_T_object of the last frame [m, m,
-    rad], and `final_sigma` its standard deviations along the world's axes. Final errors are those of the last frame
-    with truth, whose time is `final_scored_time_s`; what needs truth or covariance that is not there is None.
-    `coverage` says what the in_95_... are, `recovery` what is told of knocks, whose frames are `knocked` (N,); unless
-    `yaw_shows`, as that of a disc does not, it is left out there.
-    `silently_wrong_share` is of the frames since the first contact, as they are: those that `is_far` and that are
-    outside the 95 % region while their status is one of CONTENT. `silently_wrong_unfelt_share` is the part of it that
-    nothing could tell: the object was knocked and has not been touched since. It is None without knocks.
-    `ambiguous_share` is of the frames in contact: those with that status.
+    `truth` (N, 3) is NaN where it is unknown or not trusted; what needs truth or covariance that is missing is None.
+    Final errors are those of the last frame with truth, at `final_scored_time_s`. `knocked` (N,) flags frames in which
+    something else moved the object; see `recovery`, which leaves the yaw out unless `yaw_shows` (that of a disc does
+    not). `silently_wrong_share` is of the frames since the first contact: the estimate `is_far` off and outside its
+    95 % region with a status in CONTENT. `silently_wrong_unfelt_share` is the part of it between a knock and the next
+    contact. `ambiguous_share` is of the frames in contact.
     """
     if truth is None:
         truth = np.full((len(trajectory), 3), np.nan)
@@ -140,11 +169,10 @@ def summarise(
 
 
 def coverage(contact: Flags, nees: Array) -> dict[str, Any]:
-    """Return how well the covariance covers the truth, from contact flags (N,) and the NEES (N,), NaN where not known.
+    """Return the shares of frames in the 95 % region, from contact flags (N,) and the NEES (N,).
 
-    They are shares of frames in the 95 % region since the first contact: `in_95_share` of all, `in_95_contact_share` of
-    those in contact, `in_95_rest_share` of the others; `in_95_final` tells whether the last one is in it. What has no
-    frames is None.
+    They are of the frames since the first contact: all, those in contact and those at rest; `in_95_final` is of the
+    last one. None where there are no frames.
     """
     inside, since = inside_95(nees), since_contact(contact, nees)
     return {
@@ -156,8 +184,58 @@ def coverage(contact: Flags, nees: Array) -> dict[str, Any]:
 
 
 def since_contact(contact: Flags, nees: Array) -> Flags:
-    """Return the frames (N,) with a NEES from the first contact on, before which the pose is as good as given."""
+    """Return True at frames with a NEES from the first contact on; before it the pose is as good as given."""
     return np.maximum.accumulate(contact) & np.isfinite(nees)
+
+
+def unfelt(knocked: Flags, contact: Flags) -> Flags:
+    """Return True at frames (N,) between a knock and the next contact."""
+    frames = np.arange(len(knocked))
+    last_knocked, last_touched = (np.maximum.accumulate(np.where(flags, frames, -1)) for flags in (knocked, contact))
+    return last_knocked > last_touched
+
+
+def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocked: Flags | None) -> dict[str, Any]:
+    """Return the part of `summary.json` on knocks, from errors (N,) [mm] and (N,) [deg] and flags (N,).
+
+    - knocks: their number; without flags all values are None.
+    - knock_recovery_s: for each the time [s] from its last frame until the estimate is near the truth (not `is_far`)
+      and stays near in every scored frame until the next knock or the end. None where it does not, or is near for less
+      than LASTING.
+    - knock_recovery_contact_s: the same, counting time in contact only.
+    - knock_contact_s: for each the time in contact [s] until the last scored frame before the next knock or the end.
+    - knock_error_mm: by the seconds after a knock ("0.5") the error then for each; None where it is unknown.
+    """
+    keys = ("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "knock_error_mm")
+    if knocked is None:
+        return dict.fromkeys(keys)
+    time, interval = trajectory.time, np.diff(trajectory.time, prepend=trajectory.time[0])
+    contact = np.zeros(len(time), np.bool_) if trajectory.contact is None else trajectory.contact
+    scored, far = np.isfinite(translation), is_far(translation, rotation)
+    in_contact, in_score = np.cumsum(interval * contact), np.cumsum(interval * scored)
+    runs = flag_runs(knocked)
+    seconds: list[float | None] = []
+    contact_seconds: list[float | None] = []
+    contact_after: list[float] = []
+    errors: list[list[float | None]] = []
+    ends = [*(first for first, _ in runs), len(time)][1:]
+    for (_, last), following in zip(runs, ends, strict=True):
+        frames = last + np.flatnonzero(scored[last:following])
+        near = frames[np.cumsum(far[frames][::-1])[::-1] == 0]  # those that no far one follows
+        lasts = len(near) > 0 and in_score[near[-1]] - in_score[near[0]] > LASTING - _ROUNDING
+        found, until = near[0] if lasts else None, frames[-1] if len(frames) else last
+        seconds.append(None if found is None else float(time[found] - time[last]))
+        contact_seconds.append(None if found is None else float(in_contact[found] - in_contact[last]))
+        contact_after.append(float(in_contact[until] - in_contact[last]))
+        errors.append([_nearest(time[frames] - time[last], translation[frames], after) for after in AFTER])
+    by_time = {f"{after:g}": [each[k] for each in errors] for k, after in enumerate(AFTER)}
+    return dict(zip(keys, (len(runs), seconds, contact_seconds, contact_after, by_time), strict=True))
+
+
+def _nearest(time: Array, error: Array, wanted: float) -> float | None:
+    """Return the error at the frame nearest to a time; None where there is none beside it."""
+    off = np.abs(time - wanted)
+    return float(error[np.argmin(off)]) if len(off) and off.min() < _BESIDE + _ROUNDING else None
 
 
 def _share(flags: Flags) -> float | None:

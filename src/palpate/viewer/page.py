@@ -12,7 +12,7 @@ from palpate.files import whole_file
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.lines import closed_outline, half_axes_95
 from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
-from palpate.pipeline.run import Run
+from palpate.pipeline.track import Run
 from palpate.viewer import colours
 from palpate.viewer.scene import contact_points, jpeg, touch_images
 from palpate.web_page import picture_uri, rendered_page

@@ -20,7 +20,7 @@ import numpy as np
 from palpate.errors import SettingError
 from palpate.files import whole_file
 from palpate.geometry.shapes import Shape
-from palpate.pipeline.run import gathered
+from palpate.pipeline.track import gathered
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import view_of

@@ -15,11 +15,11 @@ from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.io import estimates_csv, load_recording
 from palpate.pipeline import details
+from palpate.pipeline.first_release import first_release
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
 from palpate.touch.difference import difference_in_light, reduced
-from palpate.touch.lift import lift_of
 from palpate.types.answer import Answers
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -80,7 +80,7 @@ def _calibration(folder: Path, settings: dict[str, Any], recording: Recording) -
     if settings.get("calibration") is not None:
         return load_calibration(_file_name(settings, "calibration", folder))
     began_in_contact = "untouched_from_s" in read_json(folder / "summary.json")
-    release = lift_of(recording) if began_in_contact else None
+    release = first_release(recording) if began_in_contact else None
     return release and release.calibration
 
 

@@ -13,7 +13,7 @@ from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
 from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, draw_errors, draw_wear, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
 

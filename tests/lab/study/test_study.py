@@ -21,7 +21,7 @@ from palpate.lab.study.job import StudySettings, do_job, slid, trial_of
 from palpate.lab.study.results import ALL, flat, recovered, results_of, table, write_results
 from palpate.lab.study.study import DIED, run_study
 from palpate.lab.study.trial import Method, Trial, read_trial
-from palpate.pipeline.run import track
+from palpate.pipeline.track import track
 
 NONE, ORACLE, LEARNT = (Method(tactile, "fixed-lag") for tactile in ("none", "oracle", "learnt"))
 SETTINGS = StudySettings((NONE, ORACLE))

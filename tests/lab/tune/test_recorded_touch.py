@@ -21,7 +21,7 @@ from palpate.lab.tune.recorded_touch import (
     record_touch_of_files,
     track_recorded,
 )
-from palpate.pipeline.run import Run, track
+from palpate.pipeline.track import Run, track
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.camera_view import CameraView

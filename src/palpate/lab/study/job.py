@@ -14,8 +14,7 @@ from palpate.graph.smoother import SmootherName
 from palpate.io import load_recording
 from palpate.lab.study.files import group_of
 from palpate.lab.study.trial import Method, Trial
-from palpate.pipeline.quiet import quiet
-from palpate.pipeline.run import Run, track
+from palpate.pipeline.track import Run, quiet, track
 from palpate.pipeline.truth import trusted_truth
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import TouchModel

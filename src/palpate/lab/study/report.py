@@ -14,7 +14,7 @@ from palpate.lab.study.figures import Key, Sheet, render, study_sheets
 from palpate.lab.study.figures.methods import groups_of, main_method, methods_of
 from palpate.lab.study.results import ALL
 from palpate.lab.study.trial import Trial
-from palpate.pipeline.recovery import AFTER, FAR_DEG, FAR_MM
+from palpate.pipeline.metrics import AFTER, FAR_DEG, FAR_MM
 from palpate.web_page import picture_uri, rendered_page
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")

@@ -34,8 +34,7 @@ from palpate.lab.study.job import StudySettings
 from palpate.lab.study.rows import write_rows
 from palpate.lab.study.study import Study
 from palpate.lab.study.trial import Method, Trial
-from palpate.pipeline.metrics import inside_95, since_contact
-from palpate.pipeline.recovery import AFTER
+from palpate.pipeline.metrics import AFTER, inside_95, since_contact
 from palpate.touch.model import TouchModel
 
 Array = NDArray[np.float64]

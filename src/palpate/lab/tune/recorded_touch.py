@@ -16,9 +16,8 @@ from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
 from palpate.lab.study.files import group_of
 from palpate.parallel import spread
-from palpate.pipeline.prepared import first_pose_of, lift_of_beginning
-from palpate.pipeline.run import gathered
-from palpate.pipeline.steps import Steps
+from palpate.pipeline.first_release import release_after_start
+from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.pipeline.truth import trusted_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import (
@@ -153,10 +152,7 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     tactile, noise = recorded.tactile or settings.tactile, with_correction(settings.noise, recorded.correction)
     settings = replace(settings, tactile=tactile, noise=noise)
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
-    steps = Steps(tracker)
-    for frame in recording:
-        steps.take(frame)
-    return gathered(steps.estimates)[0]
+    return gathered([estimate for estimate, *_ in tracked_frames(tracker, recording)])[0]
 
 
 class _Remembered:
@@ -192,7 +188,7 @@ def _frame_by_frame(
 ) -> Iterator[tuple[bool, Said]]:
     """Whether each frame is in contact, and what it says if the mode reads images."""
     if calibration is None:
-        lift = lift_of_beginning(recording, *first_pose_of(recording, NoiseSettings()), tactile)
+        lift = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
         calibration = lift and lift.calibration
     sensor, view = turned_as(recording.sensor, calibration), view_of(calibration)
     detector = detector_for(sensor, calibration)

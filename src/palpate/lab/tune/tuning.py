@@ -36,7 +36,7 @@ from palpate.lab.tune.parameters import PRESSURE, TUNABLE, check_parameters, val
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.parallel import spread
 from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
-from palpate.pipeline.quiet import quiet
+from palpate.pipeline.track import quiet
 
 Array = NDArray[np.float64]
 

@@ -18,9 +18,8 @@ from palpate.io import load_recording
 from palpate.lab.study.faults.faults import FAULTS, is_of
 from palpate.lab.study.faults.stream import Stream, check_faults, stream_of
 from palpate.parallel import spread
-from palpate.pipeline.metrics import CONTENT, inside_95, nees, rotation_errors, translation_errors
-from palpate.pipeline.quiet import quiet
-from palpate.pipeline.recovery import is_far
+from palpate.pipeline.metrics import CONTENT, inside_95, is_far, nees, rotation_errors, translation_errors
+from palpate.pipeline.track import quiet
 from palpate.touch.model import TouchModel
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate

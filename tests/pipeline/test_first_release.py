@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.geometry.shapes import Disc
-from palpate.touch.lift import lift_of
+from palpate.pipeline.first_release import first_release
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT
@@ -50,7 +50,7 @@ SLIDING: list[float | None] = [20.0 + 0.5 * index for index in range(40)]
 
 @pytest.mark.parametrize("touch", [HELD, SLIDING, [*REST[:8], *HELD]], ids=["held", "sliding", "soon"])
 def test_the_gel_is_taken_from_the_first_moment_without_contact(touch):
-    lift = lift_of(recording([*touch, *REST, 40.0, *([42.0] * 30), *REST]))
+    lift = first_release(recording([*touch, *REST, 40.0, *([42.0] * 30), *REST]))
     assert lift is not None
     assert len(touch) <= 30 * lift.time <= len(touch) + 15
     assert np.abs(lift.background.mean - GEL).max() < 2.5  # of 15 frames with a noise of 1
@@ -62,8 +62,8 @@ def test_the_gel_is_taken_from_the_first_moment_without_contact(touch):
     ids=["untouched first", "twice", "never let go", "never touched", "short"],
 )
 def test_nothing_is_found_where_none_is_needed_or_none_is_there(touches):
-    assert lift_of(recording(touches)) is None
+    assert first_release(recording(touches)) is None
 
 
 def test_a_recording_without_images():
-    assert lift_of(dataclasses.replace(recording(REST), image=None, contact=np.zeros(40, np.bool_))) is None
+    assert first_release(dataclasses.replace(recording(REST), image=None, contact=np.zeros(40, np.bool_))) is None

@@ -1,5 +1,10 @@
-"""The untouched gel of a recording that begins in contact, seen at the first moment without."""
+"""The first release of a recording that begins in contact, where images show the untouched gel.
 
+All half seconds of the recording are compared. A touch adds an imprint to the gel's own texture, so the untouched gel
+has less curvature than the images that it differs from; and it is what images come back to.
+"""
+
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,39 +24,59 @@ from palpate.touch.background import (
 from palpate.touch.calibration import Calibration
 from palpate.touch.cells import Levels, cells_of, share_unlike
 from palpate.touch.contact_detector import START
+from palpate.types.derived import gaps
 from palpate.types.recording import Recording
 
-_MOMENTS = 60  # half seconds that are looked at at most, evenly spread over the recording
-_LOOKS = 4  # frames of each
-_PLAINER = 0.15  # in how far it has to be plainer than those it is unlike; chance makes less
-_THAN_FIRST = 0.45  # and plainer than the first half second, for a touch that lasts comes back as well
-_SEEN = 2  # times that the untouched gel is seen at least
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+_REACH = 5e-3  # [m] between sensor and object beyond which nothing is touched, plus three sigmas of the first pose
+_MOMENTS, _LOOKS = 60, 4  # half seconds compared at most, and images of each
+_PLAINER, _THAN_FIRST = (
+    0.15,
+    0.45,
+)  # least difference in plainness, to others and to the first half second
 _APART = np.float32(4.0)  # [grey levels] between cells that differ
-_SOFT = 10.0  # [grey levels] added before logarithms are taken, for dark cells are noise
+_SOFT = 10.0  # [grey levels] added before taking logarithms, since dark cells are noise
 
 
 @dataclass(frozen=True, eq=False)
-class Lift:
-    """The first moment without contact, of half a second."""
+class Release:
+    """The first half second without contact."""
 
     background: Background
-    """How the gel looks."""
+    """The untouched gel."""
     time: float
-    """When it begins, from the first frame on [s]."""
+    """Start of the half second, since the first frame [s]."""
 
     @property
     def calibration(self) -> Calibration:
-        """What is known of the unit by that, for the recording that it was seen in."""
+        """The calibration of the sensor unit for this recording."""
         return Calibration(self.background, is_sure=True)
 
 
-def lift_of(recording: Recording) -> Lift | None:
-    """Return the first moment without contact of a recording that begins in contact; None where it does not.
+def release_after_start(
+    recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: str
+) -> Release | None:
+    """Return the first release if the recording begins in contact, as its first pose (3,) allows; else None."""
+    if recording.image is None or not tactile.startswith(("auto", "learnt")):
+        return None
+    count = min(first_frames(recording.sensor.rate), len(recording))
+    gap = gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape, recording.sensor)
+    if gap.min() > _REACH + 3.0 * np.hypot(*first_pose_sigma[:2]):
+        return None
+    if release := first_release(recording):
+        logger.warning(
+            "%s: begins in contact; the untouched gel is taken from %.2f s on",
+            recording.file or "the recording",
+            release.time,
+        )
+    return release
 
-    Whether the first half second shows a touch, all half seconds of the recording tell together. A touch adds an
-    imprint to what is seen of the gel, and the curvature of the picture grows by that of the imprint, for the gel's own
-    texture has nothing to do with it: the untouched gel is plainer than what it is unlike. And it is what comes back.
-    None also where nothing is seen that does, as in a recording that never lets go.
+
+def first_release(recording: Recording) -> Release | None:
+    """Return the first half second without contact if images show contact at the start; None if they do not, or if the
+    contact is never released.
     """
     length = first_frames(recording.sensor.rate)
     starts = np.arange(0, len(recording) - length + 1, length)
@@ -64,7 +89,7 @@ def lift_of(recording: Recording) -> Lift | None:
     than_each = _plainer(moments)
     plainer = np.sum(than_each * unlike, axis=1) / np.maximum(np.sum(unlike, axis=1), 1)
     seen = np.sum(~unlike, axis=1)
-    may_be = (plainer > _PLAINER) & (seen >= _SEEN) & [_is_steady(each) for each in looks]
+    may_be = (plainer > _PLAINER) & (seen >= 2) & [_is_steady(each) for each in looks]
     may_be &= than_each[:, 0] > _THAN_FIRST
     if not may_be.any():
         return None
@@ -73,16 +98,16 @@ def lift_of(recording: Recording) -> Lift | None:
         return None
     first = int(starts[np.argmax(may_be & ~unlike[untouched])])
     background = background_of(_image(recording, index) for index in range(first, first + length))
-    return Lift(background, float(recording.time[first] - recording.time[0]))
+    return Release(background, float(recording.time[first] - recording.time[0]))
 
 
 def _is_steady(looks: Sequence[Levels]) -> bool:
-    """Whether half a second is neither black nor does something move on the gel."""
+    """Return True if half a second is not black and nothing moves on the gel."""
     return not any(is_dark(cells) or share_unlike(cells, looks[0], UNLIKE) > START for cells in looks)
 
 
 def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
-    """The cells of some frames of half a second, without markers."""
+    """Return the cells of some images of half a second, without markers."""
     chosen = start + np.linspace(0, length - 1, _LOOKS).round().astype(int)
     images = [_image(recording, index) for index in chosen.tolist()]
     is_marked = has_markers(images[0])
@@ -93,16 +118,16 @@ def _is_unlike(cells: Levels, others: Levels) -> bool:
     return share_unlike(cells, others, _APART) > START
 
 
-def _plainer(moments: Levels) -> NDArray[np.float64]:
-    """Return in how far each moment is plainer than each other: 1 where only that is touched, -1 where only it is."""
+def _plainer(moments: Levels) -> Array:
+    """Return by how much each of N moments is plainer than each other, (N, N): 1 if only the other is touched."""
     curved = np.array([_curvature(cells) for cells in moments])
     strength = np.sum(np.square(curved), axis=1)
     apart = strength[:, None] + strength - 2.0 * curved @ curved.T
     return np.clip((strength - strength[:, None]) / np.maximum(apart, 1e-12), -1.0, 1.0)
 
 
-def _curvature(cells: Levels) -> NDArray[np.float64]:
-    """The Laplacian of the logarithm of what is seen: light that differs evenly leaves it as it is."""
+def _curvature(cells: Levels) -> Array:
+    """Return the Laplacian of the logarithm of the image, which does not change with even light."""
     seen = np.pad(np.log(cells.astype(np.float64) + _SOFT), ((1, 1), (1, 1), (0, 0)), mode="edge")
     middle = seen[1:-1, 1:-1]
     return (4.0 * middle - seen[:-2, 1:-1] - seen[2:, 1:-1] - seen[1:-1, :-2] - seen[1:-1, 2:]).ravel()

@@ -1,0 +1,246 @@
+"""Tracking a whole recording."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.config import NoiseSettings, TrackerSettings
+from palpate.errors import FrameError, SettingError
+from palpate.geometry.shapes import Disc
+from palpate.pipeline.first_release import release_after_start
+from palpate.pipeline.knocks import knocked_frames
+from palpate.pipeline.metrics import summarise
+from palpate.pipeline.truth import known_truth, trusted_truth
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration, turned_as
+from palpate.touch.model import TouchModel, shipped_model
+from palpate.tracker import Tracker
+from palpate.types.answer import Answers
+from palpate.types.estimate import Estimate
+from palpate.types.frame import Frame
+from palpate.types.recording import Recording
+from palpate.types.trajectory import Trajectory
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+Watch = Callable[[Frame, Estimate, Background | None], None]
+"""Called after each frame with the frame, its estimate and the untouched gel as known then."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A tracked recording of N frames."""
+
+    recording: Recording
+    settings: TrackerSettings
+    """Settings of the tracker; `tactile` is the chosen one where it was auto."""
+    model: TouchModel | None
+    """Touch model, where touch was learnt."""
+    calibration: Calibration | None
+    """Calibration of the sensor unit, given or found after a recording began in contact."""
+    first_pose: Array
+    """world_T_object at the start, (3,) [m, m, rad]."""
+    first_pose_sigma: Array
+    """Its standard deviations, (3,) [m, m, rad]."""
+    online: Trajectory
+    """Estimate at each frame from all frames up to it, with covariance, contact and status."""
+    smoothed: Trajectory
+    """Poses corrected by all frames of their contact."""
+    answers: Answers
+    """All answers at each frame, the best first; empty at frames with one, which is the estimate."""
+    friction: Array
+    """Estimated friction between sensor and object, and its standard deviation, (N, 2)."""
+    step_ms: Array
+    """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
+    wall_s: float
+    """Time of the whole run [s]."""
+    truth: Array | None
+    """Ground truth that the run is scored by, (N, 3); NaN where it is unknown or jumps away and back."""
+    summary: dict[str, Any]
+    """Scores of the online estimates; see `metrics.summarise`."""
+
+
+def track(
+    recording: Recording,
+    settings: TrackerSettings | None = None,
+    first_pose: ArrayLike | None = None,
+    *,
+    first_pose_sigma: ArrayLike | None = None,
+    model: TouchModel | None = None,
+    calibration: Calibration | None = None,
+    progress: Callable[[int], None] | None = None,
+    watch: Watch | None = None,
+) -> Run:
+    """Track the object of a recording.
+
+    `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
+    default see `first_pose_of`. `model` and `calibration` are the Tracker's. Without a calibration, the untouched gel
+    of a recording that begins in contact is taken from its first release (`untouched_from_s` in the summary).
+    `progress` is called after each frame with the number done, and `watch` with the estimate.
+
+    A frame that cannot be used is skipped: the estimate before it is repeated with status "faulty". Raises SettingError
+    if the recording lacks something that the settings need, EstimationError if no estimate can be computed or the first
+    frame cannot be used.
+    """
+    begin = time.perf_counter()
+    settings = settings or TrackerSettings()
+    first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
+    _check(recording, settings)
+    release = None if calibration else release_after_start(recording, first, sigma, settings.tactile)
+    calibration = release.calibration if release else calibration
+    sensor = turned_as(recording.sensor, calibration)
+    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=sigma)
+    estimates: list[Estimate] = []
+    used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
+    for index, (estimate, used[index], step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
+        estimates.append(estimate)
+        if watch:
+            watch(tracker.frame, estimate, tracker.background)
+        if progress:
+            progress(index + 1)
+
+    settings = replace(settings, tactile=tracker.tactile)
+    online, answers, friction = gathered(estimates)
+    contact = np.asarray(online.contact, np.bool_)
+    truth, wall_s = known_truth(recording), time.perf_counter() - begin
+    summary = summarise(
+        online,
+        truth,
+        step_ms,
+        tactile=settings.tactile,
+        smoother=settings.smoother,
+        wall_s=wall_s,
+        episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
+        knocked=knocked_frames(recording),
+        yaw_shows=not isinstance(recording.shape, Disc),
+    )
+    if release:
+        summary["untouched_from_s"] = release.time
+    if tracker.tactile_reason:
+        summary["tactile_reason"] = tracker.tactile_reason
+    if tracker.unusual_colours and not recording.is_simulated:  # simulated units have any light
+        summary["unusual_colours"] = tracker.unusual_colours
+    is_learnt = settings.tactile.startswith("learnt")
+    return Run(
+        recording=recording,
+        settings=settings,
+        model=(model or shipped_model(recording.sensor.name)) if is_learnt else None,
+        calibration=calibration,
+        first_pose=first,
+        first_pose_sigma=sigma,
+        online=online,
+        smoothed=_at_all_frames(tracker.smoothed(), used, recording.time),
+        answers=answers,
+        friction=friction,
+        step_ms=step_ms,
+        wall_s=wall_s,
+        truth=truth,
+        summary=summary,
+    )
+
+
+def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:
+    """Yield the estimate at each frame, False if the frame is skipped, and the time of the step [ms].
+
+    A frame that cannot be used is skipped: the estimate before it is repeated with status "faulty". The first five are
+    logged. Raises FrameError at the first frame.
+    """
+    last: Estimate | None = None
+    skipped = 0
+    for frame in recording:
+        start, used = time.perf_counter(), True
+        try:
+            last = tracker.update(frame)
+        except FrameError as error:
+            if last is None:
+                raise
+            used, skipped = False, skipped + 1
+            if skipped <= 5:
+                logger.warning("%s; it is skipped%s", error, "; further ones are only counted" if skipped == 5 else "")
+            last = replace(last, time=frame.time, status="faulty", reason=str(error))
+        yield last, used, (time.perf_counter() - start) * 1e3
+
+
+def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]:
+    """Return the trajectory, the answers and the friction of N estimates, as in a Run."""
+    online = Trajectory(
+        time=np.array([estimate.time for estimate in estimates]),
+        pose=np.array([estimate.pose for estimate in estimates]),
+        covariance=np.array([estimate.covariance for estimate in estimates]),
+        contact=np.array([estimate.contact for estimate in estimates]),
+        status=tuple(estimate.status for estimate in estimates),
+    )
+    answers = tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
+    return online, answers, np.array([estimate.friction for estimate in estimates])
+
+
+def first_pose_of(
+    recording: Recording,
+    noise: NoiseSettings,
+    given: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """Return the first pose (3,) [m, m, rad] and its standard deviations (3,): given, recorded, or from ground truth.
+
+    Raises SettingError where there is none of them.
+    """
+    deviation = np.array(noise.first_pose.deviation)
+    if given is not None:
+        first = np.asarray(given, np.float64)
+    elif recording.first_pose is not None:
+        first = recording.first_pose
+        deviation = deviation if recording.first_pose_sigma is None else recording.first_pose_sigma
+    else:
+        first, deviation = _first_truth(recording), np.array(noise.first_pose.truth)
+    return first, deviation if sigma is None else np.asarray(sigma, np.float64)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Suppress the tracker's warnings while many recordings are tracked; the summary counts the statuses."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+def _first_truth(recording: Recording) -> Array:
+    name = recording.file or "the recording"
+    known = trusted_truth(recording)
+    if recording.object_pose is None or not known.any():
+        raise SettingError(
+            f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
+            "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
+        )
+    first = int(np.argmax(known))
+    if recording.contact is not None and recording.contact[:first].any():
+        logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, first)
+    return recording.object_pose[first]
+
+
+def _check(recording: Recording, settings: TrackerSettings) -> None:
+    """Raise SettingError if the recording lacks something that the settings need."""
+    name = recording.file or "the recording"
+    if recording.contact is None and recording.image is None:
+        raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
+    if settings.tactile.startswith("learnt") and recording.image is None:
+        raise SettingError(f"{name}: has no images, which tactile {settings.tactile} needs")
+    known = recording.object_pose is not None and not np.isnan(recording.object_pose).all()
+    if settings.tactile == "oracle" and not known:
+        raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
+
+
+def _at_all_frames(smoothed: Trajectory, used: NDArray[np.bool_], time: Array) -> Trajectory:
+    """Return the trajectory at all N times; skipped frames have the pose before."""
+    if used.all():
+        return smoothed
+    last = np.cumsum(used) - 1
+    return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])
