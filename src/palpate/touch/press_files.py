@@ -1,4 +1,4 @@
-"""Presses as files: a table that names the image of each and its angle, or the images in order."""
+"""Files of presses: a table that names the image of each and its angle, or the images in order."""
 
 import math
 from pathlib import Path
@@ -13,9 +13,9 @@ from palpate.types.images import image_size
 
 
 def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Presses:
-    """Read a CSV with columns file and angle_deg and the images it names, relative to its folder; FileError if not.
+    """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    Grey images are taken only if `grey`, and a table without angles, of presses in order, only if `in_order`.
+    Grey images are allowed only with `grey`, a table without angles, of presses in order, only with `in_order`.
     """
     columns, *lines = read_csv(path) or [[]]
     rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
@@ -35,7 +35,7 @@ def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Pres
 
 
 def _angle(row: dict[str, str]) -> float:
-    """The angle in a row [deg]; NaN where there is none."""
+    """Return the angle in a row [deg]; NaN if there is none."""
     try:
         return float(row["angle_deg"])
     except (KeyError, ValueError):
@@ -43,7 +43,7 @@ def _angle(row: dict[str, str]) -> float:
 
 
 def read_image(path: Path, grey: bool = False) -> Image:
-    """Return an image file as (height, width, 3) RGB; FileError where it is none, or a grey one unless `grey`."""
+    """Return an image file as (height, width, 3) RGB; raises FileError if it is none, or grey without `grey`."""
     import cv2
 
     data = existing_file(path).read_bytes()
