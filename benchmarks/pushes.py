@@ -82,5 +82,6 @@ class Push:
 
 def make_push(count: int) -> Push:
     """Return a push of count frames."""
-    model, first = contact_model(SHAPE, DIGIT), np.array([-0.5 * SHAPE.size_x, 0.01, 0.0])
-    return Push(model, *push(model, np.zeros(3), first, count - 1, Steering()))
+    model, first = contact_model(SHAPE, DIGIT), np.array([[-0.5 * SHAPE.size_x, 0.01, 0.0]])
+    objects, sensors = push(model, np.zeros((1, 3)), first, count - 1, Steering())
+    return Push(model, objects[:, 0], sensors[:, 0])

@@ -1,11 +1,12 @@
 """Pushes drawn from the estimator's own model: sticking contact on an ellipsoidal limit surface.
 
-They are as easy as the estimator believes the world to be, which is what a test of consistency and a benchmark need;
-they say nothing about how well the model fits real pushes.
+They are as easy as the estimator assumes the world to be, for tests of consistency and the benchmark; they do not tell
+the model's fit to real pushes. The equations are written here apart from the factors, so that they test each other.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,24 +15,15 @@ from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors.balance import Balance
-from palpate.graph.factors.factor import Step, Terms
-from palpate.graph.factors.sticking import Sticking
-from palpate.graph.values import Values
-from palpate.graph.variables import IN_SHARED, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, Unknown
+from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
 
 Array = NDArray[np.float64]
-
-Friction = Mapping[Unknown, ArrayLike]
-"""Values of FRICTION_RATIO and FRICTION_CENTER; what is left out is as the model has it."""
-
-_NEWTON_STEPS = 8
-_CONVERGED = 1e-12  # [m], [rad]: far below any noise that is drawn
+Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
 class Steering:
-    """How the sensor moves while it pushes: forward, turning towards the object's centre and to and fro."""
+    """Motion of the pushing sensor: forward, turning towards the object's centre and to and fro."""
 
     speed: float = 1.0e-3
     """Forward motion per frame [m]."""
@@ -52,22 +44,25 @@ def push(
     phase: Array | float = 0.0,
     slip: Array | float = 0.0,
     torque: Array | float = 0.0,
-    friction: Friction | None = None,
+    friction: Mapping[Any, ArrayLike] | None = None,
 ) -> tuple[Array, Array]:
     """Push B objects at once for a number of steps and return their poses and the sensors', (steps + 1, B, 3) each.
 
     object_pose (B, 3) are the first object poses in the world, touched (B, 3) the first sensor poses in the object
-    frame, phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the values that
-    the sticking and balance factors have as residuals; 0 is the noise-free model. A value of friction is (dimension,)
-    or (dimension, B); grip is of no account, for the contact sticks.
+    frame, phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the residuals of
+    sticking and balance; 0 is the noise-free model. friction has values of FRICTION_RATIO and FRICTION_CENTER,
+    (dimension,) or (dimension, B); without, they are the model's.
 
     A turn by omega in a step opens the gap by r omega^2 / 2, which is noise to sticking and would add up to millimetres
     in minutes, with a tip that pushes and does not touch. The slip of the next step takes it back.
     """
     g = np.broadcast_to(touched, np.broadcast_shapes(np.shape(touched), np.shape(object_pose))).astype(np.float64)
     e = se2.compose(object_pose, g)
-    slip = np.broadcast_to(slip, (steps, *g.shape[:-1], 2))
-    torque = np.broadcast_to(torque, (steps, *g.shape[:-1]))
+    slip = np.broadcast_to(slip, (steps, len(g), 2))
+    torque = np.broadcast_to(torque, (steps, len(g)))
+    ratio, center = np.exp(_friction(friction, FRICTION_RATIO)[0]), _friction(friction, FRICTION_CENTER)
+    c_squared = model.friction_radius**2 * ratio
+    pivot = model.friction_center + model.friction_radius * (center[0] + 1j * center[1])
     sensors, touches = [e], [g]
     gap, _ = _gap(model, g)
     for step in range(steps):
@@ -77,10 +72,10 @@ def push(
         forward = np.full_like(turn, steering.speed)
         e_next = se2.compose(e, se2.exp(np.stack([forward, np.zeros_like(turn), turn], axis=-1)))
         found, normal = _gap(model, g)
-        slid = slip[step] + (found - gap)[..., None] * normal
+        slid = slip[step] + (found - gap)[:, None] * normal
         gap = gap - np.sum(slip[step] * normal, axis=-1)
-        g = _pushed(g, e, e_next, model, friction or {}, np.concatenate([slid, torque[step][..., None]], axis=-1))
-        e = e_next
+        wanted = np.concatenate([slid, torque[step][:, None]], axis=-1)
+        g, e = _solved(model, g, e, e_next, c_squared, pivot, wanted), e_next
         sensors.append(e)
         touches.append(g)
     world_T_sensor = np.stack(sensors)
@@ -96,15 +91,14 @@ def draw_residuals(
     count: int,
     rng: np.random.Generator,
 ) -> tuple[Array, Array, Array]:
-    """Draw what the model leaves open in count pushes on a straight side whose outward normal points to outward [rad].
+    """Draw the noise of count pushes on a straight side whose outward normal points to outward [rad].
 
     Returns the first gap between tip and side (count,) [m], and the slip (steps, count, 2) [m] and torque
     (steps, count) [m^2] that `push` takes. The graph has two Gaussians on the same gaps, one on each (contact) and one
     on their differences (the normal part of sticking), so they are drawn from the product of both.
     """
-    sticking = noise.sticking
-    slip_sigma = np.hypot(sticking.still, sticking.share * speed)
-    torque_sigma = Balance(noise.balance, model).deviation(speed)
+    slip_sigma = np.hypot(noise.sticking.still, noise.sticking.share * speed)
+    torque_sigma = np.hypot(noise.balance.still, noise.balance.share * speed * model.friction_radius)
     differences = np.diff(np.eye(steps + 1), axis=0)
     information = np.eye(steps + 1) / noise.contact.deviation**2 + differences.T @ differences / slip_sigma**2
     gaps = np.linalg.solve(np.linalg.cholesky(information).T, rng.normal(size=(steps + 1, count)))
@@ -114,41 +108,57 @@ def draw_residuals(
     return gaps[0], slip, rng.normal(0.0, torque_sigma, (steps, count))
 
 
+def _friction(friction: Mapping[Any, ArrayLike] | None, variable: Any) -> Array:
+    """Return a friction variable, (dimension, 1) or (dimension, B)."""
+    value = (friction or {}).get(variable, np.zeros(variable.dimension))
+    return np.asarray(value, np.float64).reshape(variable.dimension, -1)
+
+
 def _gap(model: ContactModel, g: Array) -> tuple[Array, Array]:
-    """Gap (...) [m] between sensor and outline at poses g (..., 3), and the outline's normal (..., 2)."""
-    touch = model.touching(np.ascontiguousarray(g).reshape(1, -1, 3))[0]
-    normal = np.stack([np.real(touch["normal"]), np.imag(touch["normal"])], axis=-1)
-    return touch["gap"].reshape(g.shape[:-1]), normal.reshape(*g.shape[:-1], 2)
+    """Return the gap (B,) [m] between sensor and outline at poses g (B, 3), and the outline's normal (B, 2)."""
+    contact = model.touching(g[None])[0]
+    return contact["gap"], np.stack([contact["normal"].real, contact["normal"].imag], axis=-1)
 
 
-def _pushed(g: Array, e: Array, e_next: Array, model: ContactModel, friction: Friction, wanted: Array) -> Array:
-    """The sensor-in-object pose after a step, by Newton's method on the residuals of pushing (Eq. 7)."""
-    shape, noise = g.shape, NoiseSettings()
-    g, e, e_next = (np.ascontiguousarray(pose).reshape(-1, 3) for pose in (g, e, e_next))
-    shared = np.zeros((SHARED_SIZE, len(g)))
-    for unknown, value in friction.items():
-        given = np.asarray(value, np.float64)
-        shared[IN_SHARED[unknown]] = given.reshape(unknown.dimension, -1)
-    sticking, balance = Sticking(noise.sticking), Balance(noise.balance, model)
-    # The rows of g1 in the Jacobians: sticking is on g0 and g1, balance on g0, e0, g1, e1 and friction.
-    columns = (sticking, slice(3, 6)), (balance, slice(6, 9))
-    terms = [_on_two_steps(factor.terms(Step(e_next[0], e[0], (), (0.0, 1.0)))) for factor, _ in columns]
-    g_next = g
-    for _ in range(_NEWTON_STEPS):
-        values = {SENSOR_IN_OBJECT: np.stack([g, g_next], axis=1), SENSOR: np.stack([e, e_next], axis=1)}
-        at = Values(model, values, shared)
-        rows = [factor.linearise(at, given) for (factor, _), given in zip(columns, terms, strict=True)]
-        residual = np.concatenate([one.residual[:, 0] for one in rows], axis=-1)
-        by_next = [one.jacobian[:, 0, :, part] for one, (_, part) in zip(rows, columns, strict=True)]
-        off = wanted.reshape(-1, 3) - residual
-        change = np.linalg.solve(np.concatenate(by_next, axis=1), off[..., None])[..., 0]
-        g_next = se2.compose(g_next, se2.exp(change))
-        if np.abs(change).max() < _CONVERGED:
-            return g_next.reshape(shape)
+def _solved(
+    model: ContactModel, g0: Array, e0: Array, e1: Array, c_squared: Array, pivot: Complex, wanted: Array
+) -> Array:
+    """Return the sensor-in-object poses (B, 3) after a step, by Newton's method on the residuals of pushing (Eq. 7).
+
+    These are how far the contact slid (2 rows, object frame) and the balance of force and torque on the limit surface,
+    p x v - c^2 omega, about the centre of friction. Vectors are complex.
+    """
+    in_sensor0 = (pivot - _place(g0)) / _turn(g0)
+    pivot_in_sensor1 = (_place(e0) + _turn(e0) * in_sensor0 - _place(e1)) / _turn(e1)
+    g1 = np.ascontiguousarray(g0)
+    residual, jacobian = np.empty((len(g1), 3)), np.empty((len(g1), 3, 3))
+    for _ in range(8):
+        contact = model.touching(g1[None])[0]
+        slid = _place(g0) + _turn(g0) * contact["material"] - contact["point"]
+        slid_by_g1 = _turn(g0)[:, None] * contact["material_by_g"] - contact["point_by_g"]
+        motion = pivot - _place(g1) - _turn(g1) * pivot_in_sensor1
+        arm, omega = contact["point"] - pivot, se2.wrap(e1[:, 2] - e0[:, 2] - g1[:, 2] + g0[:, 2])
+        moving = _turn(g1)[:, None] * np.stack(
+            [np.ones_like(arm), 1j * np.ones_like(arm), 1j * pivot_in_sensor1], axis=1
+        )
+        residual[:] = np.stack([slid.real, slid.imag, _cross(arm, motion) - c_squared * omega], axis=1)
+        jacobian[:, 0], jacobian[:, 1] = slid_by_g1.real, slid_by_g1.imag
+        jacobian[:, 2] = _cross(contact["point_by_g"], motion[:, None]) - _cross(arm[:, None], moving)
+        jacobian[:, 2, 2] += c_squared
+        change = np.linalg.solve(jacobian, (wanted - residual)[..., None])[..., 0]
+        g1 = se2.compose(g1, se2.exp(change))
+        if np.abs(change).max() < 1e-12:  # [m], [rad]
+            return g1
     raise EstimationError("the step of a push has no solution near the last one; make it smaller")
 
 
-def _on_two_steps(terms: Terms | None) -> Terms:
-    """The terms that arrive with a step, with places among it and the one before."""
-    assert terms is not None
-    return Terms(terms.places + 1, terms.data)
+def _place(pose: Array) -> Complex:
+    return pose[:, 0] + 1j * pose[:, 1]
+
+
+def _turn(pose: Array) -> Complex:
+    return np.exp(1j * pose[:, 2])
+
+
+def _cross(a: Complex, b: Complex) -> Array:
+    return (np.conj(a) * b).imag
