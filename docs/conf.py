@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from sphinx.util.typing import stringify_annotation
 
 import palpate
-from palpate.field_docs import HEADING
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
@@ -41,9 +40,7 @@ ARRAY = re.compile(r"~numpy\.ndarray\[.*?~numpy\.dtype\[[^]]*\]+")
 
 
 def _tidy(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
-    """Leave out the fields that `help()` tells of a class, for each has an entry here; make other headings rubrics."""
-    if what == "class" and HEADING in lines:
-        del lines[lines.index(HEADING) :]
+    """Make headings in docstrings rubrics."""
     for k, (line, below) in enumerate(pairwise(tuple(lines))):
         if line and below == "-" * len(line):
             lines[k : k + 2] = [f".. rubric:: {line}", ""]

@@ -279,33 +279,22 @@ class Priors(Settings):
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """Standard deviations, shares and kernels of all factors.
+    """Standard deviations, shares and kernels of all factors, a group each; see the classes of the groups.
 
     Defaults for touch and sliding are tuned by `palpate tune` on simulated recordings; the others state their reasons.
     """
 
     sensor_pose: SensorPoseSettings = SensorPoseSettings()
-    """Accuracy of the sensor's pose."""
     first_pose: FirstPoseSettings = FirstPoseSettings()
-    """Accuracy of the object's first pose, and its motion at rest."""
     contact: ContactSettings = ContactSettings()
-    """Distance between sensor and outline in contact."""
     direction: DirectionSettings = DirectionSettings()
-    """Contact direction on a round tip."""
     place: PlaceSettings = PlaceSettings()
-    """Contact place on a flat pad."""
     turn: TurnSettings = TurnSettings()
-    """Turn of the sensor on the object."""
     relative_pose: RelativePoseSettings = RelativePoseSettings()
-    """Relative pose of the sensor between two frames."""
     sticking: StickingSettings = StickingSettings()
-    """Sliding while the force is inside the friction cone."""
     balance: BalanceSettings = BalanceSettings()
-    """Balance of push and friction on the limit surface."""
     friction_cone: FrictionConeSettings = FrictionConeSettings()
-    """Force at the cone's edge while the contact slides."""
     priors: Priors = Priors()
-    """Bias, indentation, size and friction before the first contact."""
 
 
 STICKING = NoiseSettings(
