@@ -1,130 +1,127 @@
 """`palpate simulate`: recordings of a simulated sensor, or touch images for a real motion."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from palpate.cli.options import (
-    DaskOption,
-    JsonOption,
-    SensorOption,
-    ShapeUnit,
-    ShapeUnitOption,
-    WorkersOption,
-)
+from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, positional
 
 if TYPE_CHECKING:
-    from palpate.geometry.shapes import Shape
+    from palpate.lab.simulate.recordings import Simulation
     from palpate.types.recording import Recording
 
-COUNT, SECONDS, SENSOR = 10, 15.0, "digit"
+
+@dataclass(frozen=True)
+class Pushes:
+    """The pushes to simulate."""
+
+    shape: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]],
+        arg(
+            "NAME|AxB|FILE",
+            "disc, rectangle and ellipse",
+            help="Object: disc, rectangle, ellipse, triangle, hexagon, t, butterfly, rounded-square, the sides of a "
+            "rectangle such as 0.09x0.06 [m], or an outline in a file. Repeat for more.",
+        ),
+    ] = ()
+    shape_unit: Annotated[ShapeUnit | None, arg(default="m, or the unit of the drawing")] = None
+    """Unit of the numbers in --shape."""
+    count: Annotated[int, arg("N")] = 10
+    """Recordings of each object."""
+    seconds: Annotated[float, arg("S")] = 15.0
+    """Length of a recording [s]."""
+    knocks: bool = False
+    """A finger shoves the object now and then, unknown to the sensor."""
+    ideal: bool = False
+    """State mounting, outline, time and first pose exactly, as no real set-up does; gel and light stay constant."""
+    sensor: Sensor = "digit"
+    images: Annotated[bool, arg(default="with images")] = True
+    """Make no touch images, which is faster."""
+
+    def plan(self, seed: int, unit: int | None) -> "dict[str, Simulation]":
+        """Return the simulations by file name. Raises SettingError for values that are not allowed."""
+        from palpate.errors import SettingError
+        from palpate.geometry.objects import SHAPES
+        from palpate.io.outlines.load import load_shape
+        from palpate.lab.simulate.folder import plan
+        from palpate.types.sensor import known_sensor
+
+        shapes = {}
+        for given in self.shape or ("disc", "rectangle", "ellipse"):
+            name = Path(given).stem if Path(given).is_file() and given not in SHAPES else given
+            if name in shapes:
+                raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
+            shapes[name] = load_shape(given, self.shape_unit)
+        options = {"seconds": self.seconds, "images": self.images, "knocks": self.knocks, "ideal": self.ideal}
+        return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **options)
+
+    def check_not_given(self) -> None:
+        """Raise SettingError if any of these options goes with --replay."""
+        from palpate.errors import SettingError
+
+        usual = asdict(Pushes())
+        if given := [name for name, value in asdict(self).items() if value != usual[name]]:
+            names = ", ".join("--no-images" if name == "images" else f"--{name.replace('_', '-')}" for name in given)
+            raise SettingError(f"--replay takes object and motion from its file; {names} cannot go with it")
 
 
 def simulate(
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="Folder of the recordings.")],
+    folder: Annotated[tyro.conf.Positional[Path], positional("DIR", "Folder of the recordings.", required=True)],
     /,
     *,
-    shape: Annotated[
-        tyro.conf.UseAppendAction[tuple[str, ...]],
-        tyro.conf.arg(
-            metavar="NAME|AxB|FILE",
-            help="Object: disc, rectangle, ellipse, triangle, hexagon, t, butterfly, rounded-square, the sides of a "
-            "rectangle such as 0.09x0.06 [m], or an outline in a file. Repeat for more.",
-            help_behavior_hint="(default: disc, rectangle and ellipse)",
-        ),
-    ] = (),
-    shape_unit: ShapeUnitOption = None,
+    pushes: Pushes = Pushes(),
     replay: Annotated[
         tyro.conf.UseAppendAction[tuple[Path, ...]],
-        tyro.conf.arg(
-            metavar="FILE",
-            help="Take the motion of this real recording, in any known format, and render touch images for it. Repeat "
-            "for more.",
-            help_behavior_hint="(default: none)",
-        ),
+        arg("FILE", "none", help="Render touch images for the motion of a real recording instead. Repeat for more."),
     ] = (),
-    count: Annotated[int, tyro.conf.arg(metavar="N", help="Recordings of each object.")] = COUNT,
-    seed: Annotated[int, tyro.conf.arg(metavar="N", help="The same seed gives the same files.")] = 0,
-    seconds: Annotated[float, tyro.conf.arg(metavar="S", help="Length of a recording [s].")] = SECONDS,
-    unit: Annotated[
-        int | None,
-        tyro.conf.arg(
-            metavar="N",
-            help="Seed of one sensor unit for all recordings.",
-            help_behavior_hint="(default: another unit for each)",
-        ),
-    ] = None,
-    knocks: Annotated[
-        bool, tyro.conf.arg(help="A finger shoves the object now and then, unknown to the sensor.")
-    ] = False,
-    ideal: Annotated[
-        bool,
-        tyro.conf.arg(
-            help="State mounting, outline, time and first pose exactly, which no real set-up does, and keep gel and "
-            "light constant.",
-        ),
-    ] = False,
-    sensor: SensorOption = SENSOR,
-    workers: WorkersOption = 1,
-    images: Annotated[bool, tyro.conf.arg(help="Make no touch images, which is faster.", help_behavior_hint="")] = True,
-    resume: Annotated[bool, tyro.conf.arg(help="Keep the recordings that are there and make the rest.")] = False,
-    dask: DaskOption = None,
-    json: JsonOption = False,
+    seed: Annotated[int, arg("N")] = 0,
+    unit: Annotated[int | None, arg("N", "another unit for each")] = None,
+    resume: bool = False,
+    workers: Workers = Workers(),
+    json: Json = False,
 ) -> int:
-    """Simulate recordings of a sensor that pushes objects: poses, touch images, contacts and forces."""
+    """Simulate recordings of a sensor that pushes objects: poses, touch images, contacts and forces.
+
+    Example: palpate simulate recordings --shape disc --count 20 --knocks
+
+    Args:
+        seed: The same seed gives the same files.
+        unit: Seed of one sensor unit for all recordings.
+        resume: Keep the recordings that are there and make the rest.
+    """
     import time
 
     from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
-    from palpate.lab.simulate.folder import plan, simulate_folder
+    from palpate.lab.simulate.folder import simulate_folder
     from palpate.lab.simulate.replay import replay_folder
-    from palpate.types.sensor import known_sensor
 
     begin = time.perf_counter()
-    unreadable: dict[str, str] = {}
-    how = {"workers": workers, "resume": resume, "dask": dask}
+    failed: dict[str, str] = {}
+    how = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
     if replay:
-        _check_replay(
-            {
-                "--shape": bool(shape or shape_unit),
-                "--count": count != COUNT,
-                "--seconds": seconds != SECONDS,
-                "--no-images": not images,
-                "--knocks": knocks,
-                "--ideal": ideal,
-                "--sensor": sensor != SENSOR,
-            }
-        )
+        pushes.check_not_given()
         with busy("reading"):
-            recordings, unreadable = _recordings(replay)
+            recordings, failed = _recordings(replay)
         with progress_bar("rendering", len(recordings)) as progress:
             outcome = replay_folder(folder, recordings, seed, unit, progress=progress, **how)
     else:
-        what = {"seconds": seconds, "images": images, "unit": unit, "knocks": knocks, "ideal": ideal}
-        shapes = _shapes(shape or ("disc", "rectangle", "ellipse"), shape_unit)
-        simulations = plan(shapes, count, seed, sensor=known_sensor(sensor), **what)
+        simulations = pushes.plan(seed, unit)
         with progress_bar("simulating", len(simulations)) as progress:
             outcome = simulate_folder(folder, simulations, progress=progress, **how)
-    failed = unreadable | outcome.failed
+    failed |= outcome.failed
     wall_s = time.perf_counter() - begin
     for name, why in failed.items():
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
     if json:
         errors = [{"file": name, "error": why} for name, why in failed.items()]
-        made = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": errors}
-        print_json({"folder": str(folder), **made, "wall_s": wall_s})
+        files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": errors}
+        print_json({"folder": str(folder), **files, "wall_s": wall_s})
     else:
         counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(failed)} failed"
         print_line(f"{folder}: {counts}, {wall_s:.1f} s")
     return 3 if failed else 0
-
-
-def _check_replay(given: dict[str, bool]) -> None:
-    """Raise SettingError for options about the motion, which a replay takes from its file."""
-    from palpate.errors import SettingError
-
-    if wrong := [option for option, is_given in given.items() if is_given]:
-        raise SettingError(f"--replay takes object and motion from its file; {', '.join(wrong)} cannot go with it")
 
 
 def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[str, str]]:
@@ -146,18 +143,3 @@ def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[s
         except FileError as error:
             failed[name] = str(error)
     return found, failed
-
-
-def _shapes(given: tuple[str, ...], unit: ShapeUnit | None) -> dict[str, "Shape"]:
-    """Return shapes by name, the stem for a file; raises SettingError if two have the same name."""
-    from palpate.errors import SettingError
-    from palpate.geometry.objects import SHAPES
-    from palpate.io.outlines.load import load_shape
-
-    found = {}
-    for source in given:
-        name = Path(source).stem if Path(source).is_file() and source not in SHAPES else source
-        if name in found:
-            raise SettingError(f"--shape {source}: {name!r} is given twice; each shape needs a name of its own")
-        found[name] = load_shape(source, unit)
-    return found

@@ -1,25 +1,31 @@
-"""`palpate truth`, `truth-print` and `truth-camera`: ground truth by an overhead camera and printed tags."""
+"""`palpate truth`, `truth-print` and `truth-camera`: ground truth from an overhead camera and printed tags."""
 
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from palpate.cli.options import ForceOption, JsonOption, check_new
+from palpate.cli.options import Force, Json, arg, check_new, positional
 
-VideoOption = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="VIDEO", help="A video file.")]
-CameraOption = Annotated[Path, tyro.conf.arg(metavar="CAMERA.json", help="The camera, from palpate truth-camera.")]
+Video = Annotated[tyro.conf.Positional[Path], positional("VIDEO", "A video file.", required=True)]
 
 
 def truth_print(
-    out: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT.pdf", help="The file to write.")],
+    out: Annotated[tyro.conf.Positional[Path], positional("OUT.pdf", "The file to write.", required=True)],
     /,
     *,
-    shape: Annotated[str, tyro.conf.arg(metavar="NAME|FILE", help="The object, as palpate simulate takes it.")],
-    paper: Annotated[Literal["a4", "a3"], tyro.conf.arg(help="Paper size.")] = "a4",
-    force: ForceOption = False,
+    shape: Annotated[str, arg("NAME|AxB|FILE")],
+    paper: Literal["a4", "a3"] = "a4",
+    force: Force = False,
 ) -> int:
-    """Write the sheets to print for ground truth: tags for table, object and sensor, and a calibration board."""
+    """Write the sheets to print for ground truth: tags for table, object and sensor, and a calibration board.
+
+    Example: palpate truth-print sheets.pdf --shape rectangle --paper a3
+
+    Args:
+        shape: The object, as in palpate simulate.
+        paper: Paper size.
+    """
     from palpate.cli.console import print_line
     from palpate.io.outlines.load import load_shape
     from palpate.lab.truth.sheets import write_sheets
@@ -31,13 +37,19 @@ def truth_print(
 
 
 def truth_camera(
-    video: VideoOption,
+    video: Video,
     /,
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="CAMERA.json", help="The file to write.")],
-    force: ForceOption = False,
+    out: Annotated[Path, arg("CAMERA.json")],
+    force: Force = False,
 ) -> int:
-    """Calibrate the overhead camera by a video of the printed board, held at an angle all over the view."""
+    """Calibrate the overhead camera by a video of the printed board, held at an angle all over the view.
+
+    Example: palpate truth-camera board.mp4 --out camera.json
+
+    Args:
+        out: The file to write.
+    """
     from palpate.cli.console import busy, print_line
     from palpate.lab.truth.camera import calibrated, read_video, save_camera
 
@@ -51,17 +63,24 @@ def truth_camera(
 
 def truth(
     recording: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING", help="The robot's recording of the same push.")
+        tyro.conf.Positional[Path], positional("RECORDING", "The robot's recording of the same push.", required=True)
     ],
-    video: VideoOption,
+    video: Video,
     /,
     *,
-    camera: CameraOption,
-    out: Annotated[Path, tyro.conf.arg(metavar="OUT.mcap", help="The recording with ground truth.")],
-    force: ForceOption = False,
-    json: JsonOption = False,
+    camera: Annotated[Path, arg("CAMERA.json")],
+    out: Annotated[Path, arg("OUT.mcap")],
+    force: Force = False,
+    json: Json = False,
 ) -> int:
-    """Put ground truth into a recording, from a video of the push with tags on table, object and sensor."""
+    """Put ground truth into a recording, from a video of the push with tags on table, object and sensor.
+
+    Example: palpate truth push.mcap push.mp4 --camera camera.json --out push-true.mcap
+
+    Args:
+        camera: The camera, from palpate truth-camera.
+        out: The recording with ground truth.
+    """
     import numpy as np
 
     from palpate import io as formats
