@@ -80,13 +80,6 @@ def test_the_example_reads_tracks_and_gives_poses(site, monkeypatch, capsys):
     assert isinstance(pose, TimedPose) and abs(pose.time - clock.now()) < 5.0
 
 
-def test_the_page_of_the_guide_is_the_example():
-    page = (EXAMPLES.parent / "docs/guide/your_own_reader.md").read_text()
-    for name in ("pyproject.toml", "my_robot_files.py"):
-        code = (EXAMPLES / "own_package" / name).read_text().strip()
-        assert code in page
-
-
 @pytest.mark.parametrize(
     ("code", "said"),
     [

@@ -83,7 +83,11 @@ def recorded() -> tuple[Recording, Any]:
 
 def boards(count: int) -> list[Gray]:
     """Return pictures of the board, held at an angle all over the view."""
-    fine, scale, rng = board().generateImage((SQUARES[0] * 80, SQUARES[1] * 80), None, 0, 1), SQUARE / 80, np.random.default_rng(5)
+    fine, scale, rng = (
+        board().generateImage((SQUARES[0] * 80, SQUARES[1] * 80), None, 0, 1),
+        SQUARE / 80,
+        np.random.default_rng(5),
+    )
     pictures = []
     for k in range(count):
         turned = np.array([0.5 * np.sin(k), 0.5 * np.cos(1.7 * k), 0.3 * np.sin(2.9 * k)])
