@@ -9,7 +9,7 @@ import pytest
 from palpate import io as formats
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.pipeline.check_recording import LISTED, Finding, counted, inspect_recording
+from palpate.pipeline.check_recording import LIMITS, Finding, counted, inspect_recording
 from palpate.pipeline.truth import trusted_truth
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
@@ -300,11 +300,11 @@ def test_damaged_images_are_named():
 def test_what_is_found_again_and_again_is_counted():
     one = Finding("image", 1.0, 1.0, "image of frame 30: is damaged")
     images = [replace(one, start=k / 30, end=k / 30, sentence=f"image of frame {k}: is damaged") for k in range(2, 90)]
-    gaps = [Finding("time gap", float(k), k + 0.5, "no frames for 0.50 s", breaks=k == 2) for k in range(LISTED)]
+    gaps = [Finding("time gap", float(k), k + 0.5, "no frames for 0.50 s", breaks=k == 2) for k in range(LIMITS.listed)]
     found = sorted([*images, *gaps], key=lambda finding: finding.start)
     told = counted(found)
-    # Of LISTED gaps each is told, of 88 images one sentence, in order of time.
-    assert [finding.kind for finding in told] == ["time gap", "image", *["time gap"] * (LISTED - 1)]
+    # Of LIMITS.listed gaps each is told, of 88 images one sentence, in order of time.
+    assert [finding.kind for finding in told] == ["time gap", "image", *["time gap"] * (LIMITS.listed - 1)]
     assert told[1] == Finding("image", 2 / 30, 89 / 30, "88 times; first: image of frame 2: is damaged")
     assert [finding for finding in told if finding.kind == "time gap"] == gaps
     (more,) = counted([*gaps, Finding("time gap", 9.0, 9.5, "no frames for 0.50 s")])

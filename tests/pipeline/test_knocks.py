@@ -10,7 +10,7 @@ import pytest
 from palpate import io as formats
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.pipeline.knocks import SPEED, knocked_frames, unexplained_speed
+from palpate.pipeline.knocks import LIMITS, knocked_frames, unexplained_speed
 from palpate.pipeline.truth import flag_runs
 from palpate.types.recording import Recording
 from palpate.types.sensor import POINT, SensorProfile
@@ -98,7 +98,7 @@ def test_a_push_beside_the_middle_moves_the_side_along_the_tip():
     recording = Recording(STEP * np.arange(3, dtype=np.float64), tip, BAR, POINT, pose, np.ones(3, np.bool_))
     assert unexplained_speed(recording, np.arange(3))[1] < 2e-3
     # A bar that goes the other way along y is not explained.
-    assert unexplained_speed(replace(recording, object_pose=pose * (1.0, 1.0, -1.0)), np.arange(3))[1] > SPEED
+    assert unexplained_speed(replace(recording, object_pose=pose * (1.0, 1.0, -1.0)), np.arange(3))[1] > LIMITS.speed
 
 
 def test_all_motion_of_an_untouched_object_is_unexplained():

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.geometry import se2
-from palpate.pipeline.knocks import FASTER, knocked_frames
+from palpate.pipeline.knocks import LIMITS as KNOCK_LIMITS
+from palpate.pipeline.knocks import knocked_frames
 from palpate.pipeline.truth import flag_runs, time_gaps, trusted_truth
 from palpate.stream_monitor import too_often
 from palpate.touch.background import is_grey
@@ -23,59 +24,49 @@ from palpate.types.recording import Recording
 from palpate.types.units import check_metres, other_time_unit, wrong_width
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Kind = Literal[
-    "time gap",
-    "rate",
-    "unit",
-    "drop-out",
-    "jump",
-    "knock",
-    "untouched motion",
-    "contact lost",
-    "overlap",
-    "stand-off",
-    "image",
-]
 
-RATE = 0.05
-"""Share by which the median rate may differ from the sensor profile's."""
-EDGE = 0.2
-"""[s] at either end of a recording where unknown truth breaks nothing: systems do not start and stop
-together."""
-MERGE = 0.2
-"""[s] between two findings of a kind below which they are one: as long as a hand acts or a marker
-flickers."""
-NOISE = 1e-3
-"""[m] more than that in one interval of a knock count as part of it; a camera makes less than 0.9 mm of an object
-at rest."""
-MOVED = 3e-3
-"""[m] Motion without cause that something else must have made: twice the 1.4 mm by which robot and motion
-capture disagree in undisturbed runs."""
-LOST = 1.0
-"""[s] An untouched stretch that is shorter, and in which the sensor goes on forwards, is within a push."""
-RETREAT = 1e-3
-"""[m] Motion against the sensor's x axis that counts as letting go."""
-MISFIT = 2e-3
-"""[m] Gap or overlap in contact that is worth a word: undisturbed runs keep within 1.4 mm."""
-MISFIT_FRAMES = 3
-LISTED = 5
-"""Findings of a kind that are told one by one; more are counted."""
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits beyond which something is a finding."""
+
+    rate: float = 0.05
+    """Relative difference of the median rate from the sensor profile's."""
+    edge: float = 0.2
+    """Time at either end where truth may be unknown [s]: systems do not start and stop together."""
+    merge: float = 0.2
+    """Time between two findings of a kind that are one [s]: as long as a hand acts or a marker flickers."""
+    noise: float = 1e-3
+    """Motion in one interval that is part of a knock [m]; a camera makes 0.9 mm of an object at rest."""
+    moved: float = 3e-3
+    """Motion of an untouched object [m]: twice the 1.4 mm by which robot and motion capture disagree."""
+    lost: float = 1.0
+    """Longest stretch without contact within a push [s], in which the sensor does not retreat."""
+    retreat: float = 1e-3
+    """Motion against the sensor's x axis that releases the contact [m]."""
+    misfit: float = 2e-3
+    """Gap or overlap in contact [m], for three frames or more: undisturbed runs have 1.4 mm at most."""
+    listed: int = 5
+    """Findings of a kind that are listed one by one; more are counted."""
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
 class Finding:
     """One thing that is wrong with a recording."""
 
-    kind: Kind
+    kind: str
+    """time gap, rate, unit, drop-out, jump, knock, untouched motion, contact lost, overlap, stand-off or image."""
     start: float
     """Time of the first frame that shows it [s]."""
     end: float
     """Time of the last one [s]."""
     sentence: str
-    """What it is, for people."""
+    """Description for people."""
     breaks: bool = False
-    """Whether motion capture or contact is broken by it."""
+    """True if motion capture or contact is broken by it."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +78,12 @@ class Contact:
     end: float
     """Time of its last frame [s]."""
     seconds: float
-    """[s]"""
+    """Duration [s]."""
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """What a recording holds and what is wrong with it."""
+    """Contents of a recording, and what is wrong with it."""
 
     frames: int
     duration: float
@@ -100,84 +91,100 @@ class Inspection:
     rate: float | None
     """Frames per second by the median interval [Hz]; None for a single frame."""
     jitter: float | None
-    """Standard deviation of the intervals, time gaps left out [s]."""
+    """Standard deviation of the intervals without time gaps [s]."""
     contact: Literal["measured", "derived", "absent"]
-    """Whether contact was sensed, computed from ground truth and geometry, or is not in the recording."""
+    """Source of contact flags: a sensor, or ground truth and geometry."""
     contacts: tuple[Contact, ...]
     contact_share: float | None
     """Share of the frames in contact."""
     truth_share: float
     """Share of the frames with ground truth."""
     images: int
-    """How many frames have an image."""
+    """Number of frames with an image."""
     image_size: tuple[int, int] | None
     """Rows and columns [px]."""
     is_grey: bool
-    """Whether the first image is grey, which the touch models that come along do not read."""
+    """True if the first image is grey, which the shipped touch models do not read."""
     findings: tuple[Finding, ...]
     unbroken: bool
-    """Whether motion capture and contact hold throughout: no drop-out but at the very ends, no jump, no
-    contact lost and found, no motion while untouched, no frames missing in contact. A knock by hand breaks
-    neither."""
+    """True if motion capture and contact hold throughout: no finding that breaks them. A knock does not."""
     knocked: bool
-    """Whether something else than the sensor moved the object in contact."""
+    """True if something other than the sensor moved the object in contact."""
     verdict: str
-    """The two in a sentence."""
+    """The last two in a sentence."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data for JSON; times in seconds."""
+        """Return plain data for JSON; times in seconds."""
         return asdict(self)
 
 
 def inspect_recording(recording: Recording) -> Inspection:
-    """Look a recording over. Decodes every image."""
-    time = recording.time
+    """Return the contents of a recording and everything that is wrong with it. Decodes every image."""
+    time, contact, truth = recording.time, recording.contact, recording.object_pose
     step = np.diff(time)
     regular = np.delete(step, time_gaps(time))
-    runs = contact_runs(recording)
-    findings = tuple(find_all(recording))
-    truth = recording.object_pose
-    flagged = recording.contact is not None
-    knocked = any(finding.kind == "knock" for finding in findings)
+    searches = (_rate, _units, _time_gaps, _images, _drop_outs, _jumps, _knocks, _untouched, _contact_lost, _misfits)
+    findings = tuple(sorted((finding for search in searches for finding in search(recording)), key=_when))
+    seconds = [(float(time[first]), float(time[last])) for first, last in contact_runs(recording)]
     return Inspection(
         frames=len(recording),
         duration=float(time[-1] - time[0]),
         rate=float(1.0 / np.median(step)) if len(step) else None,
         jitter=float(np.std(regular)) if len(regular) else None,
-        contact=("derived" if recording.contact_derived else "measured") if flagged else "absent",
-        contacts=tuple(
-            Contact(float(time[first]), float(time[last]), float(time[last] - time[first])) for first, last in runs
-        ),
-        contact_share=float(np.mean(recording.contact)) if recording.contact is not None else None,
+        contact="absent" if contact is None else "derived" if recording.contact_derived else "measured",
+        contacts=tuple(Contact(start, end, end - start) for start, end in seconds),
+        contact_share=None if contact is None else float(np.mean(contact)),
         truth_share=0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         images=0 if recording.image is None else sum(map(bool, recording.image)),
         image_size=None if recording.image is None else (recording.sensor.image_height, recording.sensor.image_width),
         is_grey=_begins_grey(recording),
         findings=findings,
         unbroken=not any(finding.breaks for finding in findings),
-        knocked=knocked,
+        knocked=any(finding.kind == "knock" for finding in findings),
         verdict=_verdict(recording, findings),
     )
 
 
+def contact_runs(recording: Recording) -> list[tuple[int, int]]:
+    """Return the first and last frame of each unbroken contact, which ends where the episode number changes too."""
+    if recording.contact is None:
+        return []
+    number = np.zeros(len(recording), np.int64) if recording.episode is None else recording.episode
+    change = np.append(True, (np.diff(recording.contact) != 0) | (np.diff(number) != 0))
+    first = np.flatnonzero(change)
+    last = np.append(first[1:], len(recording)) - 1
+    return [(int(a), int(b)) for a, b in zip(first, last, strict=True) if recording.contact[a]]
+
+
+def counted(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings for people: where there are more of a kind than `listed`, one that counts them."""
+    shown: list[Finding] = []
+    for kind, number in Counter(finding.kind for finding in findings).items():
+        several = [finding for finding in findings if finding.kind == kind]
+        if number > LIMITS.listed:
+            end = max(finding.end for finding in several)
+            sentence = f"{number} times; first: {several[0].sentence}"
+            breaks = any(finding.breaks for finding in several)
+            several = [replace(several[0], end=end, sentence=sentence, breaks=breaks)]
+        shown += several
+    return sorted(shown, key=_when)
+
+
 def _begins_grey(recording: Recording) -> bool:
-    """Whether the first image is grey; one that does not decode is a finding of its own."""
     try:
         image = recording[0].image
-    except FileError:
+    except FileError:  # a damaged image is a finding
         return False
     return image is not None and is_grey(image)
 
 
 def _verdict(recording: Recording, findings: tuple[Finding, ...]) -> str:
-    counts = Counter(finding.kind for finding in findings if finding.breaks)
+    broken = Counter(finding.kind for finding in findings if finding.breaks)
     knocks = sum(finding.kind == "knock" for finding in findings)
-    known = [
-        *(["motion capture"] if recording.object_pose is not None else []),
-        *(["contact"] if recording.contact is not None else []),
-    ]
-    if counts:
-        verdict = "broken: " + ", ".join(_count(number, kind) for kind, number in counts.items())
+    held = {"motion capture": recording.object_pose is not None, "contact": recording.contact is not None}
+    known = [name for name, there in held.items() if there]
+    if broken:
+        verdict = "broken: " + ", ".join(_count(number, kind) for kind, number in broken.items())
     elif known:
         verdict = f"unbroken: {' and '.join(known)} hold{'' if len(known) > 1 else 's'} throughout"
     else:
@@ -189,63 +196,20 @@ def _count(number: int, kind: str) -> str:
     return kind if number == 1 else f"{number} x {kind}"
 
 
-def contact_runs(recording: Recording) -> list[tuple[int, int]]:
-    """First and last frame of each unbroken contact; one also ends where the episode number changes."""
-    if recording.contact is None:
-        return []
-    number = np.zeros(len(recording), np.int64) if recording.episode is None else recording.episode
-    change = np.append(True, (np.diff(recording.contact) != 0) | (np.diff(number) != 0))
-    first = np.flatnonzero(change)
-    last = np.append(first[1:], len(recording)) - 1
-    return [(int(a), int(b)) for a, b in zip(first, last, strict=True) if recording.contact[a]]
-
-
-def find_all(recording: Recording) -> list[Finding]:
-    """Everything that is wrong with a recording, in order of time."""
-    searches = (
-        _rate,
-        _units,
-        _time_gaps,
-        _images,
-        _drop_outs,
-        _jumps,
-        _knocks,
-        _untouched_motion,
-        _contact_lost,
-        _misfits,
-    )
-    found = [finding for search in searches for finding in search(recording)]
-    return sorted(found, key=_when)
-
-
-def counted(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings as people read them: where there are more of a kind than LISTED, one that counts them."""
-    told: list[Finding] = []
-    for kind, number in Counter(finding.kind for finding in findings).items():
-        several = [finding for finding in findings if finding.kind == kind]
-        if number > LISTED:
-            end = max(finding.end for finding in several)
-            sentence = f"{number} times; first: {several[0].sentence}"
-            breaks = any(finding.breaks for finding in several)
-            several = [replace(several[0], end=end, sentence=sentence, breaks=breaks)]
-        told += several
-    return sorted(told, key=_when)
-
-
 def _rate(recording: Recording) -> Iterator[Finding]:
     if len(recording) < 3:
         return
     rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
-    if abs(rate / wanted - 1.0) > RATE:
-        asked = other_time_unit(1.0 / rate, wanted)
-        sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{asked and ': '}{asked}"
+    if abs(rate / wanted - 1.0) > LIMITS.rate:
+        question = other_time_unit(1.0 / rate, wanted)
+        sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{question and ': '}{question}"
         yield _finding(recording, "rate", 0, -1, sentence)
     if sentence := too_often(rate):
         yield _finding(recording, "rate", 0, -1, sentence)
 
 
 def _units(recording: Recording) -> Iterator[Finding]:
-    """What is of a length or an angle that nothing has: it is rather in another unit."""
+    """Find lengths that are implausible in metres."""
     if wrong := wrong_width(recording.shape):
         yield _finding(recording, "unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
@@ -259,9 +223,8 @@ def _time_gaps(recording: Recording) -> Iterator[Finding]:
     step = np.diff(recording.time)
     touching = {frame for first, last in contact_runs(recording) for frame in range(first, last)}
     for frame in time_gaps(recording.time).tolist():
-        held = frame in touching
-        sentence = f"no frames for {step[frame]:.2f} s" + (" during contact" if held else "")
-        yield _finding(recording, "time gap", frame, frame + 1, sentence, breaks=held)
+        sentence = f"no frames for {step[frame]:.2f} s" + (" during contact" if frame in touching else "")
+        yield _finding(recording, "time gap", frame, frame + 1, sentence, breaks=frame in touching)
 
 
 def _images(recording: Recording) -> Iterator[Finding]:
@@ -280,25 +243,22 @@ def _drop_outs(recording: Recording) -> Iterator[Finding]:
     for first, last in _merged(time, flag_runs(unknown)):
         count = int(unknown[first : last + 1].sum())
         frames = "1 frame" if count == 1 else f"{count} frames within {_seconds(recording, first, last)}"
-        sentence = f"ground truth is unknown in {frames}"
-        inner = time[last] > time[0] + EDGE and time[first] < time[-1] - EDGE
-        yield _finding(recording, "drop-out", first, last, sentence, breaks=bool(inner))
+        inner = time[last] > time[0] + LIMITS.edge and time[first] < time[-1] - LIMITS.edge
+        yield _finding(recording, "drop-out", first, last, f"ground truth is unknown in {frames}", breaks=bool(inner))
 
 
 def _jumps(recording: Recording) -> Iterator[Finding]:
-    """Poses that are away and back; a jump that stays is found with the knocks."""
-    if recording.object_pose is None:
-        return
-    for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
-        sentence = "ground truth jumps away and back; these frames are not scored"
-        yield _finding(recording, "jump", first, last, sentence, breaks=True)
+    """Find poses that jump away and back; a jump that stays is found with the knocks."""
+    if recording.object_pose is not None:
+        for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
+            sentence = "ground truth jumps away and back; these frames are not scored"
+            yield _finding(recording, "jump", first, last, sentence, breaks=True)
 
 
 def _knocks(recording: Recording) -> Iterator[Finding]:
-    """Motion in contact that pushing does not explain, by `knocked_frames`.
+    """Find motion in contact that pushing does not explain, by `knocked_frames`.
 
-    A hand takes several frames to move an object: that is a knock. All of it between two neighbouring frames
-    is a jump of the motion capture.
+    A hand takes several frames to move an object; a motion between two neighbouring frames is a jump of the capture.
     """
     if recording.contact is None or recording.object_pose is None:
         return
@@ -307,14 +267,13 @@ def _knocks(recording: Recording) -> Iterator[Finding]:
         return
     touched = recording.contact[known][:-1] | recording.contact[known][1:]
     motion = _step_lengths(recording.object_pose[known], recording.shape.outline(40))
-    tips = np.array(recording.sensor.tips)
-    path = np.append(0.0, np.cumsum(_step_lengths(recording.sensor_pose, tips)))
-    excess = motion - FASTER * np.diff(path[known])
+    path = np.append(0.0, np.cumsum(_step_lengths(recording.sensor_pose, np.array(recording.sensor.tips))))
+    excess = motion - KNOCK_LIMITS.faster * np.diff(path[known])
     for start, end in flag_runs(knocked_frames(recording)):
         steps = np.flatnonzero(touched & (known[1:] >= start) & (known[:-1] <= end))
-        fast = steps[excess[steps] > NOISE]
         if not len(steps):
             continue
+        fast = steps[excess[steps] > LIMITS.noise]
         first, last = (fast if len(fast) else steps)[[0, -1]]
         before, after = int(known[first]), int(known[last + 1])
         moved = _motion(recording.object_pose[before], recording.object_pose[after])
@@ -328,7 +287,7 @@ def _knocks(recording: Recording) -> Iterator[Finding]:
             yield _finding(recording, "knock", before, after, sentence)
 
 
-def _untouched_motion(recording: Recording) -> Iterator[Finding]:
+def _untouched(recording: Recording) -> Iterator[Finding]:
     if recording.contact is None or recording.object_pose is None:
         return
     trusted, outline = trusted_truth(recording), recording.shape.outline(40)
@@ -338,7 +297,7 @@ def _untouched_motion(recording: Recording) -> Iterator[Finding]:
             continue
         points = se2.transform(recording.object_pose[known][:, None], outline)
         away = np.linalg.norm(points - points[0], axis=-1).max(axis=-1)
-        if away.max() > MOVED:
+        if away.max() > LIMITS.moved:
             moved = _motion(recording.object_pose[known[0]], recording.object_pose[known[np.argmax(away)]])
             sentence = f"the object moves by {moved} while nothing touches it"
             yield _finding(recording, "untouched motion", first, last, sentence, breaks=True)
@@ -351,7 +310,7 @@ def _contact_lost(recording: Recording) -> Iterator[Finding]:
             continue
         seconds = recording.time[found] - recording.time[lost]
         ahead = se2.between(recording.sensor_pose[lost], recording.sensor_pose[lost : found + 1])[:, 0]
-        if seconds < LOST and ahead.min() > -RETREAT:
+        if seconds < LIMITS.lost and ahead.min() > -LIMITS.retreat:
             sentence = f"contact is lost for {seconds:.2f} s in a push, the sensor does not retreat"
             yield _finding(recording, "contact lost", lost, found, sentence, breaks=True)
 
@@ -361,14 +320,14 @@ def _misfits(recording: Recording) -> Iterator[Finding]:
         return
     gap = derived.gaps(recording.sensor_pose, recording.object_pose, recording.shape, recording.sensor)
     gap[~(trusted_truth(recording) & recording.contact)] = np.nan
-    kinds: tuple[tuple[Kind, str, Flags], ...] = (
-        ("overlap", "the sensor overlaps the true outline by up to", gap < -MISFIT),
-        ("stand-off", "the sensor touches but stands off the true outline by up to", gap > MISFIT),
+    kinds: tuple[tuple[str, str, NDArray[np.bool_]], ...] = (
+        ("overlap", "the sensor overlaps the true outline by up to", gap < -LIMITS.misfit),
+        ("stand-off", "the sensor touches but stands off the true outline by up to", gap > LIMITS.misfit),
     )
     for kind, words, wrong in kinds:
         for first, last in _merged(recording.time, flag_runs(wrong)):
             inside = wrong[first : last + 1]
-            if inside.sum() >= MISFIT_FRAMES:
+            if inside.sum() >= 3:
                 worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
                 yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
 
@@ -377,22 +336,22 @@ def _when(finding: Finding) -> tuple[float, float]:
     return finding.start, finding.end
 
 
-def _finding(recording: Recording, kind: Kind, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
+def _finding(recording: Recording, kind: str, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:
     return Finding(kind, float(recording.time[first]), float(recording.time[last]), sentence, breaks)
 
 
 def _merged(time: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The runs, those less than MERGE apart as one."""
+    """Return the runs, with those that are close in time as one."""
     merged: list[tuple[int, int]] = []
     for first, last in runs:
-        if merged and time[first] - time[merged[-1][1]] < MERGE:
+        if merged and time[first] - time[merged[-1][1]] < LIMITS.merge:
             first = merged.pop()[0]
         merged.append((first, last))
     return merged
 
 
 def _step_lengths(pose: Array, points: Array) -> Array:
-    """The farthest (N-1,) [m] that any of points (P, 2) [m] on a body of poses (N, 3) moves in each step."""
+    """Return the largest motion (N-1,) [m] of points (P, 2) [m] on a body of poses (N, 3) in each step."""
     steps = np.diff(se2.transform(pose[:, None], points), axis=0)
     return np.linalg.norm(steps, axis=-1).max(axis=-1)
 

@@ -1,9 +1,11 @@
 """Knocks: frames in which something other than the sensor moves the object.
 
-Quasi-static pushing limits the motion that a push explains. A touched object moves no point faster than `FASTER` times
+Quasi-static pushing limits the motion that a push explains. A touched object moves no point faster than `faster` times
 the sensor. Where one tip touches, the outline moves with it along its normal, and along the outline by something
 between the motion without friction and that of the tip. The rest is unexplained.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +19,27 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Frames = NDArray[np.intp]
 
-FASTER = 2.0
-"""Largest speed of the object over the sensor's in a push. A force at distance d from the centre moves no point faster
-than (R d + c^2) / (d^2 + c^2) times the contact, with the outline's largest radius R and the friction radius c. Its
-largest value over d is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
-SPEED = 0.05
-"""Unexplained speed of a knock [m/s]: undisturbed real pushes have 0.043 m/s at most, hands 0.12 m/s and more."""
-NOISES = 4.0
-"""Noise of the capture, in median distances of a pose from the middle between its neighbours: the difference of two
-poses is larger once in ten thousand steps."""
-WINDOW = 0.1
-"""Time over which speeds are averaged [s]: as long as a hand acts, and three frames of noise at 30 Hz."""
-SHORT = 0.3
-"""Knocks that are closer are one, and truth may be unknown for this time while the object jumps [s]."""
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of motion that a push and the noise of the capture explain."""
+
+    faster: float = 2.0
+    """Largest speed of the object over the sensor's. A force at distance d from the centre moves no point faster than
+    (R d + c^2) / (d^2 + c^2) times the contact, with the outline's largest radius R and the friction radius c. Its
+    largest value over d is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
+    speed: float = 0.05
+    """Unexplained speed of a knock [m/s]: undisturbed real pushes have 0.043 at most, hands 0.12 and more."""
+    noises: float = 4.0
+    """Noise, in median distances of a pose from the middle between its neighbours; the difference of two poses is
+    larger once in ten thousand steps."""
+    window: float = 0.1
+    """Time over which speeds are averaged [s]: as long as a hand acts, and three frames of noise at 30 Hz."""
+    short: float = 0.3
+    """Knocks that are closer are one, and truth may be unknown for this time while the object jumps [s]."""
+
+
+LIMITS = Limits()
 
 
 def knocked_frames(recording: Recording) -> Flags:
@@ -46,11 +56,11 @@ def knocked_frames(recording: Recording) -> Flags:
     known = np.flatnonzero(trusted_truth(recording))
     if len(known) < 2 or recording.contact is None:
         return knocked
-    limit = np.maximum(SPEED, noise_speed(recording, known))
+    limit = np.maximum(LIMITS.speed, noise_speed(recording, known))
     knocked[known] = unexplained_speed(recording, known) > limit
     for first, last in flag_runs(~knocked):
         inner = first > 0 and last + 1 < len(knocked)
-        if inner and recording.time[last + 1] - recording.time[first - 1] < SHORT:
+        if inner and recording.time[last + 1] - recording.time[first - 1] < LIMITS.short:
             knocked[first : last + 1] = True
     return knocked
 
@@ -58,7 +68,7 @@ def knocked_frames(recording: Recording) -> Flags:
 def unexplained_speed(recording: Recording, known: Frames) -> Array:
     """Return the speed (M,) [m/s] of the object that the sensor does not explain, at M known frames, two or more.
 
-    Speeds are means over `WINDOW` or, if it holds too few known frames, between the two neighbours; 0 where these are
+    Speeds are means over `window` or, if it holds too few known frames, between the two neighbours; 0 where these are
     too far apart.
     """
     assert recording.object_pose is not None and recording.contact is not None
@@ -72,13 +82,13 @@ def unexplained_speed(recording: Recording, known: Frames) -> Array:
 
     moved = farthest(objects, recording.shape.outline(40))
     touched = contact[before] | contact | contact[after]
-    unexplained = moved - np.where(touched, FASTER * farthest(sensors, np.array(recording.sensor.tips)), 0.0)
+    unexplained = moved - np.where(touched, LIMITS.faster * farthest(sensors, np.array(recording.sensor.tips)), 0.0)
     if len(recording.sensor.tips) == 1:
         held = contact[before] & contact & contact[after]
         at_tip = _unexplained_at_tip(recording, objects, sensors, before, after)
         unexplained = np.where(held, np.maximum(unexplained, at_tip), unexplained)
     seconds = recording.time[known][after] - recording.time[known][before]
-    return np.where(seconds < SHORT + WINDOW, np.maximum(unexplained, 0.0), 0.0) / seconds
+    return np.where(seconds < LIMITS.short + LIMITS.window, np.maximum(unexplained, 0.0), 0.0) / seconds
 
 
 def noise_speed(recording: Recording, known: Frames) -> Array:
@@ -91,14 +101,14 @@ def noise_speed(recording: Recording, known: Frames) -> Array:
     off = np.linalg.norm(points[1:-1] - 0.5 * (points[:-2] + points[2:]), axis=-1).max(axis=-1)
     time = recording.time[known]
     before, after = _windows(time)
-    return NOISES * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
+    return LIMITS.noises * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
 
 
 def _windows(time: Array) -> tuple[Frames, Frames]:
     """Return the first and the last frame of the window around each of two or more frames at times (M,) [s]."""
     frame = np.arange(len(time))
-    before = np.minimum(np.searchsorted(time, time - 0.5 * WINDOW), np.maximum(frame - 1, 0))
-    after = np.searchsorted(time, time + 0.5 * WINDOW, side="right") - 1
+    before = np.minimum(np.searchsorted(time, time - 0.5 * LIMITS.window), np.maximum(frame - 1, 0))
+    after = np.searchsorted(time, time + 0.5 * LIMITS.window, side="right") - 1
     return before, np.maximum(after, np.minimum(frame + 1, frame[-1]))
 
 
