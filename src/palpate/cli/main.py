@@ -41,15 +41,15 @@ COMMANDS = {
     "truth": truth,
 }
 DESCRIPTION = (
-    "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files "
-    "failed. With --debug, any command shows the traceback of an error in its input. --version tells the version."
+    "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files failed. "
+    "--debug shows the traceback of an error; --version prints the version."
 )
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command line, by default the process's own, and return its exit code.
+    """Run the command line, by default that of the process, and return its exit code.
 
-    Bad usage raises SystemExit(2).
+    Raises SystemExit(2) on bad usage.
     """
     words = list(sys.argv[1:] if args is None else args)
     debug = "--debug" in words
@@ -61,30 +61,20 @@ def main(args: Sequence[str] | None = None) -> int:
     log.setFormatter(PrintableFormatter("palpate: %(message)s"))
     logging.basicConfig(handlers=[log], level=logging.WARNING)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: names of files may be no text
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
+    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
     try:
         code = tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="palpate",
-            description=DESCRIPTION,
-            args=words,
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
+            COMMANDS, prog="palpate", description=DESCRIPTION, args=words, config=config
         )
         sys.stdout.flush()
         return code
-    except PalpateError as error:
-        if debug:
-            raise
-        from palpate.cli.console import complain
-
-        complain(error)
-        return 2
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:  # the reader, such as `head`, has seen enough; Rich ends tables with 1 too
+    except BrokenPipeError:  # the reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # a disk that is full or was taken away, a folder that may not be written to
+    except (PalpateError, OSError) as error:  # bad input; a disk that is full or a folder that may not be written to
         if debug:
             raise
         from palpate.cli.console import complain
