@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.checks import FARTHEST
 from palpate.errors import FrameError, PalpateError, SettingError
 from palpate.graph.factors.measured import check_own
-from palpate.limits import FARTHEST
 from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
 from palpate.touch.background import Background, first_frames
 from palpate.touch.calibration import Calibration, detector_for, view_of

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.archives import read_arrays
 from palpate.errors import FileError, SettingError
-from palpate.files import existing_file, whole_file
+from palpate.files import existing_file, read_arrays, whole_file
 
 VERSION = 9  # files of another version are refused
 _HOME = "palpate."

@@ -8,9 +8,8 @@ import pytest
 from recording_samples import pushed
 
 from palpate.cli import main
-from palpate.files import whole_folder
+from palpate.files import held_folder, only_writer
 from palpate.io.recording_mcap import write_recording
-from palpate.locks import held_folder, only_writer
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +21,7 @@ def _in_folder(tmp_path, monkeypatch):
 
 @contextmanager
 def grows(path: Path) -> Iterator[None]:
-    with held_folder(path, "a folder"):
+    with held_folder(path):
         yield
 
 
@@ -34,8 +33,6 @@ def grows(path: Path) -> Iterator[None]:
         ("evaluate all --out out --tactile none", grows),
         ("evaluate all --out out --tactile none --resume", grows),
         ("tune all --out out --tactile oracle --evaluations 3", only_writer),
-        ("track all/push.mcap --tactile oracle --out out", whole_folder),
-        ("track all/push.mcap --tactile oracle --out out --force", whole_folder),
     ],
 )
 def test_the_second_is_told(words, first, capsys):

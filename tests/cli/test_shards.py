@@ -11,9 +11,7 @@ import pytest
 from recording_samples import pushed
 
 from palpate.cli import main
-from palpate.errors import FileError
 from palpate.io.recording_mcap import write_recording
-from palpate.locks import held_folder
 from palpate.shards import Shard, part_of_work
 
 STUDY = ("evaluate", "pushes", "--tactile", "oracle")
@@ -83,22 +81,6 @@ def test_shards_of_other_settings_are_not_put_together(capsys):
     assert main.main([*STUDY, "--out", "parts", "--shard", "1/2"]) == 0
     assert main.main([*STUDY, "--out", "parts", "--shard", "2/2", "--pressure", "rim"]) == 2
     assert "parts: was made with other settings (pressure was 'uniform', is 'rim')" in capsys.readouterr().err
-
-
-def test_shards_work_at_once_each_by_one_process(tmp_path):
-    folder = tmp_path / "out"
-    with held_folder(folder, "a folder", Shard(1, 2)):
-        with held_folder(folder, "a folder", Shard(2, 2)):
-            pass
-        with pytest.raises(FileError, match=rf"shard-1-of-2: {BUSY}"), held_folder(folder, "a folder", Shard(1, 2)):
-            pass
-        with pytest.raises(FileError, match=rf"out: {BUSY}"), held_folder(folder, "a folder"):
-            pass
-    (folder / ".shard-2-of-2.lock").touch()  # of a shard that was killed
-    with held_folder(folder, "a folder"):
-        with pytest.raises(FileError, match=rf"out: {BUSY}"), held_folder(folder, "a folder", Shard(2, 2)):
-            pass
-        assert not list(folder.iterdir())
 
 
 def test_a_shard_leaves_alone_what_others_write(capsys):

@@ -16,13 +16,12 @@ from training_samples import SENSOR, write_pushes
 
 from palpate.cli import main
 from palpate.errors import EstimationError
-from palpate.files import whole_file
+from palpate.files import held_folder, whole_file
 from palpate.lab.train import export, features, heads, learn, results, train
 from palpate.lab.train.export import restore, width_of
 from palpate.lab.train.fit import FitSettings
 from palpate.lab.train.learn import Keypoints, Touch
 from palpate.lab.train.networks import WIDTH, PairNetwork
-from palpate.locks import held_folder
 from palpate.touch.difference import COLUMNS, ROWS
 from palpate.touch.model import KINDS, NETWORKS, TouchModel, session
 
@@ -332,7 +331,7 @@ def test_a_training_that_was_cut_off_between_its_last_files_goes_on(
 
     monkeypatch.setattr(train.figures, "training_figures", draws)
     words = ("train", recordings, "--out", out, "--seed", "5")
-    with held_folder(out, "the folder of a model"):
+    with held_folder(out):
         assert palpate(*words, "--resume") == 2
         assert "model: another process is writing it" in capsys.readouterr().err
     assert palpate(*words, "--resume") == 3

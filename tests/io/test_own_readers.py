@@ -19,7 +19,6 @@ from palpate.geometry.shapes import Disc
 from palpate.lab.study.files import find_recordings
 from palpate.live.poses import TimedPose
 from palpate.live.sources import Clock, own_poses
-from palpate.own_code import own_code
 from palpate.types.trajectory import Trajectory
 
 LOG = "# my-robot log, disc of 50 mm\ntime_ms,x_mm,y_mm,yaw_deg,touching\n" + "".join(
@@ -32,9 +31,7 @@ def _anew(tmp_path, monkeypatch):
     """Every test works in a folder of its own and finds what it installs there."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    own_code.cache_clear()
     yield
-    own_code.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from palpate.errors import SettingError
 from palpate.live.poses import Refused, TimedPose
 from palpate.live.session import Sources, track_live
 from palpate.live.sources import Clock, UdpPoses, own_poses
-from palpate.own_code import own_code
 
 RUBBISH = [
     b"",
@@ -125,7 +124,6 @@ def install(folder: Path, module: str, code: str, monkeypatch: Any) -> None:
     (info / "entry_points.txt").write_text(f"[palpate.poses]\n{module} = {module}:poses\n")
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, module, raising=False)
-    own_code.cache_clear()
 
 
 def test_poses_come_from_an_entry_point(tmp_path, monkeypatch):

@@ -67,7 +67,7 @@ def test_jpeg_is_close_and_smaller():
         ({"time": np.array([0, 1, 1, 2, 3.0])}, "time: frame 2 repeats 1 s after 1 s"),
         ({"time": np.array([0, 1, 0.5, 2, 3])}, "time: frame 2 runs backwards at 0.5 s after 1 s"),
         ({"time": np.array([0, 1, np.nan, 2, 3])}, "time: frame 2 is nan"),
-        ({"time": np.array(list("abcde"))}, "time: found values of type <U1, expected numbers"),
+        ({"time": np.array(list("abcde"))}, "time: found text, expected numbers"),
         ({"sensor_pose": np.zeros((4, 3))}, r"sensor_pose: found shape \(4, 3\), expected \(5, 3\)"),
         ({"sensor_pose": np.zeros((5, 2))}, r"sensor_pose: found shape \(5, 2\), expected \(5, 3\)"),
         ({"sensor_pose": [[0, 0, 0], [1]]}, "sensor_pose: rows have different lengths"),
@@ -118,7 +118,7 @@ def test_episodes_count_from_five_frames_on():
     [
         ("force", np.ones(2), r"extra/force: found shape \(2,\), expected \(3,\)"),
         ("pose", np.ones((4, 3)), r"extra/pose: found shape \(4, 3\), expected \(3, 3\)"),
-        ("words", np.array(["a", "b", "c"]), "extra/words: found values of type <U1, expected numbers or booleans"),
+        ("words", np.array(["a", "b", "c"]), "extra/words: found text, expected numbers or booleans"),
         ("a/b", np.ones(3), "extra: found the name 'a/b'"),
     ],
 )

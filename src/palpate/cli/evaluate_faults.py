@@ -18,17 +18,17 @@ def evaluate_faults(
     """
     from palpate.cli.console import print_json, print_line, progress_bar
     from palpate.errors import FileError, SettingError
+    from palpate.files import held_folder
     from palpate.lab.study.faults.bench import run_faults
     from palpate.lab.study.faults.table import TABLE, rows_of, write_table
     from palpate.lab.study.files import find_recordings
-    from palpate.locks import held_folder
     from palpate.touch.model import TouchModel
 
     if other_options:
         raise SettingError(f"--faults tracks by learnt touch as it ships; {', '.join(other_options)} cannot go with it")
     files = find_recordings(folder, leave_out=out)
     touch_model = TouchModel(model) if model else None
-    with held_folder(out, "the folder of a report"):
+    with held_folder(out):
         if (out / TABLE).exists():
             raise FileError(f"{out / TABLE}: already exists; take another folder")
         with progress_bar("tracking", len(files)) as progress:

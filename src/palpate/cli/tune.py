@@ -67,12 +67,12 @@ def tune(
 
     from palpate.cli.console import complain, print_json, progress_bar
     from palpate.config import TrackerSettings, noise_of, write_noise
+    from palpate.files import only_writer
     from palpate.lab.study.files import find_recordings
     from palpate.lab.tune.parameters import check_parameters
     from palpate.lab.tune.recorded_touch import record_touch_of_files
     from palpate.lab.tune.tuning import held_out
     from palpate.lab.tune.tuning import tune as tune_settings
-    from palpate.locks import only_writer
     from palpate.touch.calibration import correction_of, load_calibration
     from palpate.touch.model import TouchModel
 

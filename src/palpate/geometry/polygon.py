@@ -5,9 +5,8 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import FARTHEST, is_near
 from palpate.errors import SettingError, ShapeError
-from palpate.files import is_near
-from palpate.limits import FARTHEST
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import FARTHEST
 from palpate.errors import ShapeError
 from palpate.geometry import polygon
-from palpate.limits import FARTHEST
 
 Array = NDArray[np.float64]
 

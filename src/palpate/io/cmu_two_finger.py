@@ -25,12 +25,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST, check_increasing, is_near
 from palpate.errors import FileError
-from palpate.files import check_increasing, is_near, read_text
+from palpate.files import read_text
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io.sniff import NUMBER, text_start
-from palpate.limits import FARTHEST
 from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.errors import FileError
-from palpate.files import NUMBERS, check_increasing, check_rows, checked_array, is_near, read_json
+from palpate.files import read_json
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io.sniff import text_start
-from palpate.limits import FARTHEST
 from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

@@ -29,11 +29,10 @@ from palpate.io.mcap_file import (
     new_mcap,
 )
 from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
-from palpate.types.images import Codec
+from palpate.types.images import Codec, SpooledImages
 from palpate.types.plane import flat, out_of_plane
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
-from palpate.types.stored_images import ImageSpool, SpooledImages
 from palpate.types.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -192,7 +191,7 @@ def _from_arrays(path: Path, about: Mapping[str, str], arrays: dict[str, NDArray
         **first,
         shape=shape_from_dict(_json(about, "shape")),
         sensor=sensor_from_dict(_json(about, "sensor")),
-        image=images.first(count) if len(images) else None,
+        image=images.selected(range(count)) if len(images) else None,
         codec=codec or about.get("codec", "jpeg"),  # pyright: ignore[reportArgumentType]  # Recording checks it
         contact_derived=about.get("contact_derived") == "true",
         source=about.get("source", ""),
@@ -204,12 +203,12 @@ def _from_arrays(path: Path, about: Mapping[str, str], arrays: dict[str, NDArray
 
 def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int]:
     """Return the images, their codec, and the number of frames that are whole; warns where the file is cut off."""
-    spool, places, codec, count = ImageSpool(), list[tuple[int, int]](), None, 0
+    images, codec, count = SpooledImages(), None, 0
     try:
         for raw in mcap_messages(path):
             if raw.channel.topic == IMAGES:
                 message = decoded(raw, COMPRESSED_IMAGE)
-                places.append(spool.add(message.data.tobytes()))
+                images.append(message.data.tobytes())
                 codec = message.format
             count += raw.channel.topic == SENSOR_POSES
     except CutShort as error:
@@ -218,7 +217,7 @@ def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int
         logger.warning("%s; the %d frames before that are read", error, min(count, expected))
     if not count or count > expected:
         raise FileError(f"holds {count} sensor poses of a recording of {expected} frames")
-    return SpooledImages(spool, places), codec, count
+    return images, codec, count
 
 
 def _from_messages(path: Path, about: Mapping[str, str]) -> Recording:

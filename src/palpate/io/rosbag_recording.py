@@ -24,12 +24,11 @@ from palpate.io.ros_messages import (
 )
 from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
 from palpate.io.transform_chain import chain, compose_chain, single_chain
-from palpate.types.images import Codec, decode_image
+from palpate.types.images import Codec, SpooledImages, decode_image
 from palpate.types.motion import Placed, Poses, always, at_times, poses_in_time
 from palpate.types.plane import Normal, Plane, checked_choices, chosen_plane, planar
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
-from palpate.types.stored_images import ImageSpool, SpooledImages
 
 logger = logging.getLogger(__name__)
 
@@ -206,9 +205,10 @@ def _frames(found: Contents) -> str:
 class _Streams:
     """Images and poses of a bag with their times."""
 
-    spool: ImageSpool = field(default_factory=ImageSpool)
-    images: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Place of each image in the spool by its time [ns], in the order of the bag."""
+    images: SpooledImages = field(default_factory=SpooledImages)
+    """Encoded images in the order of the bag."""
+    index: dict[int, int] = field(default_factory=dict)
+    """Index of each image by its time [ns]."""
     codec: Codec | None = None
     poses: dict[str, Poses] = field(default_factory=dict)
     """Poses by topic, and those of transforms by the frame that they place."""
@@ -226,12 +226,13 @@ class _Streams:
         if self.codec is None and getattr(message, "encoding", "") == "8UC3":
             logger.warning("%s: encoding 8UC3 does not name the order of colours; blue is taken as the first", topic)
         self.codec = codec
-        self.images[stamp_of(message) or 0 if log_time is None else log_time] = self.spool.add(data)
+        self.index[stamp_of(message) or 0 if log_time is None else log_time] = len(self.images)
+        self.images.append(data)
 
 
 def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Streams:
     """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
-    streams, count = _Streams(), 0
+    streams = _Streams()
     needed = {name for source in (chosen.sensor, chosen.object) for name in _names(found, source)}
     gathered: dict[str, tuple[list[Pose], list[int]]] = {}
     topics = {topic.channel: topic for topic in _topics_of(found, chosen)}
@@ -246,7 +247,6 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Str
             log_time = raw.log_time if choices.clock == "log" else None
             if is_image:
                 streams.add_image(chosen.images, message, log_time)
-                count += 1
                 continue
             for pose in poses_of(message):
                 name = pose.child if raw.channel.type in TRANSFORM_TYPES else raw.channel.topic
@@ -259,7 +259,7 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Str
                     streams.static.add(name)
     except CutShort:
         pass  # `contents` has warned of it
-    if repeated := count - len(streams.images):
+    if repeated := len(streams.images) - len(streams.index):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
     streams.poses = {name: _in_time(name, *rows) for name, rows in gathered.items()}
     return streams
@@ -295,7 +295,7 @@ def _in_time(name: str, poses: list[Pose], times: list[int]) -> Poses:
 def _recording(
     found: Contents, chosen: Mapping, choices: BagChoices, streams: _Streams, shape: Shape, sensor: SensorProfile
 ) -> tuple[Recording, Plane]:
-    stamps = np.array(sorted(streams.images), np.int64)
+    stamps = np.array(sorted(streams.index), np.int64)
     time = stamps + round(choices.time_offset * 1e9)
     frame, placed = _placed_at(streams, chosen.sensor, found, time)
     if not placed.known.any():
@@ -305,7 +305,7 @@ def _recording(
         words = "%s: %d of %d images have no sensor pose at their time and are left out"
         logger.warning(words, found.path, lost, len(time))
     stamps, time, placed = stamps[placed.known], time[placed.known], placed[placed.known]
-    images = SpooledImages(streams.spool, [streams.images[stamp] for stamp in stamps.tolist()])
+    images = streams.images.selected(streams.index[stamp] for stamp in stamps.tolist())
     assert streams.codec is not None
     try:
         decode_image(images[0], streams.codec, (sensor.image_height, sensor.image_width))

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST, NUMBERS, check_rows, checked_array, is_near
 from palpate.errors import FileError, PalpateError, SettingError
-from palpate.files import NUMBERS, check_rows, checked_array, is_near, read_json, whole_file
+from palpate.files import read_json, whole_file
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
 from palpate.io.held import present
 from palpate.io.sniff import text_start
-from palpate.limits import FARTHEST
 from palpate.types.recording import Recording, episode_numbers
 from palpate.types.sensor import POINT
 from palpate.types.trajectory import Trajectory

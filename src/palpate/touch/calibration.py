@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.archives import read_arrays
+from palpate.checks import FLAGS, INTEGERS, NUMBERS, checked_array
 from palpate.errors import FileError, SettingError
-from palpate.files import FLAGS, INTEGERS, NUMBERS, checked_array, existing_file, whole_file
+from palpate.files import existing_file, read_arrays, whole_file
 from palpate.touch.background import Background, Image, background_of
 from palpate.touch.camera_view import AS_IT_IS, CameraView
 from palpate.touch.cells import Levels

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST
 from palpate.errors import FileError
 from palpate.files import existing_file, read_json, whole_file
-from palpate.limits import FARTHEST
 from palpate.printable import one_line
 from palpate.touch.difference import Difference
 

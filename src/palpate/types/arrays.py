@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import FLAGS, NUMBERS, checked_array
 from palpate.errors import FileError, SettingError
-from palpate.files import FLAGS, NUMBERS, checked_array
 from palpate.geometry.shapes import Shape
 from palpate.types.given_images import Images, check_several, encoded_images
 from palpate.types.images import Codec

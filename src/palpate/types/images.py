@@ -1,30 +1,32 @@
-"""Touch images as the bytes that a recording keeps."""
+"""Touch images as the encoded bytes that a recording keeps."""
 
 import io
+import operator
 import struct
+import tempfile
+import threading
 import warnings
+import weakref
 import zlib
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import Literal
+from typing import Any, Literal, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.limits import IMAGE
 
 Codec = Literal["jpeg", "png"]
 
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
-
 
 def codec_of(data: bytes) -> Codec | None:
-    """How bytes are encoded, by the first of them; None for neither JPEG nor PNG."""
-    return "png" if data.startswith(PNG) else "jpeg" if data.startswith(JPEG) else None
+    """Return the codec of encoded bytes by the first of them; None for neither JPEG nor PNG."""
+    return "png" if data.startswith(b"\x89PNG\r\n\x1a\n") else "jpeg" if data.startswith(b"\xff\xd8\xff") else None
 
 
 def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
-    """An RGB image (height, width, 3) as bytes: "jpeg" at quality 95, or "png", lossless."""
+    """Return an RGB image (height, width, 3) as bytes: "jpeg" at quality 95, or "png", lossless. Raises FileError."""
     import cv2
 
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
@@ -40,38 +42,82 @@ def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """The rows and columns that a PNG or JPEG says it has, without decoding it; None if it is neither.
+    """Return rows and columns of a PNG or JPEG from its header; None if it is neither.
 
-    Raises FileError where it would take more memory than `limits.IMAGE`.
+    Raises FileError where they are so many that decoding could exhaust the memory.
     """
     from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what is large; that is checked here
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
-                columns, rows = image.size
+                return image.size[1], image.size[0]
     except Image.DecompressionBombError as error:
-        raise FileError(f"is an image that is far too large ({error}), {IMAGE.words}") from error
+        raise FileError(f"is an image that is far too large ({error})") from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error):
         return None
-    IMAGE.check(3 * rows * columns, f"is an image of {rows} rows and {columns} columns")
-    return rows, columns
 
 
 def decode_image(data: bytes, codec: Codec, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """The RGB image (height, width, 3) that bytes hold; FileError if they are damaged or it has another size."""
+    """Return the RGB image (height, width, 3) of this size that bytes hold. Raises FileError."""
     import cv2
 
-    told = image_size(data)
-    image = None
-    if told == size or told == size[::-1]:  # JPEGs may say that they are to be turned
+    found, image = image_size(data), None
+    if found in (size, size[::-1]):  # a JPEG may ask to be turned
         with suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-        told = None if image is None else (image.shape[0], image.shape[1])
-    if told is None:
+        found = None if image is None else image.shape[:2]
+    if found is None:
         raise FileError(f"its {len(data)} bytes do not decode as {codec}")
-    if image is None or told != size:
-        fits = "; turned by a quarter it fits" if told == size[::-1] else ""
-        raise FileError(f"found {told} rows and columns, the sensor has {size}{fits}")
+    if image is None or found != size:
+        fits = "; turned by a quarter it fits" if found == size[::-1] else ""
+        raise FileError(f"found {found} rows and columns, the sensor has {size}{fits}")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+class SpooledImages(Sequence[bytes]):
+    """Encoded images that go to a temporary file where they are many; equal to any sequence of the same bytes."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.SpooledTemporaryFile(max_size=64_000_000)  # noqa: SIM115  # closed by the finalizer
+        self._lock = threading.Lock()
+        self._places: list[tuple[int, int]] = []
+        weakref.finalize(self, self._file.close)
+
+    def append(self, data: bytes) -> None:
+        """Add an image."""
+        with self._lock:
+            self._places.append((self._file.seek(0, 2), len(data)))
+            self._file.write(data)
+
+    def selected(self, indices: Iterable[int]) -> "SpooledImages":
+        """Return some of the images, without copying them."""
+        found = SpooledImages.__new__(SpooledImages)
+        found._file, found._lock, found._places = self._file, self._lock, [self._places[index] for index in indices]
+        found._owner = self  # pyright: ignore[reportAttributeAccessIssue]  # keeps the file open
+        return found
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> bytes: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[bytes, ...]: ...
+    def __getitem__(self, index: SupportsIndex | slice) -> bytes | tuple[bytes, ...]:
+        """Return one image, or a tuple of some."""
+        if isinstance(index, slice):
+            return tuple(self[each] for each in range(*index.indices(len(self))))
+        offset, length = self._places[operator.index(index)]
+        with self._lock:
+            self._file.seek(offset)
+            return self._file.read(length)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and len(self) == len(other) and all(map(bytes.__eq__, self, other))
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tuple, (list(self),)

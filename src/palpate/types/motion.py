@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from palpate.checks import is_near
 from palpate.errors import FileError
-from palpate.files import is_near
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from palpate.checks import LONGEST
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
-from palpate.limits import LONGEST
 from palpate.types.measurements import finite_numbers
 from palpate.types.motion import Placed, Times
 from palpate.types.units import check_metres

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import FARTHEST, FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.errors import FileError
-from palpate.files import FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.geometry.shapes import Shape
-from palpate.limits import FARTHEST
 from palpate.types.frame import Frame
 from palpate.types.given_images import Images
-from palpate.types.images import Codec, decode_image
+from palpate.types.images import Codec, SpooledImages, decode_image
 from palpate.types.sensor import SensorProfile, known_sensor
-from palpate.types.stored_images import StoredImages
 
 if TYPE_CHECKING:
     from palpate.types.plane import Normal
@@ -99,7 +97,7 @@ class Recording:
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
-            settle("image", self.image if isinstance(self.image, StoredImages) else _checked_images(self.image))
+            settle("image", self.image if isinstance(self.image, SpooledImages) else _checked_images(self.image))
             if len(self.image) != n:
                 raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
         settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})

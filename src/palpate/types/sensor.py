@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST
 from palpate.errors import SettingError
-from palpate.limits import FARTHEST
 
 FASTEST = 1e6
 """[Hz] No sensor is faster."""

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST, FLAGS, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.errors import FileError
-from palpate.files import FLAGS, NUMBERS, check_increasing, check_rows, checked_array, is_near
-from palpate.limits import FARTHEST
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import NUMBERS, check_rows, checked_array
 from palpate.errors import FileError, ShapeError
-from palpate.files import NUMBERS, check_rows, checked_array
 from palpate.geometry.shapes import Shape
 
 logger = logging.getLogger(__name__)

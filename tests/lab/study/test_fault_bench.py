@@ -13,6 +13,7 @@ from recording_samples import pushed
 from palpate.cli import main
 from palpate.config import TrackerSettings
 from palpate.errors import FileError, FrameError
+from palpate.files import held_folder
 from palpate.geometry.shapes import Disc, Rectangle, Shape
 from palpate.io.recording_mcap import write_recording
 from palpate.lab.study.faults import bench
@@ -20,7 +21,6 @@ from palpate.lab.study.faults.bench import FaultRun, run_faults, run_stream
 from palpate.lab.study.faults.faults import FAULTS, is_of
 from palpate.lab.study.faults.stream import Stream, check_faults, stream_of
 from palpate.lab.study.faults.table import rows_of, write_table
-from palpate.locks import held_folder
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
 from palpate.types.images import encode_image

@@ -204,7 +204,7 @@ def test_broken_recordings_do_not_stop_the_others():
     Path("recordings/edges-0.mcap").write_text("")
     found = study()
     assert set(found.broken) == {"disc-2.mcap", "edges-0.mcap"} and len(found.trials) == 6
-    assert found.broken["edges-0.mcap"] == "is empty" and "truncated or damaged" in found.broken["disc-2.mcap"]
+    assert found.broken["edges-0.mcap"] == "is empty" and "cut off or damaged" in found.broken["disc-2.mcap"]
     assert "disc-2.mcap" not in found.recordings
 
 
@@ -282,7 +282,7 @@ def test_a_study_goes_on_with_the_same_settings_and_files_only():
     Path("other/study.json").write_text('{"format": "palpate-study", "version": 1}')
     with pytest.raises(FileError, match=r"study.json: lacks made_with or recordings"):
         study(out="other", resume=True)
-    with pytest.raises(FileError, match=r"thing: cannot be the folder of a study"):
+    with pytest.raises(FileError, match=r"thing: cannot be written"):
         study(out="other/thing")
 
 

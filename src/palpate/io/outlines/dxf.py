@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.checks import FARTHEST, is_near
 from palpate.errors import FileError, ShapeError
-from palpate.files import existing_file, is_near
 from palpate.geometry.shapes import Polygon
-from palpate.io.outlines.lines import FINE, need, outline_of_lines
-from palpate.limits import DRAWING, FARTHEST
+from palpate.io.outlines.lines import FINE, check_drawing, need, outline_of_lines
 from palpate.printable import one_line
 
 UNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
@@ -24,7 +23,7 @@ def read_dxf(path: Path, scale: float | None) -> Polygon:
     from ezdxf.filemanagement import readfile
     from ezdxf.path import make_path
 
-    DRAWING.check(existing_file(path).stat().st_size, f"{path}: is a drawing")
+    check_drawing(path)
     try:
         drawing = readfile(path)
     except Exception as error:  # damaged bytes can make anything of what the library reads

@@ -2,14 +2,15 @@
 
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST, is_near
 from palpate.errors import FileError, ShapeError
-from palpate.files import is_near
+from palpate.files import existing_file
 from palpate.geometry.shapes import Polygon
-from palpate.limits import FARTHEST
 
 logger = logging.getLogger(__name__)
 
@@ -27,6 +28,12 @@ def need(library: str) -> None:
 
     if find_spec(library) is None:
         raise FileError(f"drawings are read by {library}, which is not installed: pip install palpate[outlines]")
+
+
+def check_drawing(path: Path) -> None:
+    """Raise FileError where a drawing is too large for the libraries, which take a thousand times its size."""
+    if (size := existing_file(path).stat().st_size) > 5_000_000:
+        raise FileError(f"{path}: is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")
 
 
 def outline_of_lines(what: str, lines: Sequence[Array]) -> Polygon:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import is_near
 from palpate.errors import ShapeError
-from palpate.files import is_near
 from palpate.geometry.polygon import check_near
 from palpate.geometry.shapes import Polygon
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError, ShapeError
 from palpate.files import existing_file
 from palpate.geometry.shapes import Polygon
-from palpate.io.outlines.lines import need, outline_of_lines
-from palpate.limits import DRAWING
+from palpate.io.outlines.lines import check_drawing, need, outline_of_lines
 from palpate.printable import one_line
 
 INCH = 0.0254
@@ -32,7 +31,7 @@ def read_svg(path: Path, scale: float | None) -> Polygon:
     need("svgelements")
     import svgelements
 
-    DRAWING.check(existing_file(path).stat().st_size, f"{path}: is a drawing")
+    check_drawing(path)
     try:
         page = svgelements.SVG.parse(str(existing_file(path)), ppi=PIXELS)
         lines = [_points(part) for element in page.elements() for part in _parts(element)]

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palpate.errors import FileError, PalpateError, SettingError
+from palpate.files import held_folder
 from palpate.geometry.shapes import Shape
 from palpate.io.recording_mcap import source_of, write_recording
 from palpate.lab.simulate.paths import kinds
 from palpate.lab.simulate.recordings import COUNT, Simulation
 from palpate.lab.simulate.scene import load_mujoco
-from palpate.locks import held_folder, remove_parts
 from palpate.parallel import spread
 from palpate.types.recording import Recording
 
@@ -76,9 +76,8 @@ def fill_folder(
     called with the number of recordings done. Raises SettingError on recordings made with other options, FileError if
     the folder cannot be written.
     """
-    with held_folder(folder, "a folder of recordings"):
+    with held_folder(folder):
         there = {path.name for path in folder.glob(f"*{SUFFIX}")}
-        remove_parts(folder, f".*{SUFFIX}*.part")
         if there and not resume:
             raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
         kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}

@@ -16,7 +16,6 @@ from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.lab.study.job import Job, Outcome, StudySettings
 from palpate.lab.study.trial import Method, Trial, read_trial, write_trial
-from palpate.locks import remove_parts
 from palpate.shards import Shard
 from palpate.signature import signature
 from palpate.touch.model import TouchModel
@@ -57,8 +56,6 @@ class StudyFolder:
         }
         self._made_with: dict[str, Any] = json.loads(json.dumps(made_with))  # as it reads from a file
         self._recordings: dict[str, dict[str, Any]] = {}
-        if shard is None:  # of a process that was killed before it had written one
-            remove_parts(path, ".study*.json*.part")
         if any(not each.name.startswith(".") for each in path.iterdir()):
             self._go_on(resume)
 
@@ -104,7 +101,6 @@ class StudyFolder:
             self._recordings |= index["recordings"]
         if self._shard is not None:  # the rest is that of others, who may be alive
             return
-        remove_parts(self.path, "**/.*.part")
         if shards := earlier.keys() - {self._index}:
             self._write()
             for path in shards:

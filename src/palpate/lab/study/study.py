@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from palpate.files import held_folder
 from palpate.lab.study.folder import StudyFolder
 from palpate.lab.study.job import Job, Outcome, StudySettings, do_job
 from palpate.lab.study.trial import Method, Trial
-from palpate.locks import held_folder
 from palpate.parallel import spread
 from palpate.shards import Shard, part_of_work
 from palpate.touch.model import TouchModel
@@ -68,7 +68,7 @@ def run_study(
     for method in settings.methods:
         first_pose_of(settings.first_pose, settings.first_pose_sigma, settings.tracker(method))
     files = dict(part_of_work(tuple(files.items()), shard))
-    with held_folder(out, "the folder of a study", shard):
+    with held_folder(out, str(shard or "")):
         folder = StudyFolder(out, settings, model, resume, shard)
         trials: dict[tuple[str, Method], Trial] = {}
         todo: list[Job] = []

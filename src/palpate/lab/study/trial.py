@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.archives import read_arrays
+from palpate.checks import FLAGS, NUMBERS, checked_array
 from palpate.errors import FileError
-from palpate.files import FLAGS, NUMBERS, checked_array, json_object, whole_file
+from palpate.files import json_object, read_arrays, whole_file
 from palpate.pipeline.metrics import nees, rotation_errors, translation_errors
 
 Array = NDArray[np.float64]

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
+from palpate.files import held_folder
 from palpate.lab.train.export import exported_direction
 from palpate.lab.train.fit import FitSettings
 from palpate.lab.train.learn import learn_direction
@@ -17,7 +18,6 @@ from palpate.lab.train.pairs import batch
 from palpate.lab.train.samples import Samples
 from palpate.lab.train.scores import spread_of
 from palpate.lab.train.train import Bar, TrainSettings, free_folder
-from palpate.locks import held_folder
 from palpate.touch.difference import difference, reduced
 from palpate.touch.model import KINDS, ModelSettings, Spread, write_model
 from palpate.touch.press_calibration import Presses, check_alike, check_spread
@@ -60,7 +60,7 @@ def train_on_presses(
     check_spread(presses.angle)
     check_alike(presses, untouched)
     height, width = untouched[0].shape[:2]
-    with held_folder(out, "the folder of a model"):
+    with held_folder(out):
         work = free_folder(out, resume)
         work.mkdir(exist_ok=True)
         profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from palpate.errors import FileError, SettingError
-from palpate.files import whole_file
+from palpate.files import held_folder, whole_file
 from palpate.lab.train import figures
 from palpate.lab.train.export import exported, restore, width_of
 from palpate.lab.train.features import features_of, fit_pair_models
@@ -22,7 +22,6 @@ from palpate.lab.train.networks import WIDTH
 from palpate.lab.train.pairs import draw_pairs
 from palpate.lab.train.results import judge, measure_spread
 from palpate.lab.train.samples import Samples, read_samples
-from palpate.locks import held_folder
 from palpate.touch.calibration import Calibration
 from palpate.touch.model import ModelSettings, TouchModel, write_model
 from palpate.types.sensor import SensorProfile
@@ -79,7 +78,7 @@ def train(
     tracking takes both. With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars
     of a title and a total. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
-    with held_folder(out, "the folder of a model"):
+    with held_folder(out):
         return _train(files, out, free_folder(out, resume), settings, bar, start, test, calibration)
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import checked_array
 from palpate.errors import FileError
-from palpate.files import checked_array, existing_file, read_json, whole_file
+from palpate.files import existing_file, read_json, whole_file
 from palpate.lab.truth.tags import Gray, board
 
 Array = NDArray[np.float64]

@@ -1,0 +1,67 @@
+"""Checks of numbers from files and users; errors name the field, what was found and what is allowed."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import FileError
+
+# The kinds of NumPy types a field may have, and their name in an error.
+NUMBERS = ("fiu", "numbers")
+INTEGERS = ("iu", "integers")
+FLAGS = ("b", "booleans")
+
+FARTHEST = 1e6
+"""[m] A position or a length beyond this is damage: the planet is not much larger."""
+LONGEST = 1e7
+"""[s] A recording of more than these four months is damage: a wrong clock, or a wrong unit."""
+
+
+def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:
+    """Return `value` as an array of the given kind and shape, "N" for any length. Raises FileError."""
+    kinds, words = kind
+    try:
+        array = np.asarray(value)
+    except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes
+        raise FileError(f"{name}: rows have different lengths, expected shape {_written(shape)}") from error
+    fits = array.ndim == len(shape) and all(want in ("N", size) for size, want in zip(array.shape, shape, strict=True))
+    if array.dtype.kind in "SU":
+        raise FileError(f"{name}: found text, expected {words}")
+    if not fits:
+        raise FileError(f"{name}: found shape {_written(array.shape)}, expected {_written(shape)}")
+    if array.dtype.kind not in kinds:
+        raise FileError(f"{name}: found values of type {array.dtype}, expected {words}")
+    return array
+
+
+def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool_], allowed: str) -> None:
+    """Raise FileError that names the first frame where `good` is false, its value and what is allowed."""
+    if not np.all(good):
+        index = int(np.argmin(good))
+        raise FileError(f"{name}: frame {index} is {values[index].tolist()}, allowed is {allowed}")
+
+
+def check_increasing(time: NDArray[np.float64]) -> None:
+    """Raise FileError unless times (N,) [s] are finite and strictly increasing."""
+    check_rows("time", time, np.isfinite(time), "a finite number")
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if len(wrong):
+        index = int(wrong[0]) + 1
+        verb = "repeats" if time[index] == time[index - 1] else "runs backwards at"
+        raise FileError(
+            f"time: frame {index} {verb} {time[index]:.17g} s after {time[index - 1]:.17g} s, "
+            "allowed are strictly increasing times"
+        )
+    # Not by a difference, which may overflow.
+    if len(time) and time[-1] > time[0] + LONGEST:
+        raise FileError(f"time: runs from {time[0]:.17g} to {time[-1]:.17g} s, allowed are {LONGEST:g} s at most")
+
+
+def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return where numbers are finite and a possible position or length [m]."""
+    return np.abs(values) <= FARTHEST
+
+
+def _written(shape: tuple[int | str, ...]) -> str:
+    return f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"

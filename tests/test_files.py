@@ -1,0 +1,76 @@
+"""Files and folders are written whole or not at all, and have one writer."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.errors import FileError
+from palpate.files import held_folder, only_writer, whole_file, whole_folder
+
+# Holds something until it is killed.
+CHILD = """
+import sys
+from pathlib import Path
+from palpate import files
+with getattr(files, sys.argv[1])(Path(sys.argv[2])):
+    print("in", flush=True)
+    sys.stdin.read()
+"""
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+
+
+def test_a_file_that_fails_leaves_the_old_one(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), whole_file(path, overwrite=True) as part:
+        part.write_text("half")
+        raise ZeroDivisionError
+    with pytest.raises(FileError, match=r"a\.txt: cannot be written \(no space\)"), whole_file(path, overwrite=True):
+        raise OSError("no space")
+    with pytest.raises(FileError, match="already exists"), whole_file(path):
+        pass
+    assert names(tmp_path) == ["a.txt"] and path.read_text() == "old"
+    with whole_file(path, overwrite=True) as part:
+        part.write_text("new")
+    assert names(tmp_path) == ["a.txt"] and path.read_text() == "new"
+
+
+def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
+    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "run") as part:
+        (part / "it").touch()
+        raise ZeroDivisionError
+    assert names(tmp_path) == []
+    for content in ("old", "new"):
+        with whole_folder(tmp_path / "run") as part:
+            (part / "it").write_text(content)
+    with pytest.raises(FileError, match="no space"), whole_folder(tmp_path / "run") as part:
+        raise OSError("no space")
+    assert names(tmp_path) == ["run", "run/it"] and (tmp_path / "run/it").read_text() == "new"
+    with pytest.raises(FileError, match="is not the name of a new folder"), whole_folder(Path("/")):
+        pass
+
+
+@pytest.mark.parametrize(("block", "name"), [(held_folder, "study"), (only_writer, "noise.json")])
+def test_one_process_writes_and_a_dead_one_holds_nothing(tmp_path, block, name):
+    words = [sys.executable, "-c", CHILD, block.__name__, str(tmp_path / name)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None and child.stdout.readline() == "in\n"
+        with pytest.raises(FileError, match=f"{name}: another process is writing it"), block(tmp_path / name):
+            pass
+        child.kill()
+    with block(tmp_path / name):
+        pass
+    assert names(tmp_path) == []
+
+
+def test_unfinished_files_of_killed_processes_are_removed(tmp_path):
+    for name in (".a.mcap.17.part", "b.mcap", "more/.c.npz.part"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with held_folder(tmp_path):
+        assert names(tmp_path) == [".folder.lock", "b.mcap", "more"]
