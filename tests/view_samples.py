@@ -12,7 +12,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.pipeline.run_folder import new_run, write_files
 from palpate.pipeline.track import Run, track
-from palpate.types.answer import Answer
+from palpate.types.estimate import Answer
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

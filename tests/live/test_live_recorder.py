@@ -16,8 +16,7 @@ from palpate.live.poses import SensorPlace, TimedPose
 from palpate.live.recorder import recorder
 from palpate.live.session import LiveEstimate
 from palpate.live.sources import TouchImage
-from palpate.types.answer import Answer
-from palpate.types.estimate import Estimate
+from palpate.types.estimate import Answer, Estimate
 from palpate.types.images import decode_image
 
 KILLED = """

@@ -13,8 +13,7 @@ from palpate.filter.belief import Belief
 from palpate.filter.touched import touched
 from palpate.graph.variables import GRIP, IN_OBJECT, OBJECT_SIZE
 from palpate.tracker import Tracker
-from palpate.types.answer import Answer
-from palpate.types.estimate import Estimate
+from palpate.types.estimate import Answer, Estimate
 from palpate.types.frame import Frame
 
 HALF = 0.2363 / 2  # [m] from the rectangle's centre to its left side

@@ -9,7 +9,6 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, small_frame
 
-from palpate.by_value import same
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, FrameError
 from palpate.tracker import Tracker
@@ -145,11 +144,6 @@ def test_estimates_after_bad_frames_are_those_without_them(smoother):
             dirty.update(frame, 3)  # pyright: ignore[reportArgumentType]
         assert dirty.update(frame) == clean.update(frame)
     np.testing.assert_array_equal(dirty.smoothed().pose, clean.smoothed().pose)
-
-
-def test_fields_of_a_number_are_the_same_whichever_way_they_are_compared():
-    assert same(1, 1.0) and same(1.0, 1) and same(np.nan, float("nan")) and not same(1.0, 2)
-    assert not same(np.ones(1), 1.0) and not same(1.0, np.ones(1)) and same((np.ones(2), 1), (np.ones(2), 1.0))
 
 
 def test_images_after_bad_ones_tell_the_same():

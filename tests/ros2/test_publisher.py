@@ -10,8 +10,7 @@ from palpate.io.ros_messages import ros_types
 from palpate.live.poses import SensorPlace
 from palpate.live.session import LiveEstimate, LiveState
 from palpate.ros2 import node as ros2_node
-from palpate.types.answer import Answer
-from palpate.types.estimate import Estimate
+from palpate.types.estimate import Answer, Estimate
 from palpate.types.plane import plane_across
 
 COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from palpate.filter.weighing import POOR, Hypothesis
 from palpate.geometry import se2
-from palpate.types.answer import Answer
+from palpate.types.estimate import Answer
 
 Array = NDArray[np.float64]
 

@@ -46,7 +46,7 @@ from palpate.filter.touched import Touched
 from palpate.filter.weighing import Hypothesis, Weighing, is_lost, shared_out
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.smoother import IN_A_WINDOW, BeginContact, SmootherName
-from palpate.types.answer import Answer
+from palpate.types.estimate import Answer
 from palpate.types.measurements import Measurement
 
 logger = logging.getLogger(__name__)

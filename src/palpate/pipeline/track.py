@@ -21,8 +21,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.model import TouchModel, shipped_model
 from palpate.tracker import Tracker
-from palpate.types.answer import Answers
-from palpate.types.estimate import Estimate
+from palpate.types.estimate import Answers, Estimate
 from palpate.types.frame import Frame
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory

@@ -1,25 +1,81 @@
-"""What the tracker says of the object at one frame."""
+"""The tracker's output at one frame: the object's pose with its covariance, and further answers."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.by_value import ByValue
 from palpate.filter.consistency import Status
-from palpate.types.answer import Answer
-from palpate.types.ros_pose import RosPose, ros_pose
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate(ByValue):
-    """The object's pose at one frame, and what else is known of it.
+class RosPose(NamedTuple):
+    """A pose in space as ROS messages have it. ROS need not be installed."""
 
-    Two are equal if all their values are.
-    """
+    position: Array
+    """x, y, z (3,) [m]."""
+    orientation: Array
+    """Quaternion x, y, z, w (4,)."""
+    covariance: Array
+    """(36,), row by row: about the axes of the header's frame, order x, y, z [m], turns about x, y, z [rad]."""
+
+
+class _PlanarPose:
+    """A pose in the plane with its covariance; equal to another if all values are, NaN being equal to NaN."""
+
+    pose: Array
+    covariance: Array
+
+    def to_ros(self) -> RosPose:
+        """Return the pose in the plane z = 0 of the world, with its covariance about the world's axes as ROS has it.
+
+        Directions out of the plane, z and the turns about x and y, have variances of 0.
+        """
+        from palpate.types.plane import flat, out_of_plane, spatial_covariance
+
+        plane = flat()
+        (position,), (orientation,) = out_of_plane(plane, self.pose[None])
+        spatial = spatial_covariance(plane, self.pose[None], self.covariance[None])
+        return RosPose(position, orientation, spatial.reshape(36))
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(_are_same(getattr(self, one.name), getattr(other, one.name)) for one in fields(self))  # pyright: ignore[reportArgumentType]
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # arrays may be changed
+
+
+def _are_same(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_are_same, one, other))
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
+    return bool(one == other or (one != one and other != other))
+
+
+@dataclass(frozen=True, eq=False)
+class Answer(_PlanarPose):
+    """One of several poses that the object may have while touch cannot decide between them."""
+
+    pose: Array
+    """world_T_object, (3,) [m, m, rad]."""
+    covariance: Array
+    """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    weight: float
+    """Probability among all answers, from 0 to 1."""
+
+
+Answers = tuple[tuple[Answer, ...], ...]
+"""All answers at each of N frames, the best first; none at frames with one, which is the estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate(_PlanarPose):
+    """The object's pose at one frame, with its uncertainty and status."""
 
     time: float
     """[s]"""
@@ -28,30 +84,22 @@ class Estimate(ByValue):
     covariance: Array
     """(3, 3), tangent space at the pose (right, body frame), order x, y, theta; it spans all answers."""
     contact: bool
-    """Whether the sensor touches the object."""
+    """True while the sensor touches the object."""
     status: Status
-    """How far to trust it, in a word; see `estimation.diagnosis.Status`."""
+    """Degree of trust; see `palpate.filter.consistency.Status`."""
     reason: str = ""
-    """Why the status is what it is, or what of the stream is worse than it should be; empty where all is well."""
+    """Reason of the status, or a fault of the input stream; empty if there is none."""
     answers: tuple[Answer, ...] = ()
-    """All poses that may be the object's, the best first; one where nothing is doubtful."""
+    """All poses that the object may have, the best first; one where nothing is ambiguous."""
     friction: tuple[float, float] = (math.nan, math.nan)
     """Coulomb friction between sensor and object as learnt so far, with its standard deviation; by the best answer."""
     contact_point: Array | None = None
-    """Where the sensor touches the object, (2,) [m], world frame, by the best answer; None between contacts. Of a wide
-    pad or several tips it is the middle of what bears the load."""
+    """Contact point on the outline, (2,) [m], world frame, by the best answer; None between contacts. For a wide pad or
+    several tips it is the middle of the loaded part."""
     contact_normal: Array | None = None
-    """The outline's outward normal there, (2,), world frame; None between contacts."""
+    """Outward normal of the outline there, (2,), world frame; None between contacts."""
     sliding: float = math.nan
-    """How likely it is that the contact slides and does not hold, from 0 to 1, by the best answer: whether the pushing
-    force is outside the friction cone. NaN where that is not known: between contacts, at the first frame of one, and
-    by smoothers other than fixed-lag and batch."""
+    """Probability that the contact slides, that is, that the pushing force is outside the friction cone, by the best
+    answer. NaN where it is unknown: between contacts and at the first frame of one."""
     touch_age: float = math.inf
-    """How long ago the object was last touched [s]: 0 in contact, infinite before the first."""
-
-    def to_ros(self) -> RosPose:
-        """Return the pose in the plane z = 0 of the world, with its covariance about the world's axes as ROS has it.
-
-        What leaves the plane, z and the turns about x and y, has variances of 0. ROS need not be installed.
-        """
-        return ros_pose(self.pose, self.covariance)
+    """Time since the object was last touched [s]: 0 in contact, infinite before the first."""

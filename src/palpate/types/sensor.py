@@ -4,11 +4,12 @@ The sensor frame has its origin at the apex of the undeformed gel (for several t
 apexes), x out of the gel along the push, y along the pad's width and z up. Image columns run along y.
 """
 
+import math
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +17,10 @@ from numpy.typing import NDArray
 from palpate.checks import FARTHEST
 from palpate.errors import SettingError
 
-FASTEST = 1e6
-"""[Hz] No sensor is faster."""
-LONGEST_SIDE = 65_535
-"""[px] of an image; a JPEG can have no more."""
-
-_ROW = 15  # round parts that stand for a flat one: at the Mini's width 1.2 mm apart, under which a soft gel is even
-
-T = TypeVar("T", int, float)
-
 
 @dataclass(frozen=True)
 class SensorProfile:
-    """What the estimator needs to know of a sensor; raises SettingError on a value that is not allowed."""
+    """Properties of a sensor that the estimator uses; raises SettingError on a value that is not allowed."""
 
     name: str
     """Name for people and files."""
@@ -50,26 +42,16 @@ class SensorProfile:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise SettingError(f"sensor name is {self.name!r}; it must be a string that is not empty")
-        self._keep("radius", _number(self.radius), lambda value: 0.0 <= value <= FARTHEST, "a length [m], 0 or more")
-        self._keep(
-            "flat_width", _number(self.flat_width), lambda value: 0.0 <= value <= FARTHEST, "a length [m], 0 or more"
-        )
-        self._keep("rate", _number(self.rate), lambda value: 0.0 < value <= FASTEST, "a rate [Hz] above 0")
+        self._check("radius", 0.0, FARTHEST, "a length [m], 0 or more")
+        self._check("flat_width", 0.0, FARTHEST, "a length [m], 0 or more")
+        self._check("rate", math.ulp(0.0), 1e6, "a rate [Hz] above 0")
         if self.half_width is not None:
-            half_width = _number(self.half_width)
-            self._keep("half_width", half_width, lambda value: 0.0 < value <= FARTHEST, "a length [m] above 0, or None")
+            self._check("half_width", math.ulp(0.0), FARTHEST, "a length [m] above 0, or None")
             if self.half_width < 0.5 * self.flat_width:
                 found = f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}"
                 raise SettingError(f"{found}; the pad must be as wide as the flat part of its tip, or wider")
-        for field in ("image_height", "image_width"):
-            value = getattr(self, field)
-            whole = isinstance(value, Integral) and not isinstance(value, bool)
-            self._keep(
-                field,
-                int(value) if whole else None,
-                lambda value: 0 <= value <= LONGEST_SIDE,
-                "a whole number [px], 0 or more",
-            )
+        for name in ("image_height", "image_width"):
+            self._check(name, 0, 65_535, "a whole number [px], 0 or more", Integral)
         if (self.image_height == 0) != (self.image_width == 0):
             found = f"{self.image_height} rows and {self.image_width} columns"
             raise SettingError(f"sensor {self.name!r} has images of {found}; both must be 0 or both above 0")
@@ -94,13 +76,16 @@ class SensorProfile:
 
     @property
     def width(self) -> float:
-        """Width along y of what stands side by side [m]: the flat part of a pad, the fingers of a hand; else 0."""
+        """Width along y of a pad's flat part, or of the fingers of a hand side by side [m]; else 0."""
         return self.flat_width + float(np.ptp(self.centers[:, 1]))
 
     @property
     def row(self) -> NDArray[np.float64]:
-        """Where along y the round parts of a tip stand, from its centre (n,) [m]: a flat pad is a row of them."""
-        return np.linspace(-0.5, 0.5, _ROW) * self.flat_width if self.flat_width else np.zeros(1)
+        """Places along y of the round parts of a tip, from its centre (n,) [m].
+
+        A flat pad is a row of 15; at the Mini's width they are 1.2 mm apart, under which a soft gel is even.
+        """
+        return np.linspace(-0.5, 0.5, 15) * self.flat_width if self.flat_width else np.zeros(1)
 
     @property
     def round_centers(self) -> NDArray[np.float64]:
@@ -110,10 +95,7 @@ class SensorProfile:
 
     @property
     def pads(self) -> list[NDArray[np.float64]]:
-        """Outlines (n, 2) [m] of the tips in the sensor frame, for figures.
-
-        They are of a pad as deep as it is wide, or of a whole round tip.
-        """
+        """Outlines (n, 2) [m] of the tips in the sensor frame, for figures: a pad as deep as wide, or a round tip."""
         if self.half_width is None:
             angle = np.linspace(-np.pi, np.pi, 60)
             back = np.empty((0, 2))
@@ -126,22 +108,21 @@ class SensorProfile:
         arc[:, 1] += 0.5 * self.flat_width * np.sign(angle)
         return [np.array(tip) + np.concatenate([arc, back]) for tip in self.tips]
 
-    def _keep(self, field: str, value: T | None, allowed: Callable[[T], bool], wanted: str) -> None:
-        if value is None or not allowed(value):
-            found = f"sensor {self.name!r} has {field} {reprlib.repr(getattr(self, field))}"
-            raise SettingError(f"{found}; it must be {wanted}")
-        object.__setattr__(self, field, value)
+    def _check(self, name: str, least: float, most: float, wanted: str, kind: type = Real) -> None:
+        value = getattr(self, name)
+        # Compared before it is made a float, which cannot hold every whole number.
+        if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= most:  # pyright: ignore[reportOperatorIssue]
+            raise SettingError(f"sensor {self.name!r} has {name} {reprlib.repr(value)}; it must be {wanted}")
+        object.__setattr__(self, name, int(value) if kind is Integral else float(value))  # pyright: ignore[reportArgumentType]
 
 
 def sensor_to_dict(sensor: SensorProfile) -> dict[str, Any]:
-    """Return the profile as plain data for JSON; that of a round tip is as it was before there were flat ones."""
-    flat = {} if sensor.flat_width else {"flat_width"}
-    plain = {name: value for name, value in asdict(sensor).items() if name not in flat}
-    return {**plain, "tips": [list(tip) for tip in sensor.tips]}
+    """Return the profile as plain data for JSON."""
+    return {**asdict(sensor), "tips": [list(tip) for tip in sensor.tips]}
 
 
 def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
-    """Return the profile that `sensor_to_dict` wrote; raises SettingError on a missing or unknown field."""
+    """Return the profile that `sensor_to_dict` wrote. Raises SettingError on a missing or unknown field."""
     if not isinstance(data, Mapping):
         raise SettingError(f"a sensor must be an object with fields, not {data!r}")
     known = {field.name for field in fields(SensorProfile)}
@@ -151,13 +132,6 @@ def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
     if unknown := data.keys() - known:
         raise SettingError(f"a sensor has no fields {sorted(unknown)}; allowed: {sorted(known)}")
     return SensorProfile(**data)
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
-    except OverflowError:  # a whole number that no float holds
-        return None
 
 
 DIGIT = SensorProfile(name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0)
@@ -174,18 +148,18 @@ GELSIGHT_MINI = SensorProfile(
 )
 """The GelSight Mini: 320 x 240 px of 0.0634 mm, as the maker's software (gsrobotics) has them.
 
-Its gel is flat, and its pad is taken to end where the image does, in edges of 2 mm.
+Its gel is flat, and its pad is assumed to end at the border of the image, in edges of 2 mm.
 """
 
 POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
 """A sharp probe without images."""
 
 SENSORS = {"digit": DIGIT, "gelsight-mini": GELSIGHT_MINI, "point": POINT}
-"""Profiles by the names that users say."""
+"""Profiles by the names in options."""
 
 
 def known_sensor(sensor: SensorProfile | str) -> SensorProfile:
-    """The profile itself, or the one of a known name; raises SettingError on a name that is not known."""
+    """Return the profile itself, or that of a known name. Raises SettingError on another name."""
     if isinstance(sensor, SensorProfile):
         return sensor
     if not isinstance(sensor, str) or sensor.lower() not in SENSORS:

@@ -20,7 +20,7 @@ from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
 from palpate.touch.difference import difference_in_light, reduced
-from palpate.types.answer import Answers
+from palpate.types.estimate import Answers
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.trajectory import Trajectory
