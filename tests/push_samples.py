@@ -14,17 +14,17 @@ from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.factors.balance import Balance
 from palpate.graph.factors.direction import Direction
-from palpate.graph.factors.factor import Factor, Rows, Step, Terms
+from palpate.graph.factors.factor import Factor, Linear, Step, Terms
 from palpate.graph.factors.sticking import Sticking
 from palpate.graph.values import Values
-from palpate.graph.variables import IN_SHARED, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE, Unknown
+from palpate.graph.variables import IN_SHARED, SHARED_SIZE, Variable
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.types.frame import Frame
 from palpate.types.measurements import ContactDirection, Measurement
 from palpate.types.sensor import SensorProfile
 
 Array = np.ndarray
-Shared = Mapping[Unknown, ArrayLike]
+Shared = Mapping[Variable, ArrayLike]
 
 RADIUS = 0.021  # [m], the DIGIT's
 RATE = 30.0  # [Hz]
@@ -52,12 +52,13 @@ def model_of(name: str, profile: SensorProfile = sensor()) -> ContactModel:  # n
 
 
 def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, shared: Shared | None = None) -> Values:
-    """Values of B smoothers at N steps: g and e are (B, N, 3), what steps share is (dimension,) or (dimension, B)."""
-    of_steps = {SENSOR_IN_OBJECT: np.array(g, np.float64), SENSOR: np.array(g if e is None else e, np.float64)}
-    together = np.zeros((SHARED_SIZE, len(of_steps[SENSOR])))
-    for unknown, value in (shared or {}).items():
-        together[IN_SHARED[unknown]] = np.asarray(value, np.float64).reshape(unknown.dimension, -1)
-    return Values(model, of_steps, together)
+    """Values of B rows at N steps: g and e are (B, N, 3), shared variables (dimension,) or (dimension, B)."""
+    in_object, in_world = np.array(g, np.float64), np.array(g if e is None else e, np.float64)
+    rows, steps = in_world.shape[:2]
+    together = np.zeros((rows, SHARED_SIZE))
+    for variable, value in (shared or {}).items():
+        together[:, IN_SHARED[variable]] = np.asarray(value, np.float64).reshape(variable.dimension, -1).T
+    return Values(model, in_object, in_world, together, np.zeros((rows, steps, 2)), np.ones(rows))
 
 
 def terms_of(
@@ -72,7 +73,7 @@ def terms_of(
     before = measured - [moved, 0.0, 0.0] if at.steps > 1 else None
     arrived = factor.terms(Step(measured, before, measurements, np.arange(at.steps, dtype=np.float64).tolist()))
     assert arrived is not None
-    return Terms(arrived.places + at.steps - 1, arrived.data)
+    return Terms(arrived.step + at.steps - 1, arrived.data)
 
 
 def rows_of(
@@ -81,7 +82,7 @@ def rows_of(
     measurements: Sequence[Measurement] = (),
     moved: float = 0.0,
     pose: ArrayLike = (0, 0, 0),
-) -> Rows:
+) -> Linear:
     """The same, linearised."""
     return factor.linearise(at, terms_of(factor, at, measurements, moved, pose))
 
@@ -111,7 +112,7 @@ def pushing_residuals(
 
 def pushing_angles(g: Array, e: Array, model: ContactModel, shared: Shared | None = None) -> NDArray[np.float64]:
     """Angles (N - 1,) of the pushing force at all steps (N, 3) but the first."""
-    return values_at(model, g[None], e[None], shared).pushing_angle[0, 1:]
+    return values_at(model, g[None], e[None], shared).state.force_angle[0, 1:]
 
 
 def touching(model: ContactModel, y: Array | float, theta: Array | float = 0.0) -> Array:

@@ -60,7 +60,7 @@ def by_hand(o: Array, e: Array, slid: float, turned: float, steps: int) -> tuple
         sensor_pose = se2.compose(sensors[-1], [1e-3, 0.0, 0.0])
         g = MODEL.moved_along(g[None], np.array([-slid / HAND]))[0] - [0.0, 0.0, turned / HAND]
         for _ in range(5):
-            touch = MODEL.touching_at(g)
+            touch = MODEL.touching(g[None, None])[0, 0]
             way = touch["gap"] * touch["normal"]
             g = g - [way.real, way.imag, 0.0]
         objects.append(se2.compose(sensor_pose, se2.inverse(g)))

@@ -11,12 +11,10 @@ from push_samples import contact_directions, model_of, noisy, pushed, sensor, wi
 from scipy.optimize import least_squares
 
 from palpate.config import NoiseSettings, Priors
-from palpate.filter.belief import Belief, Prior
 from palpate.geometry import se2
+from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factor_list import make_factors
-from palpate.graph.fixed_lag import FixedLag
-from palpate.graph.smoother import BeginContact, Smoother, make_smoother
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
@@ -24,13 +22,13 @@ from palpate.graph.variables import (
     FRICTION_CENTER,
     FRICTION_RATIO,
     IN_OBJECT,
+    LAG,
     OBJECT_SIZE,
     OUTLINE_SCALE,
     TURN_OFFSET,
 )
 from palpate.graph.window import Window
-from palpate.touch.relative import compared_frames
-from palpate.types.measurements import ContactDirection, Measurement, RelativePoses, Turn
+from palpate.types.measurements import ContactDirection, Measurement, Turn
 
 Array = np.ndarray
 ROBUST = with_settings(
@@ -38,7 +36,6 @@ ROBUST = with_settings(
         priors=Priors(depth=(3e-4, 4e-4), friction_ratio=(0.2, 0.3), friction_center=(0.0, 0.12), grip=(0.4, 0.12)),
     ),
     first_pose={"deviation": NoiseSettings().first_pose.truth},
-    relative_pose={"oracle": (1.0, 1.0, 0.02)},
     sticking={"share": 0.03, "sliding_share": 3.0, "margin": 0.05, "kernel": 5.0},
     balance={"share": 0.03},
     friction_cone={"share": 0.2},
@@ -57,8 +54,6 @@ PLAIN = with_settings(
     friction_cone={"share": None, "kernel": None},
 )
 """No weight depends on the estimate, so that what is solved is one least-squares problem."""
-POSES = slice(0, 6)
-"""Of a belief's unknowns, g and e."""
 TWO_TIPS = ((0.0, 0.025), (0.0, -0.025))
 SOFT = 2e-4
 """[m] See `contact_model`."""
@@ -71,13 +66,12 @@ class Contact:
     truth: Array  # g, (N, 3)
     model: ContactModel
     sensor: Array  # (N, 3)
-    prior: Prior
-    relative: list[RelativePoses | None]
+    prior: Belief
     directions: list[ContactDirection | None]
     turns: list[Turn | None]
 
     def said(self, t: int) -> tuple[Measurement, ...]:
-        return tuple(one for one in (self.relative[t], self.directions[t], self.turns[t]) if one is not None)
+        return tuple(one for one in (self.directions[t], self.turns[t]) if one is not None)
 
 
 OFFSET = math.pi - 0.06  # [rad]; the sensor's yaw on the object, about 0.05, makes turns fall on both sides of +-pi
@@ -85,41 +79,26 @@ FELT = 0.01  # [rad], the standard deviation of directions and turns
 
 
 def contact(
-    steps: int,
-    noise: NoiseSettings,
-    seed: int = 0,
-    tips: Any = ((0.0, 0.0),),
-    name: str = "rectangle",
+    steps: int, noise: NoiseSettings, seed: int = 0, tips: Any = ((0.0, 0.0),), name: str = "rectangle"
 ) -> Contact:
-    """A push with relative poses at most steps; `felt` adds the rest."""
+    """A push; `felt` adds touch."""
     rng = np.random.default_rng(seed)
     o, e = pushed(name, steps, tips=tips)
-    g = se2.between(o, e)
-    sigmas = noise.relative_pose.oracle
-    covariance = np.diag(np.square(sigmas))
-    covariance[0, 2] = covariance[2, 0] = 0.3 * sigmas[0] * sigmas[2]  # not every one is diagonal
-    relative: list[RelativePoses | None] = [None]
-    for t in range(1, steps + 1):
-        back = np.append(compared_frames(t), 2 if t > 2 else [])[:].astype(int)
-        pose = noisy(se2.between(g[t - back], g[t]), (0.5, 0.5, sigmas[2]), rng)
-        said = RelativePoses(back, pose, np.broadcast_to(covariance, (len(back), 3, 3)))
-        relative.append(said if len(back) and t % 7 else None)
     return Contact(
-        g,
+        se2.between(o, e),
         model_of(name, sensor(tips=tuple(tips))),
         noisy(e, noise.sensor_pose.deviation, rng),
-        prior_at(noisy(o[0], noise.first_pose.deviation, rng), noise, 1e-7 * np.ones((3, 3))),
-        relative,
+        belief_at(noisy(o[0], noise.first_pose.deviation, rng), noise, 1e-7 * np.ones((3, 3))),
         [None] * (steps + 1),
         [None] * (steps + 1),
     )
 
 
-def prior_at(pose: Array, noise: NoiseSettings, more: ArrayLike = 0.0, values: Array | None = None) -> Prior:
+def belief_at(pose: ArrayLike, noise: NoiseSettings, more: ArrayLike = 0.0, values: Array | None = None) -> Belief:
     """What is known of an object before its first contact, its pose with some more covariance (3, 3)."""
     covariance = np.diag(np.square(np.concatenate([noise.first_pose.deviation, noise.priors.deviation])))
-    known = Prior(pose, noise.priors.mean if values is None else values, covariance)
-    return known.loosened(np.broadcast_to(more, (3, 3)))
+    mean = noise.priors.mean if values is None else values
+    return Belief(np.array([pose], np.float64), mean[None], covariance[None]).inflated(np.broadcast_to(more, (3, 3)))
 
 
 def felt(given: Contact, direction: bool = True, turn: bool = True, seed: int = 0, first: int = 0) -> Contact:
@@ -134,10 +113,6 @@ def felt(given: Contact, direction: bool = True, turn: bool = True, seed: int = 
     return replace(given, directions=directions, turns=turns)
 
 
-def without_relative(given: Contact) -> Contact:
-    return replace(given, relative=[None] * len(given.relative))
-
-
 def settled(given: Contact, steps: int = 4) -> Contact:
     """The same contact, at the end of which the sensor stands still: each step takes another Gauss-Newton step."""
     nothing = [None] * steps
@@ -145,49 +120,16 @@ def settled(given: Contact, steps: int = 4) -> Contact:
         given,
         truth=np.concatenate([given.truth, np.repeat(given.truth[-1:], steps, axis=0)]),
         sensor=np.concatenate([given.sensor, np.repeat(given.sensor[-1:], steps, axis=0)]),
-        relative=given.relative + nothing,
         directions=given.directions + nothing,
         turns=given.turns + nothing,
     )
 
 
-def make(name: str, given: Contact, noise: NoiseSettings) -> BeginContact:
-    """What begins a contact with the smoother of that name."""
-    chosen: Any = name
-    return make_smoother(chosen, noise, given.model)
-
-
-def lagged(lag: int, given: Contact, noise: NoiseSettings) -> BeginContact:
-    """What begins a contact with a window of so many steps."""
-    return lagged_begin(lag, noise, given.model)
-
-
-def lagged_begin(lag: int, noise: NoiseSettings, model: ContactModel) -> BeginContact:
-    """The same with what touches what."""
-    factors = make_factors(noise, model)
-    return lambda prior, pose, said, time: FixedLag(factors, model, prior, pose, said, time, lag)
-
-
-def fed(begin: BeginContact, given: Contact, check: bool = False) -> Smoother:
-    """The smoother of a whole contact."""
-    smoother = begin(given.prior, given.sensor[0], given.said(0), 0.0)
-    for t in range(1, len(given.sensor)):
-        smoother.add(given.sensor[t], given.said(t), t / 30)
-        if check:
-            covariance = smoother.belief().covariance
-            np.testing.assert_allclose(covariance, covariance.T, rtol=1e-6, atol=1e-18)
-            assert np.linalg.eigvalsh(covariance).min() > 0.0
-            g, e = smoother.path()
-            assert g.shape == e.shape == (t + 1, 3)
-            np.testing.assert_allclose(g[-1], smoother.belief().g, atol=1e-12)
-            np.testing.assert_allclose(e[-1], smoother.belief().e, atol=1e-12)
-    return smoother
-
-
-def window_of(given: Contact, noise: NoiseSettings, lag: int, priors: Sequence[Prior] = ()) -> Window:
-    """The window of a whole contact, for a bank of smoothers if there are several priors."""
+def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Belief | None = None) -> Window:
+    """The window of a whole contact, by default of one hypothesis."""
     factors = make_factors(noise, given.model)
-    window = Window(factors, given.model, priors or [given.prior], given.sensor[0], given.said(0), 0.0, lag)
+    known = given.prior if belief is None else belief
+    window = Window(factors, given.model, known, given.sensor[0], given.said(0), 0.0, lag)
     for t in range(1, len(given.sensor)):
         window.add(given.sensor[t], given.said(t), t / 30)
     return window
@@ -197,27 +139,23 @@ def window_of(given: Contact, noise: NoiseSettings, lag: int, priors: Sequence[P
 class Solved:
     """A contact solved at once."""
 
-    poses: Array  # (N, 2, 3)
+    poses: Array  # g and e, (N, 2, 3)
     values: Array  # (OBJECT_SIZE,)
     offset: float  # of the turns
-    covariance: Array  # (6 + OBJECT_SIZE, 6 + OBJECT_SIZE), of the last step and what belongs to the object
+    covariance: Array  # (3 + OBJECT_SIZE, 3 + OBJECT_SIZE), of the object's last pose and variables
 
 
 def batch(given: Contact, noise: NoiseSettings) -> Solved:
     """The whole contact at once, by SciPy and residuals of its own; with weights that do not depend on the estimate."""
     prior, model = given.prior, given.model
-    root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+    root = np.linalg.inv(np.linalg.cholesky(prior.covariance[0]))
     moved = np.hypot(*np.diff(given.sensor[:, :2], axis=0).T)
     slip_sigma = np.hypot(noise.sticking.still, noise.sticking.share * moved)[:, None]
     of_c, of_width = noise.balance.share * model.friction_radius, noise.balance.load * model.span
     torque_sigma = np.sqrt(noise.balance.still**2 + (of_c * moved) ** 2 + (of_width * moved) ** 2)
-    start = np.stack([np.broadcast_to(se2.between(prior.pose, given.sensor[0]), given.sensor.shape), given.sensor], 1)
-    nothing = RelativePoses(np.empty(0, int), np.empty((0, 3)), np.empty((0, 3, 3)))
-    said = [(t, relative or nothing) for t, relative in enumerate(given.relative)]
-    i = np.concatenate([t - relative.back for t, relative in said])
-    j = np.concatenate([np.full(len(relative.back), t) for t, relative in said])
-    measured = np.concatenate([relative.pose for _, relative in said])
-    whiten = np.linalg.inv(np.linalg.cholesky(np.concatenate([relative.covariance for _, relative in said])))
+    start = np.stack(
+        [np.broadcast_to(se2.between(prior.pose[0], given.sensor[0]), given.sensor.shape), given.sensor], 1
+    )
     directed, direction = angles_of(given.directions)
     turned, turn = angles_of(given.turns)
     direction_sigma, turn_sigma = FELT * np.sqrt([noise.direction.share, noise.turn.share])
@@ -227,8 +165,8 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     def residuals(offset: Array, values: Array, poses: Array) -> Array:
         """Of K guesses at once (K, rows): offset (K,), values (K, OBJECT_SIZE), poses (K, N, 2, 3)."""
         g, e = poses[:, :, 0], poses[:, :, 1]
-        known = se2.log(se2.between(prior.pose, se2.compose(e[:, 0], se2.inverse(g[:, 0]))))
-        rows = [np.concatenate([known, values - prior.values], axis=-1) @ root.T]
+        known = se2.log(se2.between(prior.pose[0], se2.compose(e[:, 0], se2.inverse(g[:, 0]))))
+        rows = [np.concatenate([known, values - prior.values[0]], axis=-1) @ root.T]
         rows.append(se2.log(se2.between(given.sensor, e)) / noise.sensor_pose.deviation)
         gap, normal, point = outline_at(g, model)
         reach = np.sum(normal * (point - [model.friction_center.real, model.friction_center.imag]), axis=-1) - gap
@@ -237,8 +175,6 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
         before = se2.transform(g[:, :-1], se2.transform(se2.inverse(g[:, 1:]), point[:, 1:]))
         rows.append((before - point[:, 1:]) / slip_sigma)
         rows.append(imbalance(g, e, point, model, values) / torque_sigma)
-        apart = se2.log(se2.between(measured, se2.between(g[:, i], g[:, j])))
-        rows.append(np.einsum("nij,knj->kni", whiten, apart))
         _, normal, _ = outline_at(g[:, directed], model)
         touched = np.arctan2(-normal[..., 1], -normal[..., 0]) - g[:, directed, 2]
         bias, scale = values[:, IN_OBJECT[DIRECTION_BIAS]], values[:, IN_OBJECT[DIRECTION_SCALE]]
@@ -252,7 +188,7 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     def around(change: Array, poses: Array) -> tuple[Array, Array, Array]:
         """Guesses that are off by changes (K, size), the poses from those given."""
         moves = change[:, 1 + OBJECT_SIZE :].reshape(-1, *start.shape)
-        values = prior.values + change[:, 1 : 1 + OBJECT_SIZE]
+        values = prior.values[0] + change[:, 1 : 1 + OBJECT_SIZE]
         return first_offset + change[:, 0], values, se2.compose(poses, se2.exp(moves))
 
     def jacobian(change: Array, poses: Array) -> Array:
@@ -274,7 +210,11 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     slopes = jacobian(solved, poses)
     last = [*range(size - 6, size), *range(1, 1 + OBJECT_SIZE)]
     covariance = np.linalg.inv(slopes.T @ slopes)[np.ix_(last, last)]
-    return Solved(poses, values, float(offset), covariance)
+    by_all = np.eye(3 + OBJECT_SIZE, 6 + OBJECT_SIZE, 3)
+    by_all[:, 3:6] = 0.0
+    by_g = se2.adjoint(poses[-1, 0])
+    by_all[:3, :3], by_all[:3, 3:6] = -by_g, by_g
+    return Solved(poses, values, float(offset), by_all @ covariance @ by_all.T)
 
 
 def outline_at(g: Array, model: ContactModel) -> tuple[Array, Array, Array]:
@@ -307,16 +247,14 @@ def angles_of(said: Sequence[ContactDirection | Turn | None]) -> tuple[Array, Ar
     return np.array(steps, int), np.array([one.angle for one in said if one is not None])
 
 
-def apart(poses: tuple[Array, Array], wanted: Array) -> Array:
-    """Largest difference per coordinate (3,) between paths."""
-    return np.abs(se2.log(se2.between(np.stack(poses, axis=1), wanted))).max(axis=(0, 1))
-
-
-def scaled_difference(belief: Belief, other: Solved | Belief, unknowns: slice = slice(None)) -> tuple[float, float]:
+def scaled_difference(belief: Belief, other: Solved | Belief) -> tuple[float, float]:
     """Largest difference of mean and of covariance from the other's, in its standard deviations and variances."""
-    g, e = other.poses[-1] if isinstance(other, Solved) else (other.g, other.e)
-    deviation = np.sqrt(np.diag(other.covariance))
-    poses = [se2.log(se2.between(belief.g, g)), se2.log(se2.between(belief.e, e))]
-    mean = np.concatenate([*poses, other.values - belief.values]) / deviation
-    difference = (belief.covariance - other.covariance) / np.outer(deviation, deviation)
-    return float(np.abs(mean[unknowns]).max()), float(np.abs(difference[unknowns, unknowns]).max())
+    if isinstance(other, Solved):
+        g, e = other.poses[-1]
+        pose, values, covariance = se2.compose(e, se2.inverse(g)), other.values, other.covariance
+    else:
+        pose, values, covariance = other.pose[0], other.values[0], other.covariance[0]
+    deviation = np.sqrt(np.diag(covariance))
+    mean = np.concatenate([se2.log(se2.between(belief.pose[0], pose)), values - belief.values[0]]) / deviation
+    difference = (belief.covariance[0] - covariance) / np.outer(deviation, deviation)
+    return float(np.abs(mean).max()), float(np.abs(difference).max())

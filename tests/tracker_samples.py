@@ -13,7 +13,7 @@ from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
 
 Array = np.ndarray
-SMOOTHERS = ["fixed-lag", "isam2"]
+SMOOTHERS = ["fixed-lag", "batch"]
 AS_DRAWN = with_settings(
     NoiseSettings(),
     first_pose={"deviation": NoiseSettings().first_pose.truth},

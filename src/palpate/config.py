@@ -42,13 +42,11 @@ Tactile = Literal[
 TactileChoice = Literal["auto", Tactile]
 """auto is learnt if there are images that fit the touch model, else none."""
 
-SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
+SmootherName = Literal["fixed-lag", "batch"]
 """Solver for the graph of a contact.
 
 - fixed-lag: Gauss-Newton on a sliding window; older steps are marginalised.
 - batch: the same with all steps of the contact.
-- isam2: GTSAM's incremental smoother over all steps, as in the paper.
-- particle-filter: for comparison with the smoothers.
 """
 
 

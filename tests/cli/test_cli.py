@@ -9,12 +9,12 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from palpate.graph.smoother import SmootherName
 from recording_samples import pushed, trajectory
 
 from palpate import io as formats
 from palpate.cli import demo, main, options
 from palpate.config import TrackerSettings
-from palpate.graph.smoother import SmootherName
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.metrics import pose_words
 from palpate.pipeline.run_folder import FILES

@@ -20,7 +20,7 @@ from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.factor_list import make_factors
 from palpate.graph.factors.contact import Contact
 from palpate.graph.factors.direction import Direction
-from palpate.graph.factors.factor import Rows
+from palpate.graph.factors.factor import Linear
 from palpate.graph.factors.sticking import Sticking
 from palpate.graph.factors.turn import Turn
 from palpate.graph.variables import (
@@ -40,7 +40,7 @@ SLIDE = with_settings(  # holds to 5e-5 m, slides by 3e-3 m, where the sensor mo
 
 
 def pushed_at(angle: Any, model: ContactModel, noise: NoiseSettings, moved: float = 1e-3, grip: float = 0.4) -> dict:
-    """Rows of sticking, balance and cone by name, with the pushing force at angles (N,) from the normal.
+    """Linear of sticking, balance and cone by name, with the pushing force at angles (N,) from the normal.
 
     The sensor has moved so far in the step; the contact sticks.
     """
@@ -113,7 +113,7 @@ def test_a_contact_that_holds_whatever_the_angle():
     assert np.isinf(found[:, 3]).all()
 
 
-def cauchy(rows: Rows, scale: float, together: bool) -> np.ndarray:
+def cauchy(rows: Linear, scale: float, together: bool) -> np.ndarray:
     """Weights by 1 / (1 + e^2 / k^2): 1 at no error, 1/2 at k, 1/10 at 3 k."""
     square = rows.information * rows.residual**2
     return rows.information / (1.0 + (square.sum(axis=-1, keepdims=True) if together else square) / scale**2)

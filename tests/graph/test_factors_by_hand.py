@@ -27,10 +27,10 @@ from palpate.config import (
     SensorPoseSettings,
     TurnSettings,
 )
-from palpate.filter.belief import Prior
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Rectangle
+from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.factors.balance import Balance
 from palpate.graph.factors.contact import Contact
@@ -38,7 +38,6 @@ from palpate.graph.factors.direction import Direction
 from palpate.graph.factors.first_pose import FirstPose
 from palpate.graph.factors.friction_cone import FrictionCone
 from palpate.graph.factors.object_pose import ObjectPose
-from palpate.graph.factors.relative_pose import RelativePose
 from palpate.graph.factors.sensor_pose import SensorPose
 from palpate.graph.factors.turn import Turn
 from palpate.graph.variables import (
@@ -54,17 +53,10 @@ from palpate.graph.variables import (
     TURN_OFFSET,
 )
 from palpate.types import measurements as said
-from palpate.types.measurements import ContactDirection, RelativePoses
+from palpate.types.measurements import ContactDirection
 
 Array = np.ndarray
 ANY = model_of("disc")
-
-
-def relative(i: Array, j: Array, measured: Any) -> tuple[Array, Array]:
-    """Residual (3,) and Jacobian (3, 6) by i and j of a relative pose."""
-    pair = RelativePoses(np.array([1]), np.array([measured], np.float64), np.eye(3)[None])
-    rows = rows_of(RelativePose(), values_at(ANY, [[i, j]]), [pair])
-    return rows.residual[0, 0], rows.jacobian[0, 0]
 
 
 def object_pose(g: Array, e: Array, measured: Any, covariance: Array | None = None) -> tuple[Array, Array]:
@@ -100,19 +92,6 @@ def cone(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared
     return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0]
 
 
-def test_relative_pose_by_hand():
-    # Across the seam: from 3.1 to -3.1 is 2 pi - 6.2 = 0.0831853 rad, 0.0031853 more than the measured 0.08.
-    residual, _ = relative(np.array([0, 0, 3.1]), np.array([0, 0, -3.1]), [0, 0, 0.08])
-    np.testing.assert_allclose(residual, [0, 0, 2 * math.pi - 6.28], atol=1e-15)
-    # i looks along +y; j lies 2 m ahead of it, measured 1.5 m ahead.
-    i, j = np.array([1.0, 1.0, math.pi / 2]), np.array([1.0, 3.0, math.pi / 2])
-    residual, jacobian = relative(i, j, np.array([1.5, 0.0, 0.0]))
-    np.testing.assert_allclose(residual, [0.5, 0, 0], atol=1e-15)
-    # Measured right. Turning i by d swings j, 2 m ahead, by -2 d to the left.
-    residual, jacobian = relative(i, j, np.array([2.0, 0.0, 0.0]))
-    np.testing.assert_allclose(jacobian, [[-1, 0, 0, 1, 0, 0], [0, -1, -2, 0, 1, 0], [0, 0, -1, 0, 0, 1]], atol=1e-15)
-
-
 def test_sensor_pose_by_hand():
     # Looks along +y and is 0.2 m further along +x than measured: to its right. By a good 2 pi it has turned by 0.1.
     rows = rows_of(
@@ -145,12 +124,11 @@ def test_first_pose_by_hand():
     # its order, each in standard deviations.
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
     deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 2e-3, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
-    known = Prior(
-        np.array([0.9, 0.0, 0.0]), np.array([0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]), np.diag(deviation**2)
-    )
+    values = np.array([[0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]])
+    known = Belief(np.array([[0.9, 0.0, 0.0]]), values, np.diag(deviation**2)[None])
     shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, PLACE_BIAS: 5e-3, DEPTH: 2e-4}
     shared |= {OUTLINE_SCALE: 0.02, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
-    factor = FirstPose([known])
+    factor = FirstPose(known)
     rows = rows_of(factor, values_at(ANY, [[g]], [[e]], shared))
     wanted = [2.0, 0, 0, 4.0, -1.0, 2.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0]
     np.testing.assert_allclose(rows.residual[0, 0], wanted, atol=1e-12)
@@ -276,7 +254,7 @@ def test_the_first_turn_of_a_contact_gives_its_offset():
     at = values_at(ANY, [[[0, 0, 9.0], [0, 0, -3.1]], [[0, 0, 9.0], [0, 0, 0.2]]], shared={TURN_OFFSET: 5.0})
     guess = factor.first_guess(at, terms_of(factor, at, [said.Turn(3.0, 1.0), said.Turn(1.0, 1.0)]))
     assert list(guess) == [TURN_OFFSET]
-    np.testing.assert_allclose(guess[TURN_OFFSET], [[2 * math.pi - 6.1, -2.8]], atol=1e-12)
+    np.testing.assert_allclose(guess[TURN_OFFSET], [[2 * math.pi - 6.1], [-2.8]], atol=1e-12)
 
 
 def test_paper_point_pushes_a_disc_through_its_centre():
@@ -497,16 +475,16 @@ def test_rest_marginalised_is_a_first_pose_with_summed_covariance():
     e, g = rng.normal(size=(2, 3))
     now = se2.compose(e, se2.inverse(g))
     last, rest = (0.1 * np.eye(3) + root @ root.T for root in rng.normal(size=(2, 3, 3)))
-    _, between = relative(now, now, np.zeros(3))
     _, by_both = object_pose(g, e, now)  # at zero error that is how o moves with g and e
     known = np.hstack([np.eye(3), np.zeros((3, 6))])
-    resting = np.hstack([between[:, :3], between[:, 3:] @ by_both])
+    resting = np.hstack([-np.eye(3), by_both])
     information = known.T @ np.linalg.inv(last) @ known + resting.T @ np.linalg.inv(rest) @ resting
     left = information[3:, 3:] - information[3:, :3] @ np.linalg.solve(information[:3, :3], information[:3, 3:])
     covariance = np.eye(3 + OBJECT_SIZE)
     covariance[:3, :3] = last
     rows = rows_of(
-        FirstPose([Prior(now, np.zeros(OBJECT_SIZE), covariance).loosened(rest)]), values_at(ANY, [[g]], [[e]])
+        FirstPose(Belief(now[None], np.zeros((1, OBJECT_SIZE)), covariance[None]).inflated(rest)),
+        values_at(ANY, [[g]], [[e]]),
     )
     jacobian = rows.jacobian[0, 0, :, :6]
     np.testing.assert_allclose(left, jacobian.T @ jacobian, atol=1e-12)

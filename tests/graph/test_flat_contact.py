@@ -4,18 +4,19 @@ import math
 
 import numpy as np
 import pytest
+from push_samples import values_at
 
 from palpate.config import NoiseSettings, PlaceSettings
 from palpate.errors import EstimationError
-from palpate.filter.belief import Prior
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle
+from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import contact_model
+from palpate.graph.factor_list import make_factors
 from palpate.graph.factors.factor import Step
 from palpate.graph.factors.place import Place
-from palpate.graph.smoother import make_smoother
-from palpate.graph.values import Values
-from palpate.graph.variables import IN_OBJECT, IN_SHARED, PLACE_BIAS, SENSOR, SENSOR_IN_OBJECT, SHARED_SIZE
+from palpate.graph.variables import IN_OBJECT, PLACE_BIAS
+from palpate.graph.window import Window
 from palpate.types.measurements import ContactPlace
 from palpate.types.sensor import GELSIGHT_MINI, SensorProfile
 
@@ -26,7 +27,7 @@ FINGERS = contact_model(Rectangle(0.09, 0.09), SensorProfile("hand", radius=0.00
 
 
 def touch(model, *pose):
-    return model.touching_at(np.array(pose, np.float64))
+    return model.touching(np.array(pose, np.float64)[None, None])[0, 0]
 
 
 def test_flush_on_a_side_it_is_touched_in_the_middle_and_leaning_at_its_edge():
@@ -88,9 +89,7 @@ def test_derivatives(model):
 def test_the_factor_of_the_place():
     factor = Place(PlaceSettings(share=4.0, kernel=None))
     g = np.array([[[-0.05, -0.003, 0.02]]])
-    shared = np.zeros((SHARED_SIZE, 1))
-    shared[IN_SHARED[PLACE_BIAS]] = 3e-4
-    values = Values(DISC, {SENSOR_IN_OBJECT: g, SENSOR: g}, shared)
+    values = values_at(DISC, g, shared={PLACE_BIAS: 3e-4})
     terms = factor.terms(Step(g[0, 0], None, [ContactPlace(0.001, 1e-6)], [0.0]))
     assert terms is not None
     rows = factor.linearise(values, terms)
@@ -117,13 +116,13 @@ def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
     settings = NoiseSettings()
     sure = np.concatenate([[1e-4, 1e-4, 1e-3], settings.priors.deviation])
     first, way = np.array([-0.05, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0])
-    prior = Prior(np.zeros(3), settings.priors.mean, np.diag(sure**2))
+    belief = Belief(np.zeros((1, 3)), settings.priors.mean[None], np.diag(sure**2)[None])
     said = [ContactPlace(touch(DISC, *first)["material"].imag + 1e-3, 1e-8)]
-    contact = make_smoother("fixed-lag", settings, DISC)(prior, first, said, 0.0)
+    contact = Window(make_factors(settings, DISC), DISC, belief, first, said)
     for step in range(1, 8):
         contact.add(first + step * way, said, step / 30.0)
-    known = contact.belief().prior
-    bias, of_bias = known[PLACE_BIAS][0], 3 + IN_OBJECT[PLACE_BIAS].start
+    known = contact.belief()
+    bias, of_bias = known[PLACE_BIAS][0, 0], 3 + IN_OBJECT[PLACE_BIAS].start
     assert bias == pytest.approx(1e-3, abs=1e-4)
-    assert math.sqrt(known.covariance[of_bias, of_bias]) < 0.3 * settings.priors.place_bias[1]
-    assert known.pose[1] == pytest.approx(0.0, abs=1e-4)
+    assert math.sqrt(known.covariance[0, of_bias, of_bias]) < 0.3 * settings.priors.place_bias[1]
+    assert known.pose[0, 1] == pytest.approx(0.0, abs=1e-4)

@@ -1,320 +1,178 @@
-"""What a sliding window does beyond what all smoothers do: it forgets little, takes late measurements, holds a bank."""
+"""The window against SciPy's solution of a whole contact, and its operations on rows."""
 
-import logging
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from push_samples import noisy, with_settings
-from smoother_samples import (
-    FELT,
-    OFFSET,
-    PLAIN,
-    POSES,
-    ROBUST,
-    TWO_TIPS,
-    Contact,
-    batch,
-    contact,
-    fed,
-    felt,
-    lagged,
-    scaled_difference,
-    settled,
-    window_of,
-    without_relative,
-)
+from push_samples import pushed
+from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scaled_difference, settled, window_of
 
-from palpate.config import NoiseSettings
-from palpate.errors import EstimationError, SettingError
-from palpate.filter.belief import Prior
+from palpate.errors import EstimationError
 from palpate.geometry import se2
+from palpate.graph.belief import Belief
 from palpate.graph.factor_list import make_factors
-from palpate.graph.values import Knock
-from palpate.graph.variables import OBJECT_SIZE, SENSOR, SENSOR_IN_OBJECT, TURN_OFFSET
+from palpate.graph.variables import GRIP
 from palpate.graph.window import Window
-from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement, RelativePoses, Turn
+from palpate.types.measurements import ContactDirection, ObjectPose, Turn
 
-Array = np.ndarray
-RATE = 30.0
-
-
-def offset_of(window: Window) -> float:
-    return float(window.values[TURN_OFFSET][0, 0])
+ENDLESS = 10**6
+GRIPS = ROBUST.priors.grip, (0.15, 0.05)
 
 
-def test_the_offset_of_turns_is_found():
-    given = felt(contact(20, PLAIN, seed=1), seed=1)
-    window = window_of(given, PLAIN, 100)
-    # 16 directions on a straight side tell the level of yaw and 16 turns its sum with the offset: 0.01 sqrt(2 / 16).
-    assert abs(se2.wrap(offset_of(window) - OFFSET)) < 3 * FELT * np.sqrt(2 / 16)
-    assert abs(se2.wrap(offset_of(window) - batch(given, PLAIN).offset)) < 1e-4
+def apart_from(given, belief: Belief, offsets) -> Belief:
+    """The same belief at poses that are off by these (B, 3)."""
+    rows = belief.take(np.zeros(len(offsets), int))
+    return replace(rows, pose=se2.compose(rows.pose, se2.exp(np.asarray(offsets, float))))
 
 
-@pytest.mark.parametrize("angle", [3.0, -1.5])
-def test_the_first_turn_of_a_contact_says_the_offset(angle):
-    # Under so narrow a kernel a turn half a turn off weighs (0.1 / 3)^2 = 1e-3, less than the prior's 1e-2: the offset
-    # has to begin where the turn says.
-    given, noise = contact(3, ROBUST), with_settings(ROBUST, turn={"kernel": 0.1})
-    window = Window(make_factors(noise, given.model), given.model, [given.prior], given.sensor[0])
-    window.add(given.sensor[1], [Turn(angle, FELT**2)], 1 / RATE)
-    assert se2.wrap(offset_of(window) + angle - float(window.belief().g[2])) == pytest.approx(0.0, abs=1e-3)
+def states(window: Window, row: int):
+    """All that a row says."""
+    belief = window.belief().take([row])
+    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], window.last_errors()[row]
 
 
-@pytest.mark.parametrize("said", [(0, 1, 2, 28, 29, 30), (15, 16, 29, 30)])
-def test_the_offset_outlives_the_steps_that_told_it(said):
-    given = without_relative(felt(contact(30, PLAIN), direction=False))
-    given = replace(given, turns=[given.turns[t] or Turn(-OFFSET, FELT**2) if t in said else None for t in range(31)])
-    assert abs(se2.wrap(offset_of(window_of(given, PLAIN, 8)) - batch(given, PLAIN).offset)) < 0.05 * FELT
+def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tolerance: float = 0.0) -> None:
+    for one, two in zip(states(window, row), states(other, other_row), strict=True):
+        np.testing.assert_allclose(one, two, rtol=tolerance, atol=tolerance)
 
 
-def test_a_short_window_forgets_little():
-    given = contact(80, ROBUST, seed=2)
-    whole = fed(lagged(100, given, ROBUST), given).belief()
-    for lag, share, of_all in ((41, 0.01, 0.05), (15, 3.0, 3.0)):
-        window = window_of(given, ROBUST, lag)
-        assert window.values.steps == lag
-        assert [part.shape for part in window.path()] == [(1, 81, 3)] * 2
-        # What left the window stays as a Gaussian. A window of 15 lacks most pairs, which reach back 15 to 39,
-        # and can be off by as much as they tell, a few standard deviations of the better estimate.
-        belief = fed(lagged(lag, given, ROBUST), given, check=True).belief()
-        assert scaled_difference(belief, whole, POSES)[0] < share
-        assert scaled_difference(belief, whole)[0] < of_all
+@pytest.mark.parametrize("touch", ["none", "directions", "turns", "both"])
+@pytest.mark.parametrize("tips", [((0.0, 0.0),), TWO_TIPS], ids=["one tip", "two tips"])
+def test_a_window_without_a_limit_is_the_batch_solution(touch, tips):
+    if len(tips) > 1 and touch != "none":
+        pytest.skip("directions and turns are of one tip")
+    given = felt(contact(12, PLAIN, tips=tips), touch in ("directions", "both"), touch in ("turns", "both"))
+    given = settled(given)
+    window, solved = window_of(given, PLAIN, ENDLESS), batch(given, PLAIN)
+    mean, covariance = scaled_difference(window.belief(), solved)
+    assert mean < 1e-3 and covariance < 1e-2
+    wanted = se2.compose(solved.poses[:, 1], se2.inverse(solved.poses[:, 0]))
+    off = se2.log(se2.between(window.object_path()[0], wanted))
+    assert np.abs(off).max() < 1e-6
 
 
-SURE_OF_FRICTION = with_settings(PLAIN, priors={"friction_ratio": (0.0, 1e-6), "friction_center": (0.0, 1e-6)})
+def test_a_short_window_is_close_to_the_batch_solution():
+    given = settled(felt(contact(30, PLAIN)))
+    mean, covariance = scaled_difference(window_of(given, PLAIN, 10).belief(), batch(given, PLAIN))
+    assert mean < 0.4 and covariance < 0.4
 
 
-def within(given: Contact, back: int) -> Contact:
-    """The same contact with the pairs that reach back less."""
-    kept = [said and cut(said, said.back < back) for said in given.relative]
-    return replace(given, relative=kept)
+def test_rows_are_independent_and_can_be_taken_in_any_order():
+    given = felt(contact(50, ROBUST))
+    beliefs = apart_from(given, given.prior, [[0.0, 0.0, 0.0], [2e-3, -1e-3, 0.02], [-1e-3, 2e-3, -0.03]])
+    window = window_of(given, ROBUST, 20, beliefs)
+    # Each row is what a window of its own says, but for when Gauss-Newton stops.
+    for row in range(3):
+        assert_same(window, row, window_of(given, ROBUST, 20, beliefs.take([row])), tolerance=1e-3)
+    taken = window_of(given, ROBUST, 20, beliefs)
+    taken.take([2, 0, 2])
+    for row, before in enumerate([2, 0, 2]):
+        assert_same(taken, row, window, before)
+    # And they go on alike.
+    for one in (window, taken):
+        one.add(se2.compose(given.sensor[-1], [1e-3, 0.0, 0.0]), given.said(10), 2.0)
+    for row, before in enumerate([2, 0, 2]):
+        assert_same(taken, row, window, before, tolerance=1e-3)
 
 
-def cut(said: RelativePoses, kept: Array) -> RelativePoses:
-    return RelativePoses(said.back[kept], said.pose[kept], said.covariance[kept])
+def test_a_disturbance_leaves_other_rows_as_they_were():
+    given = felt(contact(30, ROBUST))
+    window, before = window_of(given, ROBUST), window_of(given, ROBUST)
+    window.take([0, 0, 0])
+    window.disturb([1, 2], 10, np.array([0.01, -0.01]), 0.012, np.array([False, True]), GRIPS)
+    assert_same(window, 0, before)
+    assert not window.is_lost.any()
+    # Pushing, but for the turn of the object, does not hold in the disturbed steps; the slides are followed.
+    g = window.values.sensor_in_object
+    slid = np.abs(g[1:, -1, 1] - g[0, -1, 1])
+    assert (slid > 1e-3).all()
+    grip = window.belief()[GRIP][:, 0]
+    assert abs(grip[1] - grip[0]) < 0.05 and grip[2] == pytest.approx(0.15, abs=0.1)
 
 
-@pytest.mark.parametrize(("noise", "of_all"), [(SURE_OF_FRICTION, 0.02), (PLAIN, 0.25)], ids=["sure", "learning"])
-@pytest.mark.parametrize("banded", [False, True])
-def test_a_window_loses_nothing_that_reaches_no_further_back(noise, of_all, banded):
-    # Sticking, contact, direction, turn and pairs within the window alone: marginalising a linear problem is exact. In
-    # the balance friction and motion are multiplied, and what left the window keeps the friction of then.
-    given = felt(contact(40, noise, seed=3), seed=3)
-    given = without_relative(given) if banded else within(given, 10)
-    whole = fed(lagged(100, given, noise), given).belief()
-    short = fed(lagged(12, given, noise), given).belief()
-    assert max(scaled_difference(short, whole, POSES)) < 0.02
-    assert max(scaled_difference(short, whole)) < of_all
+@pytest.mark.parametrize("slide", [0.02, -0.02])
+def test_a_slide_by_hand_is_found_by_a_disturbed_row(slide):
+    """The object is moved along its side in the last steps, touch turned by nothing: only a disturbance allows it."""
+    given = contact(40, ROBUST)
+    g = given.truth.copy()
+    g[-10:, 1] += np.linspace(0.0, slide, 11)[1:]
+    o = se2.compose(given.sensor[-1], se2.inverse(g[-1]))
+    seen = {40: [ObjectPose(o, np.diag([1e-6, 1e-6, 1e-4]))]}
+    factors = make_factors(ROBUST, given.model)
+    window = Window(factors, given.model, given.prior, given.sensor[0])
+    for t in range(1, 41):
+        window.add(given.sensor[t], seen.get(t, []), t / 30)
+    window.take([0, 0])
+    window.disturb([1], 10, np.array([-slide]), 0.012, np.array([False]), GRIPS)
+    costs = window.costs().sum(axis=(1, 2))
+    assert costs[1] < costs[0] - 5.0
 
 
-def test_pairs_that_reach_back_beyond_the_window_are_dropped():
-    given = contact(45, PLAIN, seed=4)
-    some = within(given, 15)
-    assert sum(len(said.back) for said in given.relative if said) > sum(
-        len(said.back) for said in some.relative if said
+def test_mirrored_touch_is_read_with_the_opposite_sign():
+    given = felt(contact(30, ROBUST))
+    factors = make_factors(ROBUST, given.model)
+
+    def mirrored(one):
+        return replace(one, angle=-one.angle)
+
+    both = given.prior.take([0, 0])
+    window = Window(
+        factors, given.model, both, given.sensor[0], given.said(0), sign=np.array([1.0, -1.0]), from_touch=2
     )
-    found, wanted = (fed(lagged(15, given, PLAIN), each) for each in (given, some))
-    for a, b in zip(found.path(), wanted.path(), strict=True):
-        np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(found.belief().covariance, wanted.belief().covariance)
+    as_told = Window(factors, given.model, given.prior, given.sensor[0], [mirrored(one) for one in given.said(0)])
+    camera = ContactDirection(0.01, 1.0)  # of somebody else: not mirrored
+    for t in range(1, 31):
+        window.add(given.sensor[t], [*given.said(t), camera], t / 30, from_touch=len(given.said(t)))
+        as_told.add(given.sensor[t], [*(mirrored(one) for one in given.said(t)), camera], t / 30)
+    assert_same(window, 1, as_told)
 
 
-def test_steps_that_left_the_window_stay_as_they_last_were_in_it():
-    given = felt(contact(20, ROBUST, seed=5), seed=5)
+def test_a_late_measurement_belongs_to_the_step_of_its_time():
+    given = contact(30, ROBUST)
+    truth = se2.compose(given.sensor, se2.inverse(given.truth))
+    off = truth[10] + [0.002, 0.0, 0.0]
     factors = make_factors(ROBUST, given.model)
-    window = Window(factors, given.model, [given.prior], given.sensor[0], given.said(0), lag=6)
-    for t in range(1, 21):
-        before = window.values
-        window.add(given.sensor[t], given.said(t), t / RATE)
-        if t >= 6:
-            left = t - 6
-            np.testing.assert_array_equal(window.path()[0][:, left], before[SENSOR_IN_OBJECT][:, 0])
-            np.testing.assert_array_equal(window.path()[1][:, left], before[SENSOR][:, 0])
-        np.testing.assert_array_equal(window.path()[0][:, -window.values.steps :], window.values[SENSOR_IN_OBJECT])
+
+    def fed(at: int, measured: list) -> Window:
+        window = Window(factors, given.model, given.prior, given.sensor[0])
+        for t in range(1, 31):
+            window.add(given.sensor[t], measured if t == at else [], t / 30)
+        return window
+
+    on_time, late = fed(10, [ObjectPose(off, 1e-8 * np.eye(3))]), fed(30, [ObjectPose(off, 1e-8 * np.eye(3), 10 / 30)])
+    np.testing.assert_allclose(late.object_path()[0, 10], off, atol=2e-4)
+    np.testing.assert_allclose(late.object_path(), on_time.object_path(), atol=2e-4)
 
 
-def bank_of(given: Contact, count: int) -> list[Prior]:
-    """Priors that differ in pose, in what belongs to the object, and in covariance."""
-    rng = np.random.default_rng(1)
-    priors = [given.prior]
-    for k in range(1, count):
-        values = given.prior.values + rng.normal(size=OBJECT_SIZE) * np.sqrt(np.diag(given.prior.covariance)[3:])
-        pose = noisy(given.prior.pose, (1e-3, 1e-3, 2e-2), rng)
-        priors.append(Prior(pose, values, (1.0 + 0.3 * k) * given.prior.covariance))
-    return priors
+def test_a_belief_that_is_no_gaussian_has_no_solution():
+    given = contact(2, ROBUST)
+    covariance = given.prior.covariance.copy()
+    covariance[0, 0, 0] = -1.0
+    factors, bad = make_factors(ROBUST, given.model), replace(given.prior, covariance=covariance)
+    with pytest.raises(EstimationError, match="indeterminate"):
+        Window(factors, given.model, bad, given.sensor[0])
+    window = Window(factors, given.model, given.prior.joined(bad), given.sensor[0])
+    assert window.is_lost.tolist() == [False, True]
 
 
-BANKS = {
-    "pairs": lambda: felt(contact(12, ROBUST)),
-    "no pairs": lambda: without_relative(felt(contact(12, ROBUST))),
-    "two tips": lambda: contact(12, ROBUST, tips=TWO_TIPS),
-}
+def test_costs_and_mean_squares_by_hand():
+    """One frame: half the square of the direction's error, and of the sensor's and contact's, which are small."""
+    given = contact(1, ROBUST)
+    said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)]
+    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0], said)
+    (measured, pushing), (square,) = window.costs()[0, 0], window.mean_squares("direction", 1)
+    assert pushing == 0.0
+    scale = ROBUST.direction.kernel
+    assert scale is not None
+    cost = 0.5 * scale**2 * np.log1p(square / scale**2)
+    assert measured == pytest.approx(cost, rel=0.3) and measured > cost
+    assert window.last_errors() is None
 
 
-@pytest.mark.parametrize("what", BANKS)
-def test_a_bank_of_smoothers_is_each_as_alone(what):
-    # A bank takes as many Gauss-Newton steps as the one that needs most. The sensor stands still until none moves.
-    given = settled(BANKS[what](), 12)
-    priors = bank_of(given, 4)
-    together = window_of(given, ROBUST, 100, priors)
-    assert together.values.smoothers == 4
-    for k, prior in enumerate(priors):
-        alone = window_of(given, ROBUST, 100, [prior])
-        mine, belief = alone.belief(), together.belief(k)
-        for name in ("g", "e", "values"):
-            np.testing.assert_allclose(getattr(belief, name), getattr(mine, name), atol=1e-9)
-        assert scaled_difference(belief, mine)[1] < 1e-6
-        for path, wanted in zip(together.path(), alone.path(), strict=True):
-            np.testing.assert_allclose(path[k], wanted[0], atol=1e-9)
-        assert set(together.last_errors()) == set(alone.last_errors())
-        for name, errors in alone.last_errors().items():
-            np.testing.assert_allclose(together.last_errors()[name][k], errors[0], atol=1e-4)
-
-
-@pytest.mark.parametrize("what", BANKS)
-def test_a_bank_of_smoothers_on_a_window_that_moves_on(what):
-    # What left the window keeps the linearisation of then, which was a Gauss-Newton step further in a bank.
-    given = BANKS[what]()
-    priors = bank_of(given, 3)
-    together = window_of(given, ROBUST, 6, priors)
-    for k, prior in enumerate(priors):
-        assert max(scaled_difference(together.belief(k), window_of(given, ROBUST, 6, [prior]).belief())) < 0.05
-    # The same three times is the same.
-    together = window_of(given, ROBUST, 6, [given.prior] * 3)
-    alone = window_of(given, ROBUST, 6).belief()
-    for k in range(3):
-        np.testing.assert_allclose(together.belief(k).g, alone.g, atol=1e-9)
-        assert scaled_difference(together.belief(k), alone)[1] < 1e-6
-
-
-@pytest.mark.parametrize("what", BANKS)
-def test_smoothers_go_on_together_or_apart(what):
-    # Taken out of one bank and another, and given one more frame with a knock for one of them, each is as it was alone.
-    given = BANKS[what]()
-    priors = bank_of(given, 3)
-    first, second = (window_of(given, ROBUST, 6, some) for some in ([priors[0], priors[1]], [priors[2], priors[0]]))
-    bank = Window.bank([(second, 0), (first, 1)])
-    alone = [Window.bank([(second, 0)]), Window.bank([(first, 1)])]
-    knocks = Knock(2e-3, 5e-3), None
-    for one, knock in zip(alone, knocks, strict=True):
-        one.add(given.sensor[-1], given.said(12), 13 / RATE, [knock])
-    before = first.belief(1).g.copy()
-    bank.add(given.sensor[-1], given.said(12), 13 / RATE, knocks)
-    np.testing.assert_array_equal(first.belief(1).g, before)
-    for k, one in enumerate(alone):
-        np.testing.assert_allclose(bank.belief(k).g, one.belief().g, atol=1e-4)
-        assert scaled_difference(bank.belief(k), one.belief())[1] < 0.02
-        for path, wanted in zip(bank.path(), one.path(), strict=True):
-            assert path[k].shape == (14, 3)
-            np.testing.assert_allclose(path[k], wanted[0], atol=1e-4)
-        np.testing.assert_allclose(bank.costs()[k, :-1], one.costs()[0, :-1], atol=0.1)
-    # What is asked for of one of them is its own.
-    knocked, other = (window.values.knocks[0, -1] for window in alone)
-    assert knocked.tolist() == [2e-3, 5e-3] and not other.any()
-
-
-def test_a_smoother_without_a_solution_leaves_the_others_theirs():
-    given = without_relative(felt(contact(6, ROBUST)))
-    priors = bank_of(given, 2)
-    together, alone = window_of(given, ROBUST, 6, priors), window_of(given, ROBUST, 6, priors[1:])
-    together._past.information[0] = np.nan
-    for window in (together, alone):
-        window.add(given.sensor[-1], given.said(6), 7 / RATE)
-    assert together.is_lost.tolist() == [True, False]
-    assert max(scaled_difference(together.belief(1), alone.belief())) < 1e-3
-    alone._past.information[:] = np.nan
-    with pytest.raises(EstimationError, match="the linear system of the window is indeterminate"):
-        alone.add(given.sensor[-1], given.said(6), 8 / RATE)
-
-
-def object_poses(given: Contact) -> Array:
-    return se2.compose(given.sensor, se2.inverse(given.truth))
-
-
-def seen(given: Contact, t: int, back: int) -> ObjectPose:
-    """The object as a camera saw it so many frames before t, which differs from what it says at other frames."""
-    rng = np.random.default_rng(1000 * t + back)
-    pose = noisy(object_poses(given)[t - back], (1e-3, 1e-3, 1e-2), rng)
-    return ObjectPose(pose, np.diag([1e-6, 1e-6, 1e-4]), (t - back) / RATE)
-
-
-def watched(given: Contact, noise: NoiseSettings, lag: int, backs: tuple[int, ...], delay: int = 0) -> Window:
-    """A window with a camera that says at each frame where the object was some frames ago.
-
-    What it says arrives with the frame that is `delay` later.
-    """
-    window = None
-    for t in range(len(given.sensor)):
-        said: list[Measurement] = list(given.said(t))
-        at = t - delay
-        said += [seen(given, at, back) for back in backs if at >= back]
-        if window is None:
-            factors = make_factors(noise, given.model)
-            window = Window(factors, given.model, [given.prior], given.sensor[0], said, 0.0, lag)
-        else:
-            window.add(given.sensor[t], said, t / RATE)
-    assert window is not None
-    return window
-
-
-@pytest.mark.parametrize("backs", [(0,), (5,), (5, 0), (0, 5), (0, 3, 1)])
-def test_a_late_measurement_is_of_the_step_of_its_time(backs):
-    # A window from which steps leave, against one that holds them all: what comes late is not in the order of steps.
-    given = without_relative(felt(contact(40, SURE_OF_FRICTION), turn=False))
-    short, whole = (watched(given, SURE_OF_FRICTION, lag, backs).belief() for lag in (8, 100))
-    assert max(scaled_difference(short, whole)) < 0.05
-
-
-def test_a_measurement_that_comes_later_says_the_same_in_the_end():
-    given = without_relative(contact(30, PLAIN))
-    # By the last frame those that are late lack what was seen in the last four frames; they get the rest.
-    late = watched(given, PLAIN, 100, (0,), delay=4).belief()
-    last = len(given.sensor)
-    window = None
-    for t in range(last):
-        said = [seen(given, t, 0)] if t < last - 4 else []
-        if window is None:
-            factors = make_factors(PLAIN, given.model)
-            window = Window(factors, given.model, [given.prior], given.sensor[0], said, 0.0, 100)
-        else:
-            window.add(given.sensor[t], said, t / RATE)
-    assert window is not None
-    assert max(scaled_difference(late, window.belief())) < 0.02
-
-
-@pytest.mark.parametrize("time", [-5.0, float("nan"), 99.0])
-def test_a_measurement_of_no_time_at_hand_is_left_out_with_a_warning(time, caplog):
-    given = without_relative(contact(12, ROBUST))
-    windows = [Window(make_factors(ROBUST, given.model), given.model, [given.prior], given.sensor[0]) for _ in range(2)]
-    for t in range(1, 13):
-        strange = ObjectPose(np.array([0.3, 0.0, 1.0]), 1e-8 * np.eye(3), time)
-        windows[0].add(given.sensor[t], [strange] if t == 8 else [], t / RATE)
-        windows[1].add(given.sensor[t], [], t / RATE)
-    np.testing.assert_array_equal(windows[0].path()[0], windows[1].path()[0])
-    (record,) = [record for record in caplog.records if record.levelno >= logging.WARNING]
-    assert "frame at 0.267 s: measurement ObjectPose is of" in record.message
-    assert "which is not between 0.000 s and now; it is left out" in record.message
-
-
-def test_a_measurement_of_a_step_that_left_the_window_is_left_out(caplog):
-    given = without_relative(contact(12, ROBUST))
-    factors = make_factors(ROBUST, given.model)
-    windows = [Window(factors, given.model, [given.prior], given.sensor[0], lag=5) for _ in range(2)]
-    for t in range(1, 13):
-        windows[0].add(given.sensor[t], [replace(seen(given, t, 8))] if t == 10 else [], t / RATE)
-        windows[1].add(given.sensor[t], [], t / RATE)
-    np.testing.assert_array_equal(windows[0].path()[0], windows[1].path()[0])
-    assert "measurement ObjectPose is of 0.0666" in caplog.text
-
-
-def test_a_step_that_is_refused_leaves_the_window_as_it_was():
-    class OfYaw(OwnMeasurement):
-        on = ("yaw",)
-
-    given = contact(3, ROBUST)
-    window = Window(make_factors(ROBUST, given.model), given.model, [given.prior], given.sensor[0])
-    before = window.values
-    with pytest.raises(SettingError, match="unknown 'yaw' is not known"):
-        window.add(given.sensor[1], [OfYaw()], 1 / RATE)
-    assert window.values is before
+def test_path_and_belief_agree():
+    o, e = pushed("rectangle", 5)
+    given = contact(5, ROBUST)
+    window = window_of(given, ROBUST)
+    np.testing.assert_allclose(window.object_path()[0, -1], window.belief().pose[0], atol=1e-12)
+    assert np.linalg.eigvalsh(window.belief().covariance[0]).min() > 0.0
+    assert window.object_path().shape == (1, 6, 3) and len(o) == len(e) == 6

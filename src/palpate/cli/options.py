@@ -27,7 +27,7 @@ Tactile = Literal[
     "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
 ]
 TactileChoice = Literal["auto", Tactile]
-SmootherName = Literal["fixed-lag", "isam2", "batch", "particle-filter"]
+SmootherName = Literal["fixed-lag", "batch"]
 ShapeUnit = Literal["m", "cm", "mm", "in"]
 Numbers = tuple[float, float, float]
 """A pose or its standard deviations [m, m, rad]."""

@@ -1,253 +1,289 @@
-"""What is wrong, and how sure the estimate really is: what contradicts, moves and hides makes status and covariance.
+"""Consistency tests: compare what was predicted with what is measured, in each hypothesis.
 
-- Strain: touch says one thing and the physics of pushing another. It is the mean square, over the last frames, of the
-  pushing row that is worst off, in variances. Nothing later measures what has shifted, so the covariance stays larger.
-- Contradiction: measured poses of the object are far from where it is known to be, or put its outline far from where
-  the sensor touches it. The covariance is larger by as much.
-- Displacement: the sensor stands where the untouched object should be, or touches it where it should not be.
-- Uncertainty: the covariance is so large that a linearised one is a guess itself.
+- Inconsistency: touch and pushing contradict each other. The statistic is the mean square, over the last steps, of the
+  worst row of the pushing factors [variances]. A large value inflates the reported covariance from then on.
+- Contradiction: measured poses of the object are far from its estimate, or put its outline far from the contact.
+- Displacement: the sensor is inside the untouched object's outline, or touches the object far from its outline.
+- Uncertainty: the covariance is too large for a linearised one to be reliable.
 """
 
-from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from palpate.filter.belief import Prior
-from palpate.filter.contradiction import Contradiction
+from palpate.config import NoiseSettings
 from palpate.geometry import se2
+from palpate.graph.belief import Belief, RowArrays
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.contact import overlap, reaches
 from palpate.graph.factors.direction import true_angle
 from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
+from palpate.types.estimate import Status
 from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
 
 Array = NDArray[np.float64]
-Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
-"""What to make of an estimate.
+Flags = NDArray[np.bool_]
 
-- resting: untouched, so unmoved.
-- tracking: all is well.
-- ambiguous: several poses far apart fit what was measured; the covariance spans them.
-- strained: what touch says and how things are pushed contradict each other, or did before (a slip, a knock), or
-  measured poses of the object contradict what else is known; the covariance is larger by as much.
-- uncertain: the covariance is so large that it is itself a guess, or touch cannot tell anything yet.
-- displaced: the object was moved while nothing touched it, and its pose is known no better than the covariance
-  says, in this contact and after it.
-- indeterminate: the graph could not be solved at this frame and starts anew from the last pose.
-- faulty: what arrives from the sensor or the robot cannot be so, and the reason says what.
-"""
-
-STRAIN_FRAMES, STRAIN_EXPECTED, STRAIN_LIMIT = 30, 0.5, 4.0
-"""On simulated pushes, which slide, the mean square over so many frames is 0.5 and less nine times in ten and 2 at
-most; a knock by hand makes it 70 and more. Beyond the limit touch and pushing contradict each other, and the covariance
-is larger by the ratio to what is expected."""
-_SURPRISE = 3.0  # standard deviations of a distance from which on an untouched object must have moved
-_STILL = 3e-4  # [m] noise of a distance that the sensor has gone
-_HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] how fast and far a hand moves an object, standard deviations
-_FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] from which a displaced object is found again
-_ALONG = np.linspace(-1.0, 1.0, 7)  # shares of the likely length along an outline at which its direction is looked at
-UNCERTAIN = np.array([0.02, 0.02, 0.2])
-"""Standard deviations [m, m, rad] from which a covariance is a guess itself."""
-REASONS: dict[Status, str] = {
-    "resting": "",
-    "tracking": "",
-    "ambiguous": "several poses fit what was measured",
-    "strained": "touch and pushing contradict each other, or did before",
-    "uncertain": "the pose is known so roughly that the covariance is a guess itself",
-    "displaced": "the object was moved while nothing touched it",
-    "indeterminate": "the graph could not be solved and began anew",
-    "faulty": "what arrives cannot be so",
-}
-"""What each status means, in words for those who read it beside an estimate."""
+_STEPS, _TYPICAL, _INCONSISTENT = 30, 0.5, 4.0
+"""Steps of the mean square [variances], its usual value, and its limit: on simulated pushes, which slide, it is below
+0.5 nine times in ten and at most 2; a disturbance by hand makes it 70 and more."""
+_SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
+_STILL = 3e-4  # [m] noise of the sensor's own motion
+_HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
+_FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] standard deviations at which a displaced object is found again
+_ALONG = np.linspace(-1.0, 1.0, 7)  # places along the outline where directions are compared, over the likely length
+_UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad] standard deviations too large to be reliable
+_CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
+_FRAMES, _SEVERAL = 10, 3  # a contradiction counts from several of the last frames on: a single one may be an error
 
 
-class Diagnosis:
-    """Follows what contradicts the graph, from contact to contact."""
+@dataclass(frozen=True, eq=False)
+class Consistency(RowArrays):
+    """State of the tests in each hypothesis."""
 
-    def __init__(self, model: ContactModel, contact_deviation: float, calibration: Sequence[float]) -> None:
-        """Take what touches what, how well outline and gel agree [m] and how well frames do [m, m, rad]."""
-        self._model, self._contact_deviation = model, contact_deviation
-        self._calibration = np.diag(np.square(calibration))
-        self._errors: deque[Array] = deque(maxlen=STRAIN_FRAMES)
-        self._strain = 1.0  # factor on the reported covariance
-        self._displacement = 0.0  # [m] by which the object must have moved since it was last touched
-        self._of_poses = self._of_outline = Contradiction()
+    squares: Array
+    """Squared errors of the pushing factors at the last steps of the contact, (B, _STEPS, rows) [variances]."""
+    inconsistency: Array
+    """Factor on the reported covariance of the pose, (B,)."""
+    displacement: Array
+    """Least displacement of the object since it was last touched [m], (B,)."""
+    poses_apart: Array
+    """Distance between measured poses and the estimate at the last frames, 0 where they agree, (B, _FRAMES) [m]."""
+    outline_apart: Array
+    """Distance between measured outline and contact at the last frames, 0 where they agree, (B, _FRAMES) [m]."""
+    poses_words: NDArray[np.object_]
+    """Description of the last contradiction of a measured pose, (B,)."""
+    outline_words: NDArray[np.object_]
+    """Description of the last contradiction of a measured outline, (B,)."""
 
-    def __copy__(self) -> "Diagnosis":
-        other = object.__new__(Diagnosis)
-        other.__dict__.update(self.__dict__)
-        other._errors = self._errors.copy()
-        return other
+    @staticmethod
+    def begin(rows: int) -> "Consistency":
+        """Return the state before any test."""
+        no_words = np.full(rows, "", object)
+        return Consistency(
+            np.zeros((rows, _STEPS, 3)),
+            np.ones(rows),
+            np.zeros(rows),
+            np.zeros((rows, _FRAMES)),
+            np.zeros((rows, _FRAMES)),
+            no_words,
+            no_words,
+        )
 
     @property
-    def displaced(self) -> bool:
-        """Whether the object must have moved while nothing touched it."""
-        return self._displacement > 0.0
+    def is_displaced(self) -> Flags:
+        """True where the object was moved while nothing touched it, (B,)."""
+        return np.asarray(self.displacement > 0.0)
 
-    def gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, float]:
-        """Return the estimated distance between sensor (3,) and object, and its standard deviation, both [m].
+    @property
+    def contradiction(self) -> Array:
+        """Possible error of the pose for contradicting measured poses (B,) [m]."""
+        return np.maximum(_possible_error(self.poses_apart), _possible_error(self.outline_apart))
 
-        The strain is left out: it puts pushing in doubt, not where the outline was last touched.
+    def contradiction_in_words(self, row: int) -> str:
+        """Return a description of contradicting measured poses; empty if there are none."""
+        if _possible_error(self.poses_apart)[row]:
+            return self.poses_words[row]
+        return self.outline_words[row] if _possible_error(self.outline_apart)[row] else ""
+
+    def without_errors(self) -> "Consistency":
+        """Return the state with the errors of a contact forgotten."""
+        return replace(self, squares=np.zeros_like(self.squares))
+
+    def found(self) -> "Consistency":
+        """Return the state with the object found again."""
+        return replace(self, displacement=np.zeros_like(self.displacement))
+
+
+class ConsistencyMonitor:
+    """The tests, for one object and sensor. All methods take and return rows of hypotheses."""
+
+    def __init__(self, model: ContactModel, settings: NoiseSettings) -> None:
+        self._model, self._contact_deviation = model, settings.contact.deviation
+        self._calibration = np.diag(np.square(settings.sensor_pose.calibration))
+
+    def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
+        """Return the estimated distance of a sensor pose (3,) from the object and its deviation, (B,) each [m].
+
+        The inconsistency is not included: it concerns pushing, not the last contact.
         """
-        gap, by_prior = self._seen_gap(prior, sensor_pose)
-        variance = by_prior @ prior.covariance @ by_prior + self._contact_deviation**2
-        return gap, float(np.sqrt(variance))
+        gap, by_belief = self._gap(belief, sensor_pose)
+        variance = np.einsum("bi,bij,bj->b", by_belief, belief.covariance, by_belief) + self._contact_deviation**2
+        return gap, np.sqrt(variance)
 
-    def see_rest(self, prior: Prior, sensor_pose: Array) -> None:
-        """Compare where the sensor (3,) is with an object that nothing touches."""
-        gap, deviation = self.gap(prior, sensor_pose)
-        if gap < -_SURPRISE * deviation:
-            self._displacement = max(self._displacement, -gap)
+    def test_clearance(self, state: Consistency, belief: Belief, sensor_pose: Array) -> Consistency:
+        """Test that a sensor that touches nothing is outside the object."""
+        gap, deviation = self.clearance(belief, sensor_pose)
+        inside = np.where(gap < -_SURPRISE * deviation, -gap, 0.0)
+        return replace(state, displacement=np.maximum(state.displacement, inside))
 
-    def see_after_touch(self, prior: Prior, touched_from: Array, sensor_pose: Array, since: float) -> None:
-        """Compare where the sensor (3,) is with where it was (3,) when it last touched the object, since a time [s].
+    def test_release(
+        self, state: Consistency, belief: Belief, touched_from: Array, sensor_pose: Array, since: Array
+    ) -> Consistency:
+        """Test that a sensor released the object by moving away, from its last pose in contact (B, 3), since (B,) [s].
 
-        A sensor that goes on into the object and does not touch it has not let go of it: the object went away.
+        If it moved on into the object without touching it, the object was taken away. NaN is no contact before.
         """
-        (before, by_before), (now, by_now) = (self._seen_gap(prior, pose) for pose in (touched_from, sensor_pose))
+        known = np.isfinite(since)
+        before, by_before = self._gap(belief, np.where(known[:, None], touched_from, sensor_pose))
+        now, by_now = self._gap(belief, sensor_pose)
         apart = by_now - by_before
-        deviation = np.sqrt(self._strain * apart @ prior.covariance @ apart + _STILL**2)
-        if now < before - _SURPRISE * deviation:
-            self._displacement = max(self._displacement, min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * since))
+        variance = np.einsum("bi,bij,bj->b", apart, belief.covariance, apart)
+        deviation = np.sqrt(state.inconsistency * variance + _STILL**2)
+        is_gone = known & (now < before - _SURPRISE * deviation)
+        by_hand = np.minimum(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * np.where(known, since, 0.0))
+        return replace(state, displacement=np.maximum(state.displacement, np.where(is_gone, by_hand, 0.0)))
 
-    def see_first_touch(self, prior: Prior, sensor_pose: Array, measurements: Sequence[Measurement]) -> None:
-        """Compare where the sensor (3,) is, and where it is touched, with an object that it begins to touch."""
-        gap, deviation = self.gap(prior, sensor_pose)
-        if abs(gap) > _SURPRISE * deviation:
-            self._displacement = max(self._displacement, abs(gap))
-        for said in measurements:
-            if isinstance(said, ContactDirection):
-                # Half, for the gap shows one part of a motion, and a turn shows all of it.
-                moved = 0.5 * self._model.friction_radius * self._turn(prior, sensor_pose, said)
-                self._displacement = max(self._displacement, moved)
+    def test_first_contact(
+        self,
+        state: Consistency,
+        belief: Belief,
+        sensor_pose: Array,
+        measurements: Sequence[Measurement],
+        sign: Array,
+        from_touch: int,
+    ) -> Consistency:
+        """Test that a contact begins where the object's outline is, and with the direction that it has there."""
+        gap, deviation = self.clearance(belief, sensor_pose)
+        displacement = np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0)
+        displacement = np.maximum(state.displacement, displacement)
+        for index, one in enumerate(measurements):
+            if isinstance(one, ContactDirection):
+                signs = sign if index < from_touch else np.ones_like(sign)
+                turns = [self._turn(belief.take([b]), sensor_pose, one, signs[[b]]) for b in range(len(belief))]
+                # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
+                displacement = np.maximum(displacement, 0.5 * self._model.friction_radius * np.array(turns))
+        return replace(state, displacement=displacement)
 
-    def see_object_poses(self, prior: Prior, measured: Sequence[tuple[Array, ObjectPose]], moved: float) -> None:
-        """Compare measured poses of the object with what is known without them.
+    def test_object_poses(
+        self,
+        state: Consistency,
+        belief: Belief,
+        expected: Sequence[Array],
+        measured: Sequence[ObjectPose],
+        moved: float,
+    ) -> Consistency:
+        """Test measured poses of the object against the estimates (B, 3) at their times.
 
-        Each comes with where the object was thought to be at its time (3,); it may have moved by so much since [m].
+        Since then the object may have moved by `moved` [m].
         """
         if not measured:
-            return
-        known = prior.pose_covariance + self._calibration + self.covariance_of_motion(moved)
-        worst = 0.0, 0.0, ""
-        for number, (pose, one) in enumerate(measured, 1):
+            return state
+        known = belief.pose_covariance + self._calibration + self.covariance_of_motion(moved)
+        rows = len(belief)
+        worst, worst_apart, words = np.zeros(rows), np.zeros(rows), state.poses_words.copy()
+        for number, (pose, one) in enumerate(zip(expected, measured, strict=True), 1):
             off = se2.log(se2.between(pose, one.pose))
-            apart = off @ np.linalg.pinv(known + one.covariance, hermitian=True) @ off  # a solution may have run away
-            deviations = float(np.sqrt(max(apart, 0.0)))
-            if deviations > worst[1]:
-                far, turn = float(np.hypot(*off[:2])), abs(float(off[2]))
+            inverse = np.linalg.pinv(known + one.covariance, hermitian=True)  # a solution may have diverged
+            deviations = np.sqrt(np.maximum(np.einsum("bi,bij,bj->b", off, inverse, off), 0.0))
+            apart, turn = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+            for row in np.flatnonzero((deviations > worst) & (deviations > _CONTRADICTS)):
                 which = f" {number} of {len(measured)}" if len(measured) > 1 else ""
-                said = (
-                    f"measured object pose{which} is {1e3 * far:.0f} mm and {np.degrees(turn):.0f} degrees from the "
-                    f"estimate, {deviations:.0f} standard deviations"
+                words[row] = (
+                    f"measured object pose{which} is {1e3 * apart[row]:.0f} mm and {np.degrees(turn[row]):.0f} degrees "
+                    f"from the estimate, {deviations[row]:.0f} standard deviations"
                 )
-                worst = max(far, self._model.friction_radius * turn), deviations, said
-        self._of_poses = self._of_poses.compared(*worst)
+            is_worse = deviations > worst
+            worst_apart = np.where(is_worse, np.maximum(apart, self._model.friction_radius * turn), worst_apart)
+            worst = np.where(is_worse, deviations, worst)
+        return replace(state, poses_apart=_with_frame(state.poses_apart, worst_apart, worst), poses_words=words)
 
-    def see_touched_outline(self, prior: Prior, sensor_pose: Array, is_measured: bool) -> None:
-        """Compare where the sensor (3,) touches the object with its outline, where its pose is measured, too.
-
-        What once contradicted is compared until it does so no longer.
-        """
-        if is_measured or any(self._of_outline.apart):
-            gap, deviation = self.gap(prior.loosened(self._calibration), sensor_pose)
-            deviations = abs(gap) / deviation
-            said = (
-                f"measured object poses put the outline {1e3 * abs(gap):.0f} mm from where the sensor touches it, "
-                f"{deviations:.0f} standard deviations"
+    def test_outline(self, state: Consistency, belief: Belief, sensor_pose: Array, is_measured: bool) -> Consistency:
+        """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
+        tested = state.outline_apart.any(axis=1) | is_measured
+        if not tested.any():
+            return state
+        gap, deviation = self.clearance(belief.inflated(self._calibration), sensor_pose)
+        apart, deviations, words = np.abs(gap), np.abs(gap) / deviation, state.outline_words.copy()
+        for row in np.flatnonzero(tested & (deviations > _CONTRADICTS)):
+            words[row] = (
+                f"measured object poses put the outline {1e3 * apart[row]:.0f} mm from where the sensor touches it, "
+                f"{deviations[row]:.0f} standard deviations"
             )
-            self._of_outline = self._of_outline.compared(abs(gap), deviations, said)
+        longer = _with_frame(state.outline_apart, apart, deviations)
+        return replace(state, outline_apart=np.where(tested[:, None], longer, state.outline_apart), outline_words=words)
 
-    @property
-    def contradiction(self) -> str:
-        """What measured poses of the object contradict, in words; empty where they contradict nothing."""
-        found = self._of_poses if self._of_poses.doubt else self._of_outline
-        return found.said if found.doubt else ""
+    def test_innovations(self, state: Consistency, errors: Array, tested: Flags) -> Consistency:
+        """Test the errors (B, rows) [standard deviations] of a step's pushing factors, in some rows (B,)."""
+        squares = np.concatenate([state.squares[:, 1:], np.square(errors)[:, None]], axis=1)
+        worst = squares.sum(axis=1).max(axis=1) / _STEPS
+        inflated = np.where(worst > _INCONSISTENT, worst / _TYPICAL, 1.0)
+        return replace(
+            state,
+            squares=np.where(tested[:, None, None], squares, state.squares),
+            inconsistency=np.where(tested, np.maximum(state.inconsistency, inflated), state.inconsistency),
+        )
 
-    def contradiction_covariance(self) -> Array:
-        """Return that (3, 3) of how far the object may be from where it is thought to be for such a contradiction."""
-        return self.covariance_of_motion(max(self._of_poses.doubt, self._of_outline.doubt))
-
-    def see_errors(self, errors: Mapping[str, Array]) -> None:
-        """Take the errors (rows,) of a step's factors that tell strain [standard deviations]."""
-        if not errors:
-            return
-        self._errors.append(np.square(np.concatenate(list(errors.values()))))
-        strain = float(np.max(np.sum(self._errors, axis=0))) / STRAIN_FRAMES
-        if strain > STRAIN_LIMIT:
-            self._strain = max(self._strain, strain / STRAIN_EXPECTED)
-
-    def forget_errors(self) -> None:
-        """Begin to count strain anew: a contact ended, or its graph begins anew."""
-        self._errors.clear()
-
-    def forget_displacement(self) -> None:
-        """The object was found again."""
-        self._displacement = 0.0
-
-    def in_contact(self, prior: Prior) -> Status:
-        """Return the status of an estimate in contact."""
-        if self.contradiction:
+    def status(self, state: Consistency, belief: Belief, in_contact: bool, row: int = 0) -> Status:
+        """Return the status of one hypothesis."""
+        if state.contradiction[row]:
             return "strained"
-        if self.displaced and (np.diagonal(prior.pose_covariance) > _FOUND**2).any():
+        is_unfound = (np.diagonal(belief.pose_covariance[row]) > _FOUND**2).any()
+        if state.is_displaced[row] and (is_unfound or not in_contact):
             return "displaced"
-        if is_uncertain(self.covariance(prior)):
+        if is_uncertain(self.covariance(state.take([row]), belief.take([row]))[0]):
             return "uncertain"
-        return "strained" if self._strain > 1.0 else "tracking"
+        if not in_contact:
+            return "resting"
+        return "strained" if state.inconsistency[row] > 1.0 else "tracking"
 
-    def at_rest(self, prior: Prior) -> Status:
-        """Return the status of an estimate between contacts."""
-        if self.contradiction:
-            return "strained"
-        if self.displaced:
-            return "displaced"
-        return "uncertain" if is_uncertain(self.covariance(prior)) else "resting"
+    def covariance(self, state: Consistency, belief: Belief) -> Array:
+        """Return the covariances of the pose to report, (B, 3, 3)."""
+        inflated = state.inconsistency[:, None, None] * belief.pose_covariance
+        return inflated + self._calibration + self.contradiction_covariance(state)
 
-    def covariance(self, prior: Prior) -> Array:
-        """Return the covariance (3, 3) to report of what is known."""
-        return self._strain * prior.pose_covariance + self._calibration + self.contradiction_covariance()
+    def contradiction_covariance(self, state: Consistency) -> Array:
+        """Return the covariance (B, 3, 3) of a pose that contradicts measured ones."""
+        return self.covariance_of_motion(state.contradiction)
 
-    def displacement_covariance(self) -> Array:
-        """Return that (3, 3) of what may have moved the untouched object: twice what the gap shows along one line."""
-        return self.covariance_of_motion(2.0 * self._displacement)
+    def displacement_covariance(self, state: Consistency) -> Array:
+        """Return the covariance (B, 3, 3) of a displacement: twice its size, since a gap shows one direction of it."""
+        return self.covariance_of_motion(2.0 * state.displacement)
 
-    def covariance_of_motion(self, length: float) -> Array:
-        """Return the covariance (3, 3) of an unknown motion of this size [m]."""
-        return np.diag(np.square([length, length, length / self._model.friction_radius]))
+    def covariance_of_motion(self, length: ArrayLike) -> Array:
+        """Return the covariance (..., 3, 3) of an unknown motion of this size (...) [m]."""
+        length = np.asarray(length, np.float64)
+        sizes = np.stack([length, length, length / self._model.friction_radius], axis=-1)
+        return np.square(sizes)[..., None] * np.eye(3)
 
-    def _turn(self, prior: Prior, sensor_pose: Array, said: ContactDirection) -> float:
-        """How far the object must have turned [rad] to be touched where it is said to be; 0 where it need not have.
-
-        It need not have where it would be touched so at a place on its outline that is likely.
-        """
-        g = se2.between(prior.pose, sensor_pose)
-        covariance = prior.pose_covariance
-        touch = self._model.touching_at(g)
+    def _turn(self, belief: Belief, sensor_pose: Array, measured: ContactDirection, sign: Array) -> float:
+        """Return the least turn [rad] that a contact direction shows; 0 if the outline has it near the contact."""
+        g, covariance = se2.between(belief.pose[0], sensor_pose), belief.pose_covariance[0]
+        touch = self._model.touching(g[None, None])[0, 0]
         along = 1j * touch["normal"]
         by_object = np.array([along.real, along.imag, (along * touch["point"].conjugate()).imag])
         likely = _SURPRISE * np.sqrt(by_object @ covariance @ by_object) * _ALONG
         places = self._model.moved_along(np.tile(g, (len(likely), 1)), likely)
         normals = self._model.touching(places[None])[0]["normal"]
-        off = np.angle(-normals * np.exp(1j * (-true_angle(said, prior) - g[2])))
-        deviation = np.sqrt(covariance[2, 2] + self._calibration[2, 2] + said.variance)
+        off = np.angle(-normals * np.exp(1j * (-true_angle(measured, belief, sign)[0] - g[2])))
+        deviation = np.sqrt(covariance[2, 2] + self._calibration[2, 2] + measured.variance)
         least = float(np.abs(off).min())
         return least if least > _SURPRISE * deviation else 0.0
 
-    def _seen_gap(self, prior: Prior, sensor_pose: Array) -> tuple[float, Array]:
-        """Estimated distance between sensor and object [m], and its derivative by what is known (3 + OBJECT_SIZE,)."""
-        g = se2.between(prior.pose, sensor_pose)
-        nearest = self._model.touching_at(g)
+    def _gap(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
+        """Return the distance between sensor and object (B,) [m], and its derivative (B, 3 + OBJECT_SIZE) by belief."""
+        g = se2.between(belief.pose, sensor_pose)
+        nearest = self._model.touching(g[:, None])[:, 0]
         gap, normal = nearest["gap"], nearest["normal"]
         reach = reaches(self._model, nearest["point"] - gap * normal, normal)
-        by_object = np.zeros(OBJECT_SIZE)
-        by_object[IN_OBJECT[DEPTH]], by_object[IN_OBJECT[OUTLINE_SCALE]] = 1.0, -reach
-        by_pose = -nearest["gap_by_g"] @ se2.adjoint(se2.inverse(g))
-        return float(gap + overlap(prior, reach)), np.concatenate([by_pose, by_object])
+        by_object = np.zeros((len(gap), OBJECT_SIZE))
+        by_object[:, IN_OBJECT[DEPTH].start], by_object[:, IN_OBJECT[OUTLINE_SCALE].start] = 1.0, -reach
+        by_pose = -(nearest["gap_by_g"][:, None] @ se2.adjoint(se2.inverse(g)))[:, 0]
+        return gap + overlap(belief, reach), np.concatenate([by_pose, by_object], axis=1)
 
 
 def is_uncertain(covariance: Array) -> bool:
-    """Return whether a covariance (3, 3) of the object's pose is so large that it is a guess itself."""
-    return bool((np.diagonal(covariance) > UNCERTAIN**2).any())
+    """Return True if a covariance (3, 3) of the object's pose is too large to be reliable."""
+    return bool((np.diagonal(covariance) > _UNCERTAIN**2).any())
+
+
+def _possible_error(apart: Array) -> Array:
+    """Return the largest distance (B,) [m] of the last frames (B, _FRAMES), or 0 if too few of them contradict."""
+    return np.where((apart > 0.0).sum(axis=1) >= _SEVERAL, apart.max(axis=1), 0.0)
+
+
+def _with_frame(apart: Array, now: Array, deviations: Array) -> Array:
+    """Return distances (B, _FRAMES) [m] with those of another frame, which contradict from some deviations on."""
+    return np.concatenate([apart[:, 1:], np.where(deviations > _CONTRADICTS, now, 0.0)[:, None]], axis=1)

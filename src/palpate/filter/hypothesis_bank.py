@@ -1,62 +1,173 @@
-"""Several answers at once, weighed by what is measured, where one graph cannot know which of them is right.
+"""All hypotheses about one object, as rows of arrays.
 
-A hypothesis is an `Estimator`. While nothing is doubtful there is one. Others are added, and the one in which nothing
-happened is kept, where
+While nothing is doubtful there is one hypothesis. Others are added, and the one in which nothing happened is kept,
 
-- touch and pushing fit one another badly: something else may have moved the object; see `disturbed`;
-- a contact begins with an object that is known roughly only: the sensor meets it at another place in each; see
-  `beginning`;
-- a contact that was brief began where nothing should be: it may have been none.
+- if touch and pushing contradict each other: something else may have moved the object (`disturbance`);
+- if a contact begins with a rough belief: the sensor may have met the object at several places (`contact_hypotheses`);
+- if a brief contact began where the object should not be: it may have been none;
+- until it is known how touch images lie: they may be mirrored (`mirrored_images`).
 
-`weighing` says how likely each is.
+During a contact all hypotheses are rows of one `Window`. To branch, prune and reorder them is to take rows, of the
+window and of all other arrays alike; the best hypothesis is the first row.
 """
 
 import logging
-from collections.abc import Callable, Sequence
-from copy import copy
-from dataclasses import replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import NoiseSettings
+from palpate.config import NoiseSettings, Normal, SmootherName
 from palpate.errors import EstimationError
-from palpate.filter.answers import (
-    LIKELY_WEIGHT,
-    ambiguity_in_words,
-    answers_of,
-    is_ambiguous,
-    joint_covariance,
+from palpate.filter.answers import LIKELY, POOR, ambiguity_in_words, answers_of, is_ambiguous, joint_covariance
+from palpate.filter.consistency import Consistency, ConsistencyMonitor
+from palpate.filter.contact_hypotheses import (
+    LOG_UNLIKELY,
+    MOST_YOUNG,
+    FirstContact,
+    are_near,
+    contact_hypotheses,
+    is_rough,
+    is_round,
+    log_sum,
+    outline_places,
 )
-from palpate.filter.belief import Prior
-from palpate.filter.consistency import REASONS, Status
-from palpate.filter.contact_hypotheses import MOST_YOUNG, Beginning, log_sum, ways_to_begin, ways_to_begin_unfound
-from palpate.filter.contact_poses import is_rough, outline_places
 from palpate.filter.disturbance import (
     AHEAD,
-    ALARM_DEAD_STEPS,
+    BACK,
+    SLIDES,
     SPREAD,
     STILL_GOING_ON,
-    is_contradicted,
-    is_doubtful,
-    knock_hypotheses,
+    detects_disturbance,
+    suspects_disturbance,
 )
-from palpate.filter.estimator import Estimator, touch_on
-from palpate.filter.touched import Touched
-from palpate.filter.weighing import Hypothesis, Weighing, is_lost, shared_out
+from palpate.filter.mirrored_images import MIRRORED, MirroredImages
+from palpate.filter.paths import Paths, extended, no_paths, poses_of
+from palpate.filter.rest import measured_at_rest
+from palpate.graph.belief import Belief, Indices, RowArrays
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.smoother import IN_A_WINDOW, BeginContact, SmootherName
-from palpate.types.estimate import Answer
-from palpate.types.measurements import Measurement
+from palpate.graph.factor_list import make_factors
+from palpate.graph.factors.factor import Step
+from palpate.graph.variables import GRIP, IN_OBJECT, LAG
+from palpate.graph.window import Window
+from palpate.types.estimate import REASONS, Answer, Status
+from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
 
-_BRIEF = 0.48  # [s] up to which a touch may have been none: 15 frames at 30 Hz, however their stamps jitter
+_SLIPPERY: Normal = (0.15, 0.05)  # prior on GRIP of a smooth tip
+_BRIEF = 0.48  # [s] duration up to which a contact may have been none: 15 frames at 30 Hz
+_GRACE = 25  # frames after which a poor hypothesis goes
+_COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0
+"""Share of the costs that counts, since errors of neighbouring steps are much the same, and the most that one step may
+cost a hypothesis more than the best."""
+_PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
+_NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
+_LOST = 2.0  # [m] standard deviation at which a solution has diverged
+_OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
-class Hypotheses:
-    """Estimates the pose of one object as several estimators do that take other things to be true."""
+@dataclass(frozen=True, eq=False)
+class Hypotheses(RowArrays):
+    """State of B hypotheses, the best first."""
+
+    belief: Belief
+    """Belief about the object at the last frame, without its `unobservable_yaw`."""
+    unobservable_yaw: Array
+    """Variance of a round object's yaw that is kept out of the graph, (B,) [rad^2]."""
+    consistency: Consistency
+    """State of the consistency tests."""
+    log_prior: Array
+    """Log probability without the current contact, (B,)."""
+    weight: Array
+    """Probability among all hypotheses, (B,)."""
+    sign: Array
+    """(B,) -1.0 if touch images are taken as mirrored."""
+    is_mirror: Flags
+    """True for the second group of hypotheses that takes images as mirrored, until this is decided, (B,)."""
+    is_slippery: Flags
+    """True if the contact is more slippery than believed, (B,)."""
+    age: Counts
+    """Frames of contact since it was added, (B,)."""
+    disturbed_steps_left: Counts
+    """Steps for which something else may still move the object, (B,)."""
+    next_alarm: Counts
+    """First step of the contact at which an alarm is of something new, (B,)."""
+    ignored_motion: Flags
+    """True in steps of the contact in which pushing is ignored, (B, N) for the steps of `Window.costs`."""
+    path: Paths
+    """Poses up to the current window, (B,)."""
+    online: Paths
+    """Poses in the current contact as they were estimated at their frames, (B,)."""
+    touched_from: Array
+    """Sensor pose at the last frame of contact, (B, 3); NaN if there was none."""
+    touched_at: Array
+    """Time of the last frame of contact, (B,) [s]; NaN if there was none."""
+    resting_since: Array
+    """Time of the first frame at rest, (B,) [s]; NaN in contact."""
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    @staticmethod
+    def one(belief: Belief, sign: float) -> "Hypotheses":
+        """Return a single hypothesis."""
+        no, none, nan = np.zeros(1, np.bool_), np.zeros(1, np.int64), np.full(1, math.nan)
+        return Hypotheses(
+            belief,
+            unobservable_yaw=np.zeros(1),
+            consistency=Consistency.begin(1),
+            log_prior=np.zeros(1),
+            weight=np.ones(1),
+            sign=np.full(1, sign),
+            is_mirror=no,
+            is_slippery=no,
+            age=none,
+            disturbed_steps_left=none,
+            next_alarm=none,
+            ignored_motion=np.zeros((1, 0), np.bool_),
+            path=no_paths(1),
+            online=no_paths(1),
+            touched_from=np.full((1, 3), math.nan),
+            touched_at=nan,
+            resting_since=nan,
+        )
+
+    @property
+    def whole_belief(self) -> Belief:
+        """Belief with the unobservable yaw."""
+        return self.belief.inflated(_yaw_variance(self.unobservable_yaw))
+
+    @property
+    def is_lost(self) -> Flags:
+        """True where the solution has diverged, (B,)."""
+        variances = np.diagonal(self.belief.pose_covariance, axis1=1, axis2=2)
+        return np.any(variances[:, :2] > _LOST**2, axis=1)
+
+
+class Report(NamedTuple):
+    """Estimate of the object by all hypotheses."""
+
+    pose: Array
+    """Pose of the best hypothesis, (3,) [m, m, rad]."""
+    covariance: Array
+    """Covariance (3, 3) of all hypotheses about the best, tangent space at its pose (right, body frame)."""
+    status: Status
+    """Status of the estimate."""
+    reason: str
+    """Reason of the status in words; empty where all is well."""
+    answers: tuple[Answer, ...]
+    """All poses that may be the object's, the best first."""
+
+
+class HypothesisBank:
+    """Estimates the pose of one object from sensor poses and measurements, frame by frame."""
 
     def __init__(
         self,
@@ -64,224 +175,564 @@ class Hypotheses:
         settings: NoiseSettings,
         smoother: SmootherName,
         first_pose: Array,
-        first_deviation: Array,
-        most: int,
+        first_covariance: Array,
+        most: int = 9,
+        may_be_mirrored: bool = False,
     ) -> None:
-        """Take what an Estimator takes, and how many hypotheses there may be at most.
+        """Take the first world_T_object (3,) and its covariance (3, 3), and the largest number of hypotheses."""
+        self._model, self._settings, self._most = model, settings, most
+        self._factors = make_factors(settings, model)
+        self._lag = LAG if smoother == "fixed-lag" else 2**62
+        self._monitor = ConsistencyMonitor(model, settings)
+        self._images = MirroredImages(may_be_mirrored)
+        self._usual = settings.priors.mean, settings.priors.deviation
+        self._slippery = settings.priors.mean, settings.priors.deviation
+        for part, value in zip(self._slippery, _SLIPPERY, strict=True):
+            part[IN_OBJECT[GRIP]] = value
+        outline_places(model)  # computed now, not when a contact begins
+        self.begin(first_pose, first_covariance)
 
-        There is one, whatever happens, with smoothers that cannot let go of a step.
-        """
-        self._model, self._settings = model, settings
-        self._most = most if smoother in IN_A_WINDOW else 1
-        self._all = [Hypothesis(Estimator(model, settings, smoother, first_pose, first_deviation))]
-        self._is_found = not is_rough(self.known, self._model)  # once there was one sure answer
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Begin with nothing known but the object's pose (3,) and its covariance (3, 3)."""
+        priors = self._settings.priors
+        joint = np.diag(np.concatenate([np.zeros(3), np.square(priors.deviation)]))
+        joint[:3, :3] = covariance
+        belief = Belief(pose[None], priors.mean[None], joint[None])
+        self._rows = Hypotheses.one(belief, sign=-1.0 if self._images.is_mirrored else 1.0)
+        self._is_found = not is_rough(belief, self._model)  # once there was one hypothesis that is sure
+        self._untouched: Hypotheses | None = None  # hypotheses before the contact, if nothing was displaced then
+        self._window: Window | None = None
         self._steps = 0  # of this contact
-        self._untouched: list[Hypothesis] = []  # what there was before it, if nothing was displaced then
-        if self._most > 1:
-            outline_places(model)  # found now, not when a contact begins
-        self._weighing = Weighing(settings.priors)
-
-    @property
-    def _best(self) -> Hypothesis:
-        return self._all[0]
-
-    @property
-    def _room(self) -> int:
-        """How many there may be: of an object that was never found, as many as a contact may begin with."""
-        return self._most if self._is_found or self._most == 1 else max(self._most, MOST_YOUNG)
+        self._began_at = 0.0  # [s]
+        self._times: list[float] = []  # of this contact's last frames [s]
+        self._sensor_pose: Array | None = None  # at the last frame
+        self._is_indeterminate = False
+        self._images.end_contact()
 
     @property
     def in_contact(self) -> bool:
-        """Whether the object is being touched."""
-        return self._best.estimator.in_contact
+        """True if the object is being touched."""
+        return self._window is not None
 
     @property
-    def is_sure(self) -> bool:
-        """Whether there is one answer, of an object that was found."""
-        return self._is_found and len(self._all) == 1
+    def belief(self) -> Belief:
+        """Belief of the best hypothesis, one row."""
+        return self._rows.belief.take([0])
 
-    @property
-    def is_displaced(self) -> bool:
-        """Whether the object must have moved while nothing touched it, and was not found since."""
-        return self._best.estimator.is_displaced
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether touch and pushing contradict each other where nothing else moved the object, or as is likeliest."""
-        undisturbed = next((one for one in self._all if not one.without_pushing), self._best)
-        return is_contradicted(undisturbed.estimator, self._steps)
-
-    @property
-    def known(self) -> Prior:
-        """What is known of the object at the last frame, by the best hypothesis."""
-        return self._best.estimator.known
-
-    @property
-    def begin_contact(self) -> BeginContact:
-        """What makes the graph of a contact, the same for all hypotheses."""
-        return self._best.estimator.begin_contact
-
-    @property
-    def touched(self) -> Touched | None:
-        """Where the sensor touches the object, by the best hypothesis; None between contacts."""
-        return self._best.estimator.touched
-
-    @property
-    def answers(self) -> tuple[Answer, ...]:
-        """All poses that may be the object's, the best first."""
-        return answers_of(self._all)
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance (3, 3) of all of them about the best, tangent space at its pose (right, body frame)."""
-        return joint_covariance(self._all)
-
-    @property
-    def status(self) -> Status:
-        """What to make of it."""
-        return "ambiguous" if is_ambiguous(self._all) else self._best.estimator.status
-
-    @property
-    def reason(self) -> str:
-        """Why the status is what it is, in words; nothing where all is well."""
-        best = self._best.estimator
-        if self.status != "ambiguous" or best.has_contradicting_poses:
-            return best.reason
-        return ambiguity_in_words(self._all) or best.reason or REASONS["ambiguous"]
-
-    def gap(self, sensor_pose: Array) -> tuple[float, float]:
-        """Return how far from the object a sensor is that stands here; see Estimator."""
-        return self._best.estimator.gap(sensor_pose)
-
-    def copied(self) -> "Hypotheses":
-        """Return the same, between two contacts, which may go another way."""
-        other = copy(self)
-        other._all = [replace(one, estimator=one.estimator.copied()) for one in self._all]
-        return other
-
-    def path(self) -> Array:
-        """Return all object poses so far (N, 3), as the best hypothesis has them."""
-        return self._best.estimator.path()
-
-    def rest(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
-        """Take a frame in which nothing touches the object.
-
-        Raises EstimationError, with nothing changed, where what is measured leaves no solution.
-        """
-        self._all = self._solved(lambda one: one.estimator.rest(sensor_pose, measurements, time), time)
-
-    def touch(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
-        """Take a frame of contact, the first of one or the next. Raises EstimationError where no graph is solved."""
+    def report(self) -> Report:
+        """Return the estimate at the last frame."""
+        rows, monitor = self._rows.take(~self._rows.is_mirror), self._monitor
+        poses, weights, whole = rows.belief.pose, rows.weight, rows.whole_belief
+        covariances = monitor.covariance(rows.consistency, whole)
         if not self.in_contact:
-            self._steps = 0
-            self._untouched = [replace(one, estimator=one.estimator.copied(), without_pushing=[]) for one in self._all]
-            if self.is_displaced or self._most == 1:
-                self._untouched = []
-            if self._most > 1:
-                self._all = self._begun(sensor_pose, measurements)
-            self._all = self._solved(lambda one: one.estimator.touch(sensor_pose, measurements, time), time)
-        elif len(self._all) > 1 or self._best.knock_steps_left:
-            self._all = self._touched(sensor_pose, measurements, time)
-        else:
-            self._best.estimator.touch(sensor_pose, measurements, time)
-        for one in self._all:
-            one.age += 1
-        self._steps += 1
-        if self._most > 1:
-            self._doubt_pushing()
-            self._weigh()
+            covariances = covariances + monitor.displacement_covariance(rows.consistency)
+        status: Status = monitor.status(rows.consistency, whole, self.in_contact)
+        reason = rows.consistency.contradiction_in_words(0)
+        if is_ambiguous(poses, covariances, weights):
+            status = "ambiguous"
+            reason = reason or ambiguity_in_words(poses, weights)
+        elif self._is_indeterminate:
+            status = "indeterminate"
+        return Report(
+            poses[0].copy(),
+            joint_covariance(poses, covariances, weights),
+            status,
+            reason or REASONS[status],
+            answers_of(poses, covariances, weights),
+        )
 
-    def begin_anew(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, error: EstimationError
-    ) -> None:
-        """Go on with a new graph from the best last pose; see Estimator."""
-        best, self._untouched = self._best.estimator, []
-        self._all, self._steps = [Hypothesis(best, slippery=self._best.slippery)], 1
-        best.begin_anew(sensor_pose, measurements, time, error)
+    @property
+    def mirrored_reason(self) -> str:
+        """Sentence for users whose touch images are mirrored, else empty."""
+        return MIRRORED if self._images.is_mirrored else ""
+
+    @property
+    def force_angle(self) -> float:
+        """Angle of the pushing force from the outline's inward normal [rad], by the best hypothesis; NaN if unknown."""
+        return self._window.force_angle(0) if self._window else math.nan
+
+    @property
+    def sensor_in_object(self) -> Array:
+        """Sensor pose in the object frame (3,) in contact, by the best hypothesis."""
+        assert self._window is not None
+        return self._window.sensor_in_object[0]
+
+    def clearance(self, sensor_pose: Array) -> tuple[float, float]:
+        """Return the distance of a sensor pose (3,) from the object and its standard deviation [m]."""
+        gap, deviation = self._monitor.clearance(self.belief, sensor_pose)
+        return float(gap[0]), float(deviation[0])
 
     def covariance_of_motion(self, length: float) -> Array:
         """Return the covariance (3, 3) of an unknown motion of the object of this size [m]."""
-        return self._best.estimator.covariance_of_motion(length)
+        return self._monitor.covariance_of_motion(length)
+
+    def path(self) -> Array:
+        """Return the object poses at all frames so far (N, 3), by the best hypothesis."""
+        settled = poses_of(self._rows.path[0])
+        return np.concatenate([settled, self._window.object_path()[0]]) if self._window else settled
+
+    def rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+        """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise.
+
+        Raises EstimationError, with nothing changed, if measurements leave no solution.
+        """
+        rows = self._measured_at_rest(measurements, time) if measurements else self._rows
+        consistency = self._monitor.test_clearance(rows.consistency, rows.belief, sensor_pose)
+        since = time - rows.touched_at
+        consistency = self._monitor.test_release(consistency, rows.belief, rows.touched_from, sensor_pose, since)
+        self._rows = replace(
+            rows,
+            consistency=consistency,
+            path=extended(rows.path, rows.belief.pose[:, None]),
+            resting_since=np.where(np.isnan(rows.resting_since), time, rows.resting_since),
+        )
+        self._sensor_pose, self._is_indeterminate = sensor_pose, False
+
+    def contact_step(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int = 0
+    ) -> None:
+        """Take a frame of contact, the first one or the next. Raises EstimationError if no hypothesis has a solution.
+
+        The first `from_touch` measurements are read from touch images.
+        """
+        if self._window is None:
+            self._begin_contact(FirstContact(sensor_pose, measurements, from_touch), time)
+        else:
+            self._decide_mirrored(time)
+            self._continue_contact(sensor_pose, measurements, time, from_touch)
+        self._is_indeterminate = False
+        self._rows = replace(self._rows, age=self._rows.age + 1)
+        self._steps += 1
+        if self._most > 1:
+            self._branch_at_alarms()
+            self._reweight_and_prune()
+        mirror = np.flatnonzero(self._rows.is_mirror)
+        if len(mirror) and self._rows.consistency.is_displaced[mirror[0]]:
+            self._take(~self._rows.is_mirror)
+
+    def begin_anew(
+        self,
+        sensor_pose: Array,
+        measurements: Sequence[Measurement],
+        time: float,
+        from_touch: int,
+        error: EstimationError,
+    ) -> None:
+        """Go on with a new graph from the best last pose, if the old one had no solution.
+
+        Raises EstimationError if this fails, too; the contact is then over.
+        """
+        reason = (
+            f"frame at {time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
+            "together leave undetermined, or a sensor pose far from the object"
+        )
+        logger.warning("%s; starting a new graph from the last pose", reason)
+        left = poses_of(self._rows.online[0], min(self._steps, self._lag))
+        self._untouched, self._window, self._steps, self._began_at = None, None, 1, time
+        rows = self._rows.take([0])
+        before = sensor_pose if self._sensor_pose is None else self._sensor_pose
+        pushed = float(np.hypot(*(sensor_pose - before)[:2]))
+        anew = Hypotheses.one(rows.belief.inflated(self.covariance_of_motion(pushed)), float(rows.sign[0]))
+        self._rows = replace(
+            rows,
+            belief=anew.belief,
+            consistency=rows.consistency.without_errors(),
+            log_prior=anew.log_prior,
+            weight=anew.weight,
+            age=anew.age,
+            disturbed_steps_left=anew.disturbed_steps_left,
+            next_alarm=anew.next_alarm,
+            ignored_motion=np.zeros((1, 1), np.bool_),
+            path=extended(rows.path, left[None]),
+            online=anew.online,
+            resting_since=anew.resting_since,
+        )
+        try:
+            self._window = self._new_window(self._rows, FirstContact(sensor_pose, measurements, from_touch), time)
+        except EstimationError:
+            raise EstimationError(reason) from error
+        self._times = []
+        self._update_belief(sensor_pose, time)
+        self._is_indeterminate = True
 
     def end_contact(self, moved: float = 0.0) -> None:
-        """The sensor let go of the object, which something may have moved by so much meanwhile [m]."""
-        may_be_none = self.is_displaced and self._best.estimator.touched_for <= _BRIEF
-        self._all = [one for one in self._all if not is_lost(one)] or self._all
-        for one, score in zip(self._all, self._weighing.scores(self._all, self._steps), strict=True):
-            one.log_prior = score + self._weighing.oddness(one)  # of friction, which goes on to the next contact
-            one.estimator.end_contact(max(moved, SPREAD if one.knock_steps_left else 0.0))
-            one.without_pushing, one.knock_steps_left, one.next_alarm_from = [], 0, 0
-        if may_be_none and self._untouched:
-            self._doubt_contact()
-        self._untouched = []
-
-    def _doubt_pushing(self) -> None:
-        """Let something else have moved the object in the likeliest hypothesis that is doubtful anew."""
-        for one in self._all:
-            is_watched = one.weight > LIKELY_WEIGHT and not one.knock_steps_left and self._steps >= one.next_alarm_from
-            if is_watched and is_doubtful(one.estimator, self._steps):
-                self._all = [*self._all, *knock_hypotheses(one, self._steps, self._settings.priors)]
-                one.next_alarm_from = self._steps + ALARM_DEAD_STEPS
-                return
-
-    def _doubt_contact(self) -> None:
-        """Let what was known before the contact stand beside what is known after it, and be as likely in all."""
-        after, before = (log_sum([one.log_prior for one in some]) for some in (self._all, self._untouched))
-        for one in self._untouched:
-            one.estimator.stay(self._steps)
-            one.log_prior += after - before
-        self._all = shared_out([*self._untouched, *self._all], self._room)
-
-    def _touched(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> list[Hypothesis]:
-        """All hypotheses that can be solved with one more frame of the contact; EstimationError where none can."""
-        estimators, knocks = (
-            [one.estimator for one in self._all],
-            [STILL_GOING_ON if one.knock_steps_left else None for one in self._all],
+        """The sensor released the object, which something else may have moved meanwhile by this much [m]."""
+        if self._window is None:
+            return
+        self._take(~self._rows.is_mirror)
+        may_be_none = bool(self._rows.consistency.is_displaced[0]) and self._times[-1] - self._began_at <= _BRIEF
+        if not (lost := self._rows.is_lost).all():
+            self._take(~lost)
+        rows = self._rows
+        moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, SPREAD), moved)
+        belief = rows.belief.at_next_contact(self._settings.priors)
+        self._rows = replace(
+            rows,
+            belief=belief.inflated(self._monitor.covariance_of_motion(moved_by)),
+            consistency=rows.consistency.without_errors().found(),
+            log_prior=rows.log_prior - _COST_SHARE * self._total_costs(np.arange(len(rows))),
+            disturbed_steps_left=np.zeros_like(rows.age),
+            next_alarm=np.zeros_like(rows.age),
+            ignored_motion=np.zeros((len(rows), 0), np.bool_),
+            path=extended(rows.path, self._window.object_path()),
+            online=no_paths(len(rows)),
+            resting_since=np.full(len(rows), math.nan),
         )
-        is_solved = touch_on(estimators, sensor_pose, measurements, time, knocks)
-        for one in self._all:
-            if one.knock_steps_left:
-                one.knock_steps_left -= 1
-                one.without_pushing = [*one.without_pushing, (self._steps, self._steps + 1)]
-        return [one for one, solved in zip(self._all, is_solved, strict=True) if solved]
+        self._window = None
+        self._images.end_contact()
+        if may_be_none and self._untouched is not None:
+            self._doubt_contact(self._untouched)
+        self._untouched = None
 
-    def _solved(self, take: Callable[[Hypothesis], None], time: float) -> list[Hypothesis]:
-        """All hypotheses that can take a frame; the last error where none can."""
-        left: list[Hypothesis] = []
-        for one in self._all:
+    # Steps of a contact
+
+    def _begin_contact(self, contact: FirstContact, time: float) -> None:
+        """Take the first frame of a contact in all hypotheses with which it may begin."""
+        self._steps, self._began_at, self._times = 0, time, []
+        rows, untouched = self._rows, self._rows
+        touch = contact.measurements[: contact.from_touch]
+        is_sure = self._is_found and len(rows) == 1
+        if self._images.is_open and is_sure and any(isinstance(one, ContactDirection) for one in touch):
+            rows = rows.joined(replace(rows, sign=-rows.sign, is_mirror=~rows.is_mirror))
+        is_displaced = bool(rows.consistency.is_displaced[0])
+        self._untouched = None if is_displaced or self._most == 1 else untouched
+        consistency = self._monitor.test_first_contact(
+            rows.consistency, rows.belief, contact.sensor_pose, contact.measurements, rows.sign, contact.from_touch
+        )
+        rows = replace(rows, consistency=consistency)
+        rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
+        displaced = rest.inflated(
+            self._monitor.displacement_covariance(consistency) + self._monitor.contradiction_covariance(consistency)
+        )
+        if self._most == 1:
+            rows = replace(rows, belief=displaced, ignored_motion=np.zeros((len(rows), 1), np.bool_))
+        else:
+            groups = [rows.is_mirror == mirror for mirror in (False, True)]
+            begun = [_begun(rows, rest, displaced, each, self._is_found, self._model, contact) for each in groups]
+            rows = begun[0] if not groups[1].any() else begun[0].joined(begun[1])
+        self._rows = rows = self._without_unobservable_yaw(rows, contact.measurements)
+        self._window = self._new_window(rows, contact, time)
+        self._check_solved()
+        self._drop_lost()
+        self._test_and_update(contact.sensor_pose, contact.measurements, time)
+
+    def _new_window(self, rows: Hypotheses, contact: FirstContact, time: float) -> Window:
+        return Window(
+            self._factors,
+            self._model,
+            rows.belief,
+            contact.sensor_pose,
+            contact.measurements,
+            time,
+            self._lag,
+            self._settings.priors,
+            rows.sign,
+            contact.from_touch,
+        )
+
+    def _continue_contact(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int
+    ) -> None:
+        """Take the next frame of a contact in all hypotheses."""
+        assert self._window is not None
+        is_disturbed = self._rows.disturbed_steps_left > 0
+        disturbance = np.where(is_disturbed[:, None], STILL_GOING_ON, 0.0)
+        leaving = self._window.add(sensor_pose, measurements, time, disturbance, from_touch)
+        self._check_solved()
+        ignored = np.concatenate([self._rows.ignored_motion, is_disturbed[:, None]], axis=1)
+        self._rows = replace(
+            self._rows,
+            disturbed_steps_left=self._rows.disturbed_steps_left - is_disturbed,
+            ignored_motion=ignored[:, -self._window.steps_with_costs :],
+            path=self._rows.path if leaving is None else extended(self._rows.path, leaving[:, None]),
+        )
+        tested = ~is_disturbed[~self._window.is_lost]
+        self._drop_lost()
+        self._test_and_update(sensor_pose, measurements, time, tested)
+
+    def _test_and_update(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, tested: Flags | None = None
+    ) -> None:
+        """Run the consistency tests of a frame of contact, and take the window's beliefs."""
+        rows, measured = self._rows, [one for one in measurements if isinstance(one, ObjectPose)]
+        if measured:
+            step = Step(sensor_pose, self._sensor_pose, measurements, [*self._times, time])
+            measured = [one for one in measured if step.is_in_window(one)]
+            recent = [poses_of(path, len(self._times)) for path in rows.online]
+            expected = np.concatenate([np.stack(recent), rows.belief.pose[:, None]], axis=1)
+            places = step.nearest(measured) - 1
+            consistency = self._monitor.test_object_poses(
+                rows.consistency, rows.belief, [expected[:, place] for place in places], measured, step.moved
+            )
+            self._rows = replace(rows, consistency=consistency)
+        self._update_belief(sensor_pose, time, tested)
+        rows = self._rows
+        consistency = self._monitor.test_outline(rows.consistency, rows.belief, sensor_pose, bool(measured))
+        self._rows = replace(
+            rows,
+            consistency=consistency,
+            touched_from=np.tile(sensor_pose, (len(rows), 1)),
+            touched_at=np.full(len(rows), time),
+        )
+
+    def _update_belief(self, sensor_pose: Array, time: float, tested: Flags | None = None) -> None:
+        """Take the window's beliefs, and test its errors in some rows, by default in all."""
+        assert self._window is not None
+        rows, belief, errors = self._rows, self._window.belief(), self._window.last_errors()
+        consistency = rows.consistency
+        if errors is not None:
+            tested = np.ones(len(rows), np.bool_) if tested is None else tested
+            consistency = self._monitor.test_innovations(consistency, errors, tested)
+        online = extended(rows.online, belief.pose[:, None])
+        self._rows = replace(rows, belief=belief, consistency=consistency, online=online)
+        self._sensor_pose, self._times = sensor_pose, [*self._times, time][-LAG:]
+
+    def _branch_at_alarms(self) -> None:
+        """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
+        assert self._window is not None
+        rows = self._rows
+        is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
+        alarms = is_watched & suspects_disturbance(self._window, self._steps)
+        for is_mirror in (True, False):
+            group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
+            if len(group):
+                self._branch(int(group[0]))
+
+    def _branch(self, row: int) -> None:
+        """Add the hypotheses that something else moved the object, sliding it by several lengths, to one row."""
+        assert self._window is not None
+        before, priors = len(self._rows), self._settings.priors
+        first = max(self._steps - BACK, 1)
+        can_slip = not self._rows.is_slippery[row] and priors.grip[1] > _SLIPPERY[1]
+        slides = np.tile(SLIDES, 2 if can_slip else 1)
+        slippery = np.arange(len(slides)) >= len(SLIDES)
+        new = np.arange(before, before + len(slides))
+        self._take(np.concatenate([np.arange(before), np.full(len(slides), row)]))
+        self._window.disturb(new, self._steps - first, slides, SPREAD, slippery, (priors.grip, _SLIPPERY))
+        rows, belief = self._rows, self._window.belief()
+        is_new = np.arange(len(rows)) >= before
+        ignored = rows.ignored_motion.copy()
+        ignored[before:, ignored.shape[1] - (self._steps - first) :] = True
+        next_alarm = np.where(is_new, self._steps + BACK + AHEAD, rows.next_alarm)
+        next_alarm[row] = self._steps + BACK + AHEAD
+        less_likely = LOG_UNLIKELY + math.log(len(slides) / len(SLIDES))
+        self._rows = replace(
+            rows,
+            belief=rows.belief.take(~is_new).joined(belief.take(is_new)),
+            consistency=replace(
+                rows.consistency, squares=np.where(is_new[:, None, None], 0.0, rows.consistency.squares)
+            ),
+            log_prior=np.where(is_new, rows.log_prior - less_likely, rows.log_prior),
+            weight=np.where(is_new, 1.0, rows.weight),
+            is_slippery=rows.is_slippery | np.isin(np.arange(len(rows)), new[slippery]),
+            age=np.where(is_new, 0, rows.age),
+            disturbed_steps_left=np.where(is_new, AHEAD, rows.disturbed_steps_left),
+            next_alarm=next_alarm,
+            ignored_motion=ignored,
+        )
+        self._drop_lost()
+        mirror_last = np.argsort(self._rows.is_mirror, kind="stable")
+        self._take(mirror_last)
+
+    def _reweight_and_prune(self) -> None:
+        """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
+        groups = [np.flatnonzero(self._rows.is_mirror == mirror) for mirror in (False, True)]
+        kept, weights = zip(*(self._kept(group) for group in groups if len(group)), strict=True)
+        order = np.concatenate(kept)
+        if not np.array_equal(order, np.arange(len(self._rows))):
+            self._take(order)
+        is_single = np.array([len(group) == 1 for group in groups])[self._rows.is_mirror.astype(np.int64)]
+        self._rows = replace(
+            self._rows,
+            weight=np.concatenate(weights),
+            log_prior=np.where(is_single, 0.0, self._rows.log_prior),
+            ignored_motion=self._rows.ignored_motion & ~is_single[:, None],
+        )
+        if is_single[0]:
+            self._is_found |= not is_rough(self.belief, self._model)
+
+    def _kept(self, group: Counts) -> tuple[Counts, Array]:
+        """Return the rows of a group that are worth keeping, the best first, and their weights.
+
+        None of them is poor, the same as a better one, or one too many. While all are young there may be as many as at
+        the beginning of a contact.
+        """
+        if len(group) == 1:
+            return group, np.ones(1)
+        rows = self._rows.take(group)
+        scores = rows.log_prior - _COST_SHARE * self._total_costs(group) - self._cost_of_variables(rows)
+        if not (lost := rows.is_lost).all():
+            scores[lost] = -np.inf  # they may come back
+        relative = np.exp(scores - scores.max())
+        is_poor = (rows.age > _GRACE) & (relative < POOR)
+        is_settled = rows.disturbed_steps_left == 0
+        is_compared = is_settled & (rows.age >= _NEW)
+        near = are_near(rows.belief.pose[:, None], rows.belief.pose[None])
+        kept: list[int] = []
+        for row in np.argsort(-scores):
+            is_same = is_compared[row] and any(near[row, better] and is_settled[better] for better in kept)
+            if not is_poor[row] and not is_same:
+                kept.append(int(row))
+        most = self._most if self._is_found or rows.is_mirror[0] else max(self._most, MOST_YOUNG)
+        if (rows.age[kept] <= _YOUNG).all():
+            most = max(most, MOST_YOUNG)
+        kept = kept[:most]
+        return group[kept], relative[kept] / sum(relative[kept])
+
+    def _total_costs(self, group: Counts) -> Array:
+        """Return the total cost of the contact in some rows; pushing is left out in steps in which any ignores it."""
+        assert self._window is not None
+        costs = self._window.costs()[group]
+        costs[:, self._rows.ignored_motion[group].any(axis=0), 1] = 0.0
+        costs = costs.sum(axis=2)
+        return np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
+
+    def _cost_of_variables(self, rows: Hypotheses) -> Array:
+        """Return the cost of friction and other variables that are unlike their prior, (B,)."""
+        (mean, deviation), (slippery_mean, slippery_deviation) = self._usual, self._slippery
+        mean = np.where(rows.is_slippery[:, None], slippery_mean, mean)
+        deviation = np.where(rows.is_slippery[:, None], slippery_deviation, deviation)
+        return 0.5 * _PRIOR_SHARE * np.sum(np.square((rows.belief.values - mean) / deviation), axis=1)
+
+    def _decide_mirrored(self, time: float) -> None:
+        """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses."""
+        rows, window = self._rows, self._window
+        if not rows.is_mirror.any() or window is None:
+            return
+        detected = detects_disturbance(window, self._steps)
+        undisturbed = ~rows.ignored_motion.any(axis=1)
+        contradicted = []
+        for mirror in (False, True):
+            group = np.flatnonzero(rows.is_mirror == mirror)
+            best = group[undisturbed[group]][:1]
+            contradicted.append(bool(detected[best[0] if len(best) else group[0]]))
+        is_sure = np.count_nonzero(rows.is_mirror) == 1
+        self._images.decide((contradicted[0], contradicted[1]), is_sure, time)
+        if self._images.is_open:
+            return
+        self._take(rows.is_mirror == self._images.is_mirrored)
+        self._rows = replace(self._rows, is_mirror=np.zeros(len(self._rows), np.bool_))
+        if self._images.is_mirrored:
+            if self._untouched is not None:
+                self._untouched = replace(self._untouched, sign=-self._untouched.sign)
+            logger.warning("frame at %.3f s: %s", time, MIRRORED)
+
+    # Rest and doubt
+
+    def _measured_at_rest(self, measurements: Sequence[Measurement], time: float) -> Hypotheses:
+        """Return the hypotheses that have a solution with measurements of the resting object."""
+        monitor, solved, left = self._monitor, [], []
+        for row in range(len(self._rows)):
+            rows = self._rows.take([row])
+            whole, state = rows.whole_belief, rows.consistency
+            prior = whole.inflated(monitor.displacement_covariance(state))
+            doubted = prior.inflated(monitor.contradiction_covariance(state))
+            since = time if np.isnan(rows.resting_since[0]) else float(rows.resting_since[0])
             try:
-                take(one)
+                belief, is_of_pose = measured_at_rest(
+                    whole, doubted, measurements, self._factors, self._model, since, time
+                )
             except EstimationError as error:
                 logger.debug("frame at %.3f s: a hypothesis is dropped: %s", time, error)
-                if one is self._all[-1] and not left:
+                if row == len(self._rows) - 1 and not left:
                     raise
                 continue
-            left.append(one)
-        return left
+            step = Step(prior.pose[0], None, measurements, [since, time], at_rest=True)
+            measured = [one for one in measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
+            state = monitor.test_object_poses(state, prior, [prior.pose] * len(measured), measured, moved=0.0)
+            rows = replace(rows, belief=belief, unobservable_yaw=np.zeros(1), consistency=state)
+            if is_of_pose:  # it may have been found elsewhere
+                nan = np.full(1, math.nan)
+                rows = replace(rows, consistency=state.found(), touched_at=nan)
+            left.append(row)
+            solved.append(rows)
+        found = solved[0]
+        for rows in solved[1:]:
+            found = found.joined(rows)
+        return found
 
-    def _begun(self, sensor_pose: Array, measurements: Sequence[Measurement]) -> list[Hypothesis]:
-        """The hypotheses that a contact begins with."""
-        begin = ways_to_begin if self._is_found else ways_to_begin_unfound
-        answers = [(one.estimator, one.log_prior) for one in self._all]
-        return [self._beginning(one) for one in begin(answers, self._model, sensor_pose, measurements)]
+    def _without_unobservable_yaw(self, rows: Hypotheses, measurements: Sequence[Measurement]) -> Hypotheses:
+        """Return hypotheses for the graph of a contact, with the large variance of a round object's yaw held out.
 
-    def _beginning(self, way: Beginning) -> Hypothesis:
-        """The hypothesis that a contact begins so."""
-        one = self._all[way.of]
-        if way.prior is None:
-            return one
-        return Hypothesis(
-            one.estimator.started(way.prior),
-            way.log_prior,
-            without_pushing=[(0, 1)] if way.is_place else [],
-            knock_steps_left=AHEAD if way.is_place else 0,
-            slippery=one.slippery,
+        The graph would otherwise learn yaw from its own linearisation errors.
+        """
+        whole = rows.whole_belief
+        variance = whole.covariance[:, 2, 2]
+        held_out = np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
+        if any(isinstance(one, ObjectPose) for one in measurements) or not held_out.any() or not is_round(self._model):
+            return replace(rows, belief=whole, unobservable_yaw=np.zeros(len(rows)))
+        less = np.ones(whole.covariance.shape[:2])
+        less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
+        belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
+        return replace(rows, belief=belief, unobservable_yaw=held_out)
+
+    def _doubt_contact(self, untouched: Hypotheses) -> None:
+        """Add the hypotheses before the contact to those after it, with the same probability in all."""
+        after, before = log_sum(self._rows.log_prior), log_sum(untouched.log_prior)
+        stayed = np.repeat(untouched.belief.pose[:, None], self._steps, axis=1)
+        untouched = replace(
+            untouched, log_prior=untouched.log_prior + after - before, path=extended(untouched.path, stayed)
         )
+        rows = untouched.joined(self._rows)
+        order = np.argsort(-rows.log_prior, kind="stable")
+        most = self._most if self._is_found or self._most == 1 else max(self._most, MOST_YOUNG)
+        rows = rows.take(order[:most])
+        likely = np.exp(rows.log_prior - rows.log_prior[0])
+        self._rows = replace(rows, weight=likely / likely.sum())
 
-    def _weigh(self) -> None:
-        """Weigh all hypotheses, the best first, and keep those worth it."""
-        if len(self._all) > 1:
-            self._all = self._weighing.kept(self._all, self._steps, self._room)
-            return
-        self._best.log_prior, self._best.without_pushing, self._best.weight = 0.0, [], 1.0
-        self._is_found |= not is_rough(self.known, self._model)
+    # Rows
+
+    def _take(self, rows: Indices) -> None:
+        """Keep these hypotheses, in this order; one may be taken several times."""
+        self._rows = self._rows.take(rows)
+        if self._window is not None:
+            self._window.take(rows)
+
+    def _check_solved(self) -> None:
+        """Raise EstimationError if no hypothesis with images as they are has a solution."""
+        assert self._window is not None
+        if self._window.is_lost[~self._rows.is_mirror].all():
+            raise EstimationError("the linear system of the window is indeterminate")
+
+    def _drop_lost(self) -> None:
+        """Drop hypotheses without a solution."""
+        assert self._window is not None
+        if (lost := self._window.is_lost).any():
+            self._take(~lost)
+
+
+def _yaw_variance(variance: Array) -> Array:
+    """Return covariances (B, 3, 3) of a pose with a variance (B,) of yaw."""
+    return variance[:, None, None] * np.diag([0.0, 0.0, 1.0])
+
+
+def _begun(
+    rows: Hypotheses,
+    rest: Belief,
+    displaced: Belief,
+    group: Flags,
+    was_found: bool,
+    model: ContactModel,
+    contact: FirstContact,
+) -> Hypotheses:
+    """Return the hypotheses with which a contact begins, from those of a group (B,) before it."""
+    rows, rest, displaced = rows.take(group), rest.take(group), displaced.take(group)
+    if not len(rows):
+        return rows
+    is_displaced = rows.consistency.is_displaced
+    begun = contact_hypotheses(rest, displaced, rows.log_prior, rows.sign, is_displaced, was_found, model, contact)
+    taken = rows.take([one.row for one in begun])
+    belief = begun[0].belief
+    for one in begun[1:]:
+        belief = belief.joined(one.belief)
+    is_place, goes_on = (np.array([getattr(one, name) for one in begun]) for name in ("is_place", "goes_on"))
+    return replace(
+        taken,
+        belief=belief,
+        log_prior=np.array([one.log_prior for one in begun]),
+        weight=np.where(goes_on, taken.weight, 1.0),
+        age=np.where(goes_on, taken.age, 0),
+        disturbed_steps_left=np.where(is_place, AHEAD, 0),
+        next_alarm=np.zeros(len(begun), np.int64),
+        ignored_motion=is_place[:, None],
+    )

@@ -1,14 +1,13 @@
-"""What touches what: the object's outline and friction, and the round parts of the sensor.
+"""Geometry of the contact between an object's outline and a sensor made of round parts.
 
-`touching` says how sensor and outline touch at given sensor poses, with derivatives. It is what contact, direction and
-pushing need of the outline, so that it is looked up once for all of them.
+All factors that need the outline use the record CONTACT_GEOMETRY, which `ContactModel.touching` computes once per
+sensor pose, with derivatives.
 
-A flat pad is a row of n round parts, and each finger of a hand is one. Part i is at the distance d_i from the outline,
-and where a part is nearer, it bears more of the load. Its share is w_i = exp(-d_i / s) / sum_j exp(-d_j / s), with s
-the depth to which gels are pressed in; point and normal are the means over these shares, and the gap is
--s log(mean_i exp(-d_i / s)). So the centre of a contact moves from one edge of a pad to the other as an elastic
-foundation's centre of pressure does (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3), a finger that is off the
-object bears nothing, and all is smooth. Of one part all this is the part's own.
+A flat pad is modelled as a row of n round parts, and each finger of a hand as one part. Part i is at the distance d_i
+from the outline; nearer parts carry more of the load. The load share is w_i = exp(-d_i / s) / sum_j exp(-d_j / s),
+where s is the indentation of the gel. Point and normal are means weighted by these shares, and the gap is
+-s log(mean_i exp(-d_i / s)). The contact point thus moves smoothly from one edge of a pad to the other, like the centre
+of pressure of an elastic foundation (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3).
 """
 
 import math
@@ -25,11 +24,11 @@ from palpate.graph.se2_kernels import dot, position, rotation
 from palpate.types.sensor import SensorProfile
 
 Weights = tuple[float, float, float, float]
-_FIELD_MARGIN = 0.04  # [m] beyond the outline within which distances come from the grid
-_WALK = 1e-3  # [m] at a time along an outline
-_SOFT = 2e-4  # [m] depth to which a flat gel is pressed in, and by which fingers give
+_FIELD_MARGIN = 0.04  # [m] around the outline that the distance grid covers
+_WALK = 1e-3  # [m] step length along an outline
+_SOFT = 2e-4  # [m] indentation s over which parts share the load
 
-TOUCHING = np.dtype(
+CONTACT_GEOMETRY = np.dtype(
     [
         ("gap", np.float64),
         ("gap_by_g", np.float64, (3,)),
@@ -42,12 +41,13 @@ TOUCHING = np.dtype(
     ],
     align=True,
 )
-"""How sensor and outline touch at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.
+"""Contact geometry at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.
 
 - gap [m]: distance between the sensor's surface and the outline, negative where they overlap.
 - point [m]: the point of the sensor's surface nearest to the outline, object frame.
 - material [m]: the same point in the sensor frame.
 - normal: the outline's outward normal there, object frame.
+Vectors are complex numbers.
 """
 
 
@@ -56,15 +56,15 @@ class ContactModel:
     """An object's outline and friction, and the round parts of a sensor."""
 
     field: DistanceField
-    """Signed distance of the object's outline [m], object frame."""
+    """Signed distance to the object's outline [m], object frame."""
     parts: NDArray[np.complex128]
     """Centre of curvature of each round part (n,) [m], sensor frame."""
     radius: float
-    """Radius of curvature of the parts [m]; 0 is the paper's point."""
+    """Radius of curvature of the parts [m]; 0 for the paper's point contact."""
     friction_radius: float
-    """c [m], the largest friction torque over the largest friction force between object and table."""
+    """c [m]: largest friction torque over largest friction force between object and table."""
     friction_center: complex = 0.0 + 0.0j
-    """Centre of the pressure distribution [m], object frame."""
+    """Nominal centre of friction, the outline's centroid [m], object frame."""
     span: float = 0.0
     """Distance between the outermost tips of the sensor [m]; 0 for one tip."""
 
@@ -74,31 +74,29 @@ class ContactModel:
         return complex(self.parts.mean())
 
     def touching(self, g: Array) -> NDArray[np.void]:
-        """Return how the sensor touches the outline at poses g (B, N, 3): TOUCHING (B, N)."""
-        out = np.empty(g.shape[:2], TOUCHING)
-        grid = self.field.coefficients, self.field.origin[0], self.field.origin[1], self.field.cell
-        _touching(g, self.parts, self.radius, *grid, out)
+        """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
+        out = np.empty(g.shape[:2], CONTACT_GEOMETRY)
+        _touching(g, self.parts, self.radius, *self._grid, out)
         return out
 
-    def touching_at(self, g: Array) -> np.void:
-        """Return how the sensor touches the outline at one pose g (3,): TOUCHING."""
-        return self.touching(g[None, None])[0, 0]
-
     def moved_along(self, g: Array, lengths: Array) -> Array:
-        """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, in the same yaw.
+        """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, at constant yaw.
 
-        The middle of the sensor's parts stays as near to the outline.
+        The distance between the middle of the parts and the outline stays the same.
         """
-        field, moved = self.field, g.copy()
-        grid = field.coefficients, field.origin[0], field.origin[1], field.cell
-        _move_along(moved, lengths, self.center, *grid)
+        moved = g.copy()
+        _move_along(moved, lengths, self.center, *self._grid)
         return moved
+
+    @property
+    def _grid(self) -> tuple[Array, float, float, float]:
+        return self.field.coefficients, self.field.origin[0], self.field.origin[1], self.field.cell
 
 
 def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> ContactModel:
-    """Return what the sensor is to an object of this shape.
+    """Return the contact model of a sensor and an object.
 
-    pressure is how the object presses on the table ("uniform", "rim" or "corner"), which gives c, or c itself [m].
+    `pressure` is the pressure distribution between object and table ("uniform", "rim" or "corner"), or c itself [m].
     """
     field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
     parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
@@ -119,7 +117,7 @@ def _touching(
     cell: float,
     out: Records,
 ) -> None:
-    parts = np.empty(len(centers), TOUCHING)
+    parts = np.empty(len(centers), CONTACT_GEOMETRY)
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
             for i in range(len(centers)):
@@ -131,7 +129,7 @@ def _touching(
 def _put_round(
     pose: Array, center: complex, radius: float, coefficients: Array, x0: float, y0: float, cell: float, touch: Records
 ) -> None:
-    """Put how a round part with this centre in the sensor frame touches the outline."""
+    """Write the geometry of one round part, whose centre is given in the sensor frame, to `touch`."""
     turn = rotation(pose[2])
     placed = position(pose) + turn * center
     distance, normal, bend_x, bend_y = _distance(placed, coefficients, x0, y0, cell)
@@ -152,7 +150,7 @@ def _put_round(
 
 @compiled
 def _put_mean(parts: Records, touch: Records) -> None:
-    """Put how a sensor touches of which the round parts touch like this."""
+    """Write the load-weighted mean of the parts' geometries to `touch`."""
     nearest = math.inf
     for i in range(len(parts)):
         nearest = min(nearest, parts[i].gap)
@@ -174,7 +172,7 @@ def _put_mean(parts: Records, touch: Records) -> None:
     for i in range(len(parts)):
         part, share = parts[i], math.exp((nearest - parts[i].gap) / _SOFT) / total
         for c in range(3):
-            grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / _SOFT  # the share, relative to what it is
+            grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / _SOFT  # derivative of the share over the share
             touch.point_by_g[c] += share * (part.point_by_g[c] + grows * part.point)
             touch.material_by_g[c] += share * (part.material_by_g[c] + grows * part.material)
             touch.normal_by_g[c] += share * (part.normal_by_g[c] + grows * part.normal)
@@ -200,10 +198,10 @@ def _move_along(
 def _distance(
     point: complex, coefficients: Array, x0: float, y0: float, cell: float
 ) -> tuple[float, complex, complex, complex]:
-    """Signed distance, its gradient, and how the gradient changes along x and along y.
+    """Return signed distance, gradient, and the gradient's derivatives along x and y.
 
-    It is `DistanceField.value_gradient_hessian` of one point: a cubic B-spline inside the grid; outside, the value at
-    the nearest point of the border plus the way to there.
+    The same as `DistanceField.value_gradient_hessian` for one point: a cubic B-spline inside the grid; outside, the
+    value at the nearest point of the border plus the distance to it.
     """
     rows, columns = coefficients.shape[0] - 3, coefficients.shape[1] - 3
     x, y = (point.real - x0) / cell, (point.imag - y0) / cell
@@ -242,7 +240,7 @@ def _distance(
 
 @compiled
 def _weights(f: float) -> tuple[Weights, Weights, Weights]:
-    """Weights of the four nearby spline coefficients at the place f in a cell: value, first and second derivative."""
+    """Return the weights of four spline coefficients at position f in a cell: value, first and second derivative."""
     rest = 1.0 - f
     value = (
         rest**3 / 6.0,
@@ -255,20 +253,19 @@ def _weights(f: float) -> tuple[Weights, Weights, Weights]:
 
 
 @compiled
-def pushing_angles(
-    g: Array, e: Array, touch: Records, c: float, center: complex, friction_center: Array, reach: int, out: Array
+def force_angles(
+    g: Array, e: Array, touch: Records, c: float, center: complex, shift: Array, reach: int, out: Array
 ) -> None:
-    """Put the angle of the pushing force from the outline's inward normal, counter-clockwise, into out (B, N).
+    """Write the angle of the pushing force from the outline's inward normal, counter-clockwise, to out (B, N) [rad].
 
-    On the limit surface the force points along the motion of the centre of friction, which is taken over the `reach`
-    steps nearby, for one step of it is mostly noise. At the first step it is 0, for nothing has moved. g and e are
-    (B, N, 3), touch (B, N) is how they touch at g, c [m] and center [m] are the model's and friction_center
-    (2, B) is where the centre is besides, in c.
+    On the limit surface the force points along the motion of the centre of friction. The motion is taken over `reach`
+    steps before and after, since over one step it is mostly noise. The angle is 0 at the first step. g and e are
+    (B, N, 3); shift (B, 2) [c] is the offset of the centre of friction from the nominal `center`.
     """
     steps = g.shape[1]
     centers, turns = np.empty(steps, np.complex128), np.empty(steps, np.complex128)
     for b in range(g.shape[0]):
-        in_object = center + c * complex(friction_center[0, b], friction_center[1, b])
+        in_object = center + c * complex(shift[b, 0], shift[b, 1])
         for k in range(steps):
             turns[k] = rotation(e[b, k, 2] - g[b, k, 2])
             centers[k] = position(e[b, k]) + turns[k] * (in_object - position(g[b, k]))

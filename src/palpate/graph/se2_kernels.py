@@ -1,8 +1,8 @@
-"""Planar motion in compiled code: a vector is a complex number, so `exp(i theta)` turns it and `i` by 90 degrees.
+"""Planar rigid motion in compiled code. Vectors are complex numbers, so that `exp(i theta)` rotates them.
 
 A pose is three numbers x [m], y [m], theta [rad] of an array; perturbations are on the right (body frame), in that
-order. Formulas: J. Sola et al., "A micro Lie theory for state estimation in robotics", 2018, with half angles; see
-`geometry.se2`, which says the same of arrays.
+order. Formulas: J. Sola et al., "A micro Lie theory for state estimation in robotics", 2018, with half angles, as in
+`geometry.se2`.
 """
 
 import math
@@ -51,14 +51,14 @@ def dot(a: complex, b: complex) -> float:
 
 @compiled
 def between(a: Array, b: Array, out: Array) -> None:
-    """Put the pose b (3,) as seen from a (3,) into out (3,)."""
+    """Write the pose b (3,) as seen from a (3,) to out (3,)."""
     seen = (position(b) - position(a)) * rotation(-a[2])
     out[0], out[1], out[2] = seen.real, seen.imag, wrap(b[2] - a[2])
 
 
 @compiled
 def exp_onto(pose: Array, change: Array, out: Array) -> None:
-    """Put the pose (3,) perturbed by a tangent vector (3,) into out (3,): pose exp(change)."""
+    """Write the pose (3,) perturbed by a tangent vector (3,) to out (3,): pose exp(change)."""
     half = 0.5 * change[2]
     chord = math.sin(half) / half if half != 0.0 else 1.0
     moved = position(pose) + rotation(pose[2] + half) * chord * complex(change[0], change[1])
@@ -67,7 +67,7 @@ def exp_onto(pose: Array, change: Array, out: Array) -> None:
 
 @compiled
 def log(pose: Array, out: Array) -> None:
-    """Put the tangent vector of a pose (3,) into out (3,): exp(out) = pose."""
+    """Write the tangent vector of a pose (3,) to out (3,): exp(out) = pose."""
     theta = wrap(pose[2])
     half = 0.5 * theta
     cot = half / math.tan(half) if half != 0.0 else 1.0
@@ -77,7 +77,7 @@ def log(pose: Array, out: Array) -> None:
 
 @compiled
 def log_by_pose(tangent: Array, out: Array) -> None:
-    """Put J (3, 3) with log(T exp(d)) = log(T) + J d at tangent (3,) = log(T) into out: inverse right Jacobian."""
+    """Write J (3, 3) with log(T exp(d)) = log(T) + J d at tangent (3,) = log(T) to out: inverse right Jacobian."""
     vx, vy, omega = tangent[0], tangent[1], tangent[2]
     half = 0.5 * omega
     cot = half / math.tan(half) if half != 0.0 else 1.0
@@ -93,7 +93,7 @@ def log_by_pose(tangent: Array, out: Array) -> None:
 
 @compiled
 def adjoint(pose: Array, out: Array) -> None:
-    """Put Ad (3, 3) with T exp(d) T^-1 = exp(Ad d) of a pose T (3,) into out."""
+    """Write Ad (3, 3) with T exp(d) T^-1 = exp(Ad d) of a pose T (3,) to out."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     out[0, 0], out[0, 1], out[0, 2] = cos, -sin, pose[1]
     out[1, 0], out[1, 1], out[1, 2] = sin, cos, -pose[0]
@@ -108,7 +108,7 @@ def cauchy(squared_error: float, scale: float) -> float:
 
 @compiled
 def whiten(root: Array, error: Array, derivative: Array, residual: Array, jacobian: Array) -> None:
-    """Put root (3, 3) times an error (3,) into residual (3,), and times its derivative (3, C) into jacobian (3, C)."""
+    """Write root (3, 3) times an error (3,) to residual (3,), and times its derivative (3, C) into jacobian (3, C)."""
     for r in range(3):
         residual[r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
         for k in range(derivative.shape[1]):

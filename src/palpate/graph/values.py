@@ -1,198 +1,192 @@
-"""Values of all unknowns, and what follows from them that several factors need."""
+"""Values of all variables of a window, and quantities derived from them that several factors use."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.graph.compiled import Array, compiled
-from palpate.graph.contact_geometry import TOUCHING, ContactModel, pushing_angles
+from palpate.graph.belief import Indices
+from palpate.graph.compiled import Array, Records, compiled
+from palpate.graph.contact_geometry import ContactModel, force_angles
 from palpate.graph.se2_kernels import between, exp_onto, log, position, rotation, wrap
-from palpate.graph.variables import (
-    FRICTION_CENTER,
-    IN_SHARED,
-    IN_STEP,
-    SENSOR,
-    SENSOR_IN_OBJECT,
-    SHARED_SIZE,
-    STEP_SIZE,
-    Unknown,
-)
+from palpate.graph.variables import FRICTION_CENTER, IN_SHARED, IN_STEP, SENSOR, SENSOR_IN_OBJECT, STEP_SIZE, Variable
 
-State = tuple[Array, Array, Array, Any, Array, float, complex, Array]
-"""What a kernel takes of values: g and e (B, N, 3), what is shared (SHARED_SIZE, B), TOUCHING (B, N), the angle of
-the pushing force (B, N) [rad], c [m] of the model and its centre of friction [m], and knocks (B, N, 2)."""
-
-
-@dataclass(frozen=True)
-class Knock:
-    """That something else than the sensor may move the object in a step, so that nothing of pushing holds in it."""
-
-    slid: float
-    """How far the object is thought to slide over the sensor, counter-clockwise along the outline [m]."""
-    spread: float
-    """Standard deviation of that [m]; how far the object may turn goes with it, see `factors.balance`."""
-
-
-SLID, SPREAD = 0, 1
-"""Places of `Knock`'s numbers among knocks; the spread is 0 in a step in which only the sensor moves the object."""
-
-_NO_TOUCHING, _NO_ANGLE = np.empty((0, 0), TOUCHING), np.empty((0, 0))
+SLIDE, SPREAD = 0, 1
+"""Columns of a disturbance: mean [m] by which something else slides the object over the sensor in a step,
+counter-clockwise along the outline, and its standard deviation [m]. The latter is 0 in a step without disturbance."""
 ANGLE_STEPS = 3
-"""Steps before and after the one at which the angle of the pushing force is sought."""
+"""Steps before and after a step over which the angle of the pushing force is computed."""
 
 
+class State(NamedTuple):
+    """Values as the kernels of factors take them, for B rows and N steps."""
+
+    sensor_in_object: Array
+    """Poses g (B, N, 3)."""
+    sensor: Array
+    """Poses e (B, N, 3)."""
+    shared: Array
+    """(B, SHARED_SIZE)"""
+    contact: Records
+    """CONTACT_GEOMETRY (B, N)."""
+    force_angle: Array
+    """Angle of the pushing force from the outline's inward normal (B, N) [rad]."""
+    friction_radius: float
+    """Nominal c [m]."""
+    centroid: complex
+    """Nominal centre of friction [m], object frame."""
+    disturbance: Array
+    """(B, N, 2), see SLIDE and SPREAD."""
+    sign: Array
+    """(B,) 1.0, or -1.0 where touch images are taken as mirrored."""
+
+
+@dataclass(frozen=True, eq=False)
 class Values:
-    """Values of all unknowns of B smoothers at N steps of a contact, by unknown.
+    """Values of B rows at N steps."""
 
-    Of an unknown of a step they are (B, N, dimension), of one that steps share (dimension, B). Beside them stand the
-    knocks that each smoother takes to have happened.
-    """
+    model: ContactModel
+    """Outline, friction and sensor."""
+    sensor_in_object: Array
+    """(B, N, 3) [m, m, rad]."""
+    sensor: Array
+    """(B, N, 3) [m, m, rad]."""
+    shared: Array
+    """(B, SHARED_SIZE)"""
+    disturbance: Array
+    """(B, N, 2), see SLIDE and SPREAD."""
+    sign: Array
+    """(B,) 1.0, or -1.0 where touch images are taken as mirrored."""
 
-    def __init__(
-        self, model: ContactModel, of_steps: Mapping[Unknown, Array], shared: Array, knocks: Array | None = None
-    ) -> None:
-        """Take what touches what, arrays of the steps' unknowns, what they share, (SHARED_SIZE, B), and knocks.
-
-        These are (B, N, 2), see SLID; by default there is none.
-        """
-        self.model, self.shared = model, shared
-        self._of_steps = of_steps
-        self.knocks = np.zeros((*of_steps[SENSOR].shape[:2], 2)) if knocks is None else knocks
-
-    def __getitem__(self, unknown: Unknown) -> Array:
-        place = IN_SHARED.get(unknown)
-        return self._of_steps[unknown] if place is None else self.shared[place]
+    def __getitem__(self, variable: Variable) -> Array:
+        """Return a variable: (B, N, 3) of steps, else (B, dimension)."""
+        of_step = {SENSOR_IN_OBJECT: self.sensor_in_object, SENSOR: self.sensor}
+        return of_step[variable] if variable in of_step else self.shared[:, IN_SHARED[variable]]
 
     @property
-    def smoothers(self) -> int:
+    def rows(self) -> int:
         """B."""
-        return self.shared.shape[1]
+        return len(self.shared)
 
     @property
     def steps(self) -> int:
         """N."""
-        return self._of_steps[SENSOR].shape[1]
+        return self.sensor.shape[1]
 
     @cached_property
-    def touching(self) -> NDArray[np.void]:
-        """How the sensor touches the outline: TOUCHING (B, N)."""
-        return self.model.touching(self[SENSOR_IN_OBJECT])
-
-    @cached_property
-    def pushing_angle(self) -> Array:
-        """Angle of the pushing force from the outline's inward normal (B, N) [rad]; see `pushing_angles`."""
-        model, angle = self.model, np.empty((self.smoothers, self.steps))
-        c, center, besides = model.friction_radius, model.friction_center, self[FRICTION_CENTER]
-        g, e = self[SENSOR_IN_OBJECT], self[SENSOR]
-        pushing_angles(g, e, self.touching, c, center, besides, ANGLE_STEPS, angle)
-        return angle
+    def contact(self) -> NDArray[np.void]:
+        """CONTACT_GEOMETRY (B, N)."""
+        return self.model.touching(self.sensor_in_object)
 
     @cached_property
     def state(self) -> State:
-        """What kernels of factors take."""
-        g, e, c, center = self[SENSOR_IN_OBJECT], self[SENSOR], self.model.friction_radius, self.model.friction_center
-        return g, e, self.shared, self.touching, self.pushing_angle, c, center, self.knocks
+        """Input of the kernels."""
+        model, g, e = self.model, self.sensor_in_object, self.sensor
+        c, center, angle = model.friction_radius, model.friction_center, np.empty(g.shape[:2])
+        shift = np.ascontiguousarray(self[FRICTION_CENTER])
+        force_angles(g, e, self.contact, c, center, shift, ANGLE_STEPS, angle)
+        return State(g, e, self.shared, self.contact, angle, c, center, self.disturbance, self.sign)
 
-    @cached_property
-    def poses(self) -> State:
-        """The same without what follows from the outline, for kernels that do not read it."""
-        c, center = self.model.friction_radius, self.model.friction_center
-        return self[SENSOR_IN_OBJECT], self[SENSOR], self.shared, _NO_TOUCHING, _NO_ANGLE, c, center, self.knocks
+    def take(self, rows: Indices) -> "Values":
+        """Return these rows."""
+        return Values(
+            self.model,
+            self.sensor_in_object[rows],
+            self.sensor[rows],
+            self.shared[rows],
+            self.disturbance[rows],
+            self.sign[rows],
+        )
 
-    @staticmethod
-    def bank(chosen: Sequence[tuple["Values", int]]) -> "Values":
-        """Return those of smoothers side by side; each is values and which of them, all at the same steps."""
-        first = chosen[0][0]
-        of_steps = {one: np.stack([at[one][b] for at, b in chosen]) for one in first._of_steps}
-        shared = np.stack([at.shared[:, b] for at, b in chosen], axis=1)
-        return Values(first.model, of_steps, shared, np.stack([at.knocks[b] for at, b in chosen]))
+    def where(self, rows: NDArray[np.bool_], other: "Values") -> "Values":
+        """Return these rows (B,) of the values and the others of `other`."""
+        return Values(
+            self.model,
+            np.where(rows[:, None, None], self.sensor_in_object, other.sensor_in_object),
+            np.where(rows[:, None, None], self.sensor, other.sensor),
+            np.where(rows[:, None], self.shared, other.shared),
+            np.where(rows[:, None, None], self.disturbance, other.disturbance),
+            np.where(rows, self.sign, other.sign),
+        )
 
-    def continued(self, sensor_pose: Array, knocks: Sequence[Knock | None]) -> "Values":
-        """Return the values with one more step: the sensor, now here (3,), goes on turning on the object as it did.
+    def from_step(self, first: int) -> "Values":
+        """Return the values of the steps from `first` on; negative numbers count from the end."""
 
-        `knocks` are what each smoother thinks may have moved the object besides.
+        def cut(array: Array) -> Array:
+            return np.ascontiguousarray(array[:, first:])
+
+        return replace(
+            self,
+            sensor_in_object=cut(self.sensor_in_object),
+            sensor=cut(self.sensor),
+            disturbance=cut(self.disturbance),
+        )
+
+    def continued(self, sensor_pose: Array, disturbance: Array) -> "Values":
+        """Return the values with one more step: the sensor, now at (3,), keeps turning on the object as before.
+
+        `disturbance` (B, 2) is that of the new step.
         """
-        new = np.array([(one.slid, one.spread) if one else (0.0, 0.0) for one in knocks])
-        g, e = (np.empty((self.smoothers, self.steps + 1, 3)) for _ in range(2))
-        g[:, :-1], e[:, :-1], e[:, -1] = self[SENSOR_IN_OBJECT], self[SENSOR], sensor_pose
-        _put_next(g)
-        known = np.concatenate([self.knocks, new[:, None]], axis=1)
-        return Values(self.model, {SENSOR_IN_OBJECT: g, SENSOR: e}, self.shared, known)
+        g, e = (np.empty((self.rows, self.steps + 1, 3)) for _ in range(2))
+        g[:, :-1], e[:, :-1], e[:, -1] = self.sensor_in_object, self.sensor, sensor_pose
+        _extrapolate(g)
+        disturbances = np.concatenate([self.disturbance, disturbance[:, None]], axis=1)
+        return replace(self, sensor_in_object=g, sensor=e, disturbance=disturbances)
 
-    def slid(self, first: int, knock: Knock) -> "Values":
-        """Return the values with the object knocked in each step from `first` on."""
-        g, knocks = self[SENSOR_IN_OBJECT].copy(), self.knocks.copy()
-        knocks[:, first:, SLID], knocks[:, first:, SPREAD] = knock.slid, knock.spread
-        # Seen from the object, the sensor goes the other way.
-        lengths = -knock.slid * np.arange(1.0, self.steps - first + 1)
-        for poses in g:
-            poses[first:] = self.model.moved_along(poses[first:], lengths)
-        return Values(self.model, {SENSOR_IN_OBJECT: g, SENSOR: self[SENSOR]}, self.shared, knocks)
+    def disturbed(self, rows: Indices, first: int, slide: Array, spread: float) -> "Values":
+        """Return the values with a disturbance in each step of some rows from `first` on.
 
-    def without_oldest(self) -> "Values":
-        """Return the values of all steps but the oldest."""
-        return self.with_steps(lambda value: value[:, 1:])
+        In each of these steps the object slides by `slide` (len(rows),) and its deviation is `spread`, both [m].
+        """
+        g, disturbance = self.sensor_in_object.copy(), self.disturbance.copy()
+        for row, length in zip(np.arange(self.rows)[rows], slide, strict=True):
+            disturbance[row, first:, SLIDE], disturbance[row, first:, SPREAD] = length, spread
+            # Seen from the object, the sensor moves the other way.
+            g[row, first:] = self.model.moved_along(g[row, first:], -length * np.arange(1.0, self.steps - first + 1))
+        return replace(self, sensor_in_object=g, disturbance=disturbance)
 
-    def with_steps(self, change: Callable[[Array], Array]) -> "Values":
-        """Return the values at other steps: what `change` makes of the array (B, N, dimension) of each unknown."""
-        of_steps = {one: np.ascontiguousarray(change(value)) for one, value in self._of_steps.items()}
-        return Values(self.model, of_steps, self.shared, np.ascontiguousarray(change(self.knocks)))
-
-    def with_value(self, unknown: Unknown, value: Array) -> "Values":
-        """Return the values with another one (dimension, B) of what steps share."""
+    def with_shared(self, rows: Indices, variable: Variable, value: Array | float) -> "Values":
+        """Return the values with another value (B, dimension) of a shared variable in some rows."""
         shared = self.shared.copy()
-        shared[IN_SHARED[unknown]] = value
-        return Values(self.model, self._of_steps, shared, self.knocks)
+        shared[rows, IN_SHARED[variable]] = value
+        return replace(self, shared=shared)
 
     def moved(self, by_step: Array, by_shared: Array) -> "Values":
-        """Return the values moved by changes of the steps (B, N, STEP_SIZE) and of what they share (B, SHARED_SIZE)."""
-        of_steps = {one: _step_moved(value, by_step, one) for one, value in self._of_steps.items()}
-        shared = np.add(self.shared, by_shared.T, out=np.empty_like(self.shared))
-        return Values(self.model, of_steps, shared, self.knocks)
+        """Return the values changed by tangent vectors (B, N, STEP_SIZE) and (B, SHARED_SIZE)."""
+        g, e = np.empty_like(self.sensor_in_object), np.empty_like(self.sensor)
+        _move(self.sensor_in_object, by_step, IN_STEP[SENSOR_IN_OBJECT].start, g)
+        _move(self.sensor, by_step, IN_STEP[SENSOR].start, e)
+        return replace(self, sensor_in_object=g, sensor=e, shared=self.shared + by_shared)
 
-    def apart_from(self, before: "Values", steps: int) -> Array:
-        """Return how far the first steps and what is shared moved from where they were.
-
-        That is (B, steps STEP_SIZE + SHARED_SIZE), each step in turn and what is shared last.
-        """
-        end = STEP_SIZE * steps
-        apart = np.empty((self.smoothers, end + SHARED_SIZE))
-        for one, value in self._of_steps.items() if steps else ():
-            _put_apart(before[one], value, steps, IN_STEP[one].start, apart)
-        np.subtract(self.shared.T, before.shared.T, out=apart[:, end:])
-        return apart
-
-
-def _step_moved(value: Array, change: Array, unknown: Unknown) -> Array:
-    moved = np.empty_like(value)
-    _put_moved(value, change, IN_STEP[unknown].start, moved)
-    return moved
+    def change_since(self, before: "Values") -> Array:
+        """Return the change of the first step and of the shared variables, (B, STEP_SIZE + SHARED_SIZE)."""
+        change = np.empty((self.rows, STEP_SIZE + self.shared.shape[1]))
+        _difference(before.sensor_in_object, self.sensor_in_object, IN_STEP[SENSOR_IN_OBJECT].start, change)
+        _difference(before.sensor, self.sensor, IN_STEP[SENSOR].start, change)
+        np.subtract(self.shared, before.shared, out=change[:, STEP_SIZE:])
+        return change
 
 
 @compiled
-def _put_moved(values: Array, change: Array, first: int, out: Array) -> None:
-    for b in range(values.shape[0]):
-        for k in range(values.shape[1]):
-            exp_onto(values[b, k], change[b, k, first : first + 3], out[b, k])
+def _move(poses: Array, change: Array, first: int, out: Array) -> None:
+    for b in range(poses.shape[0]):
+        for k in range(poses.shape[1]):
+            exp_onto(poses[b, k], change[b, k, first : first + 3], out[b, k])
 
 
 @compiled
-def _put_apart(before: Array, now: Array, steps: int, first: int, out: Array) -> None:
+def _difference(before: Array, now: Array, first: int, out: Array) -> None:
     seen = np.empty(3)
     for b in range(now.shape[0]):
-        for k in range(steps):
-            start = STEP_SIZE * k + first
-            between(before[b, k], now[b, k], seen)
-            log(seen, out[b, start : start + 3])
+        between(before[b, 0], now[b, 0], seen)
+        log(seen, out[b, first : first + 3])
 
 
 @compiled
-def _put_next(poses: Array) -> None:
-    """Put the last pose where the two before it lead; copies of whole arrays would take seconds to compile."""
+def _extrapolate(poses: Array) -> None:
+    """Set the last pose by constant motion from the two before it."""
     last_step = poses.shape[1] - 1
     turned = np.empty(3)
     for b in range(len(poses)):

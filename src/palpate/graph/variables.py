@@ -1,118 +1,61 @@
-"""Every unknown of the graph by name: what it is, its unit and prior, and the one place that lays them out.
+"""Variables of the graph: name, size, unit and prior of each, and their places in the state vectors.
 
-An unknown belongs to a step, to a whole contact or to the object and all its contacts. Those of a step stand in the
-vector of that step; the others, which all steps share, stand in one vector after them, first those of the contact, then
-those of the object. A new unknown is one constant and one entry of UNKNOWNS.
+A variable belongs to a step, to a whole contact, or to the object and all its contacts. Variables of a step form that
+step's vector. All others are shared by the steps of a contact and form one vector: first those of the contact, then
+those of the object. A new variable is one constant here, one entry of VARIABLES and, if it belongs to the object, one
+prior in `palpate.config.Priors`.
 """
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.config import Normal
 from palpate.errors import SettingError
-from palpate.types.measurements import FARTHEST_BACK
 
-Array = NDArray[np.float64]
-Normal = tuple[float, float]
-"""Mean and standard deviation."""
-
-LAG = FARTHEST_BACK + 1
-"""Steps that a sliding window holds: the last one, and all that touch compares it with."""
+LAG = 40
+"""Steps in a sliding window."""
 
 
 @dataclass(frozen=True, eq=False)
-class Unknown:
+class Variable:
     """One quantity that the graph estimates."""
 
     name: str
-    """As settings and messages call it."""
+    """Name in settings, messages and `OwnMeasurement.on`."""
     scope: Literal["step", "contact", "object"]
-    """What has one: every step, every contact, or the object for as long as it is tracked. That of a step is a planar
-    pose, which moves by right perturbations; the others are vectors, which move by sums."""
+    """Lifetime. Variables of a step are planar poses with right perturbations; the others are vectors."""
     dimension: int
-    """How many numbers it is; of a pose, those of its tangent space."""
-    unit: str
-    """Of these numbers."""
-    meaning: str
-    """In a sentence."""
+    """Size; of a pose, that of its tangent space."""
     prior: Normal | None = None
-    """Mean and standard deviation of each number at the start of a contact; those of the object are in
-    `config.Priors`, and a pose has none."""
+    """Prior of a variable of a contact, before any measurement."""
 
 
-SENSOR_IN_OBJECT = Unknown(
-    "sensor_in_object", "step", 3, "m, m, rad", "The sensor's pose in the object frame, g = o^-1 e."
-)
-SENSOR = Unknown("sensor", "step", 3, "m, m, rad", "The sensor's pose in the world, e.")
-TURN_OFFSET = Unknown(
-    "turn_offset",
-    "contact",
-    1,
-    "rad",
-    "What the turns that touch tells in one contact are less than the sensor's yaw in the object frame.",
-    # Three times pi says nothing of an angle, and the system is determined without a turn.
-    prior=(0.0, 10.0),
-)
-DIRECTION_BIAS = Unknown(
-    "direction_bias",
-    "object",
-    1,
-    "rad",
-    "What all contact directions of one sensor and object are too large by.",
-)
-DIRECTION_SCALE = Unknown(
-    "direction_scale",
-    "object",
-    1,
-    "1",
-    "What share of themselves all contact directions of one sensor and object are too large by.",
-)
-PLACE_BIAS = Unknown(
-    "place_bias",
-    "object",
-    1,
-    "m",
-    "What all contact places of one sensor and object are too large by.",
-)
-DEPTH = Unknown(
-    "depth",
-    "object",
-    1,
-    "m",
-    "How deep the object lies in the gel, and what else outline, gel and mounting are apart by all the time.",
-)
-OUTLINE_SCALE = Unknown(
-    "outline_scale",
-    "object",
-    1,
-    "1",
-    "What share of its size the object is larger by than its outline says.",
-)
-FRICTION_RATIO = Unknown(
-    "friction_ratio",
-    "object",
-    1,
-    "1",
-    "Logarithm of the ratio of c^2 to that of the chosen pressure; from uniform to rim pressure it grows by 0.8.",
-)
-FRICTION_CENTER = Unknown(
-    "friction_center",
-    "object",
-    2,
-    "c",
-    "Where the centre of friction is from the centroid, along x and y of the object, as a share of c.",
-)
-GRIP = Unknown(
-    "grip",
-    "object",
-    1,
-    "1",
-    "Coulomb friction between sensor and object: the tangent of the friction cone's half angle.",
-)
+SENSOR_IN_OBJECT = Variable("sensor_in_object", "step", 3)
+"""Sensor pose in the object frame, g = o^-1 e [m, m, rad]."""
+SENSOR = Variable("sensor", "step", 3)
+"""Sensor pose in the world, e [m, m, rad]."""
+TURN_OFFSET = Variable("turn_offset", "contact", 1, prior=(0.0, 10.0))
+"""Sensor yaw in the object frame minus the measured turn [rad]. The wide prior keeps it determined without any turn."""
+DIRECTION_BIAS = Variable("direction_bias", "object", 1)
+"""Common error of all contact directions [rad]."""
+DIRECTION_SCALE = Variable("direction_scale", "object", 1)
+"""Relative scale error of contact directions."""
+PLACE_BIAS = Variable("place_bias", "object", 1)
+"""Common error of all contact places [m]."""
+DEPTH = Variable("depth", "object", 1)
+"""Indentation of the gel, including any constant offset between outline, gel and mounting [m]."""
+OUTLINE_SCALE = Variable("outline_scale", "object", 1)
+"""Relative size error of the outline."""
+FRICTION_RATIO = Variable("friction_ratio", "object", 1)
+"""Logarithm of c^2 over the c^2 of the assumed pressure distribution."""
+FRICTION_CENTER = Variable("friction_center", "object", 2)
+"""Centre of friction relative to the centroid, along x and y of the object, in units of c."""
+GRIP = Variable("grip", "object", 1)
+"""Coulomb friction coefficient between sensor and object."""
 
-UNKNOWNS = (
+VARIABLES = (
     SENSOR_IN_OBJECT,
     SENSOR,
     TURN_OFFSET,
@@ -125,36 +68,35 @@ UNKNOWNS = (
     FRICTION_CENTER,
     GRIP,
 )
-"""All of them, in the order in which they stand in the vectors of a step and of what steps share."""
+"""All variables in the order of the state vectors."""
 
-OBJECT_POSE = Unknown("object_pose", "step", 3, "m, m, rad", "The object's pose in the world, o = e g^-1.")
-"""Follows from SENSOR and SENSOR_IN_OBJECT in contact and is an unknown by itself between contacts: a measurement may
-be of it, but it has no place of its own in the graph of a contact."""
-
-
-def _of(*scopes: str) -> tuple[Unknown, ...]:
-    return tuple(unknown for scope in scopes for unknown in UNKNOWNS if unknown.scope == scope)
+OBJECT_POSE = Variable("object_pose", "step", 3)
+"""Object pose in the world, o = e g^-1 [m, m, rad]: a derived quantity in contact, a variable of its own at rest."""
 
 
-def _places(unknowns: tuple[Unknown, ...]) -> dict[Unknown, slice]:
-    ends = np.cumsum([unknown.dimension for unknown in unknowns]).tolist()
-    return {unknown: slice(end - unknown.dimension, end) for unknown, end in zip(unknowns, ends, strict=True)}
+def _of(*scopes: str) -> tuple[Variable, ...]:
+    return tuple(variable for scope in scopes for variable in VARIABLES if variable.scope == scope)
+
+
+def _places(variables: tuple[Variable, ...]) -> dict[Variable, slice]:
+    ends = np.cumsum([variable.dimension for variable in variables]).tolist()
+    return {variable: slice(end - variable.dimension, end) for variable, end in zip(variables, ends, strict=True)}
 
 
 OF_STEP, OF_CONTACT, OF_OBJECT = _of("step"), _of("contact"), _of("object")
 SHARED = OF_CONTACT + OF_OBJECT
-"""Those that all steps of a contact share."""
+"""Variables shared by all steps of a contact."""
 IN_STEP, IN_SHARED, IN_OBJECT = _places(OF_STEP), _places(SHARED), _places(OF_OBJECT)
-"""Where an unknown stands in the vector of a step, of what is shared, and of what belongs to the object."""
+"""Places of a variable in the vector of a step, of the shared variables, and of the object's variables."""
 STEP_SIZE, SHARED_SIZE, OBJECT_SIZE = (
-    sum(unknown.dimension for unknown in unknowns) for unknowns in (OF_STEP, SHARED, OF_OBJECT)
+    sum(variable.dimension for variable in variables) for variables in (OF_STEP, SHARED, OF_OBJECT)
 )
 CONTACT_SIZE = SHARED_SIZE - OBJECT_SIZE
 
 
-def named(name: str) -> Unknown:
-    """Return the unknown of this name; raises SettingError where there is none."""
-    known = {unknown.name: unknown for unknown in (OBJECT_POSE, *UNKNOWNS)}
+def named(name: str) -> Variable:
+    """Return the variable of this name; raises SettingError if there is none."""
+    known = {variable.name: variable for variable in (OBJECT_POSE, *VARIABLES)}
     if name not in known:
-        raise SettingError(f"unknown {name!r} is not known; known are {', '.join(known)}")
+        raise SettingError(f"variable {name!r} is not known; known are {', '.join(known)}")
     return known[name]

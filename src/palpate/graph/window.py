@@ -1,17 +1,17 @@
-"""A smoother over the last steps of a contact: Gauss-Newton on a sliding window, older steps marginalised.
+"""Smoother over the last steps of a contact: Gauss-Newton on a sliding window, older steps are marginalised.
 
-Every step relinearises the whole window, so that a step costs the same at frame 10 000 as at frame 500. A step that
-leaves the window leaves behind a Gaussian on the steps it was tied to (Schur complement), linearised where they stood
-before the last Gauss-Newton step, and on what all steps share. With an endless window this is the batch solution.
+All B hypotheses of a contact are rows of one window: every array has a leading axis B. To branch, prune and reorder
+hypotheses is to take rows. The terms are shared by all rows; the rows differ in their beliefs at the beginning, in
+disturbances of the object, and in the sign with which touch images are read.
 
-It loops over factors and knows none of them. Several smoothers that differ in what they know when the contact begins
-or in what else they think moved the object go through one call side by side, as a bank: that takes far less time than
-one after the other.
+Every step relinearises the whole window, so that its cost does not grow with the length of the contact. A step that
+leaves the window leaves a Gaussian on the next step and the shared variables (Schur complement), linearised where that
+step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution. The window loops over
+factors and knows none of them.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,273 +19,310 @@ from numpy.typing import NDArray
 
 from palpate.config import Normal, Priors
 from palpate.errors import EstimationError
-from palpate.filter.belief import Belief, Prior
 from palpate.geometry import se2
-from palpate.graph.block_tridiagonal import BandedEquations
+from palpate.graph.belief import Belief, Indices
+from palpate.graph.block_tridiagonal import Equations, Gaussian
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.dense_equations import DenseEquations
-from palpate.graph.factors.factor import Factor, Step, Terms
+from palpate.graph.costs import add_costs, add_headings, mean_squares
+from palpate.graph.factors.factor import Factor, Linear, Step, Terms
 from palpate.graph.factors.first_pose import FirstPose
-from palpate.graph.growing_terms import GrowingTerms
-from palpate.graph.linearised import Linearised
-from palpate.graph.normal_equations import Gaussian
-from palpate.graph.past import nothing_past, without_oldest
-from palpate.graph.trail import Trail
-from palpate.graph.values import ANGLE_STEPS, Knock, Values
+from palpate.graph.values import ANGLE_STEPS, Values
 from palpate.graph.variables import (
     CONTACT_SIZE,
     GRIP,
     IN_SHARED,
     LAG,
+    OBJECT_SIZE,
     OF_CONTACT,
-    SENSOR,
-    SENSOR_IN_OBJECT,
     SHARED_SIZE,
     STEP_SIZE,
 )
 from palpate.types.measurements import Measurement
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _ITERATIONS = 4
-_CONVERGED = 3e-4  # [m], [rad] of the poses; the next frame takes another Gauss-Newton step
-_REMEMBERED = 1000  # steps that left the window of which it is remembered what they cost
-_REPORTED = np.r_[:STEP_SIZE, STEP_SIZE + CONTACT_SIZE : STEP_SIZE + SHARED_SIZE]  # all but what a contact has
+_CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
+_REMEMBERED = 1000  # steps that left the window whose costs are kept
+_OBJECT = np.r_[:STEP_SIZE, STEP_SIZE + CONTACT_SIZE : STEP_SIZE + SHARED_SIZE]  # all variables but those of a contact
 
 
 class Window:
-    """The graph of one contact over its last `lag` steps, for one smoother or a bank of them."""
+    """The graph of one contact over its last steps, in B hypotheses."""
 
     def __init__(
         self,
         factors: Sequence[Factor],
         model: ContactModel,
-        priors: Sequence[Prior],
+        belief: Belief,
         sensor_pose: Array,
         measurements: Sequence[Measurement] = (),
         time: float = 0.0,
         lag: int = LAG,
-        usual: Priors | None = None,
+        priors: Priors | None = None,
+        sign: Array | None = None,
+        from_touch: int = 0,
     ) -> None:
-        """Begin with the first frame of a contact and what each smoother knows of the object.
+        """Begin with the first frame of a contact and B beliefs about the object.
 
-        sensor_pose (3,) is the measured world_T_sensor [m, m, rad]. What belongs to the object may change in a step as
-        is `usual`, by default not at all; within the window it is taken not to.
+        sensor_pose (3,) is the measured world_T_sensor [m, m, rad]. The first `from_touch` measurements are read from
+        touch images; `sign` (B,) is -1 in hypotheses that take these as mirrored. The object's variables change from
+        step to step as `priors` says, by default not at all; within the window they count as constant.
         """
-        self._lag, self._priors = lag, priors
-        self._changes = np.zeros(SHARED_SIZE)  # variances in a step
-        if usual is not None:
-            self._changes[CONTACT_SIZE:] = usual.changes_per_step
-        self._factors = [FirstPose(priors), *factors]
-        self._terms = [GrowingTerms() for _ in self._factors]
-        poses = np.array([prior.pose for prior in priors])
-        of_steps = {
-            SENSOR_IN_OBJECT: se2.between(poses, sensor_pose)[:, None],
-            SENSOR: np.repeat(sensor_pose[None, None], len(priors), axis=0),
-        }
-        shared = np.empty((SHARED_SIZE, len(priors)))
+        rows = len(belief)
+        self._lag = lag
+        self._drift = np.zeros(SHARED_SIZE)  # variances per step
+        if priors is not None:
+            self._drift[CONTACT_SIZE:] = priors.changes_per_step
+        self._factors: list[Factor] = [FirstPose(belief), *factors]
+        self._terms = [Terms(np.empty(0, np.int64), np.empty(0, factor.data)) for factor in self._factors]
+        self._has_begun = [False] * len(self._factors)  # whether a factor had terms in this contact
+        self._linear: list[Linear] = []
+        shared = np.empty((rows, SHARED_SIZE))
         for one in OF_CONTACT:
-            shared[IN_SHARED[one]] = one.prior[0] if one.prior else 0.0
-        shared[CONTACT_SIZE:] = np.transpose([prior.values for prior in priors])
-        self._values = Values(model, of_steps, shared)
-        self._past, self._past_at = nothing_past(len(priors)), self._values
+            shared[:, IN_SHARED[one]] = one.prior[0] if one.prior else 0.0
+        shared[:, CONTACT_SIZE:] = belief.values
+        self._values = Values(
+            model,
+            se2.between(belief.pose, sensor_pose)[:, None],
+            np.repeat(sensor_pose[None, None], rows, axis=0),
+            shared,
+            np.zeros((rows, 1, 2)),
+            np.ones(rows) if sign is None else sign,
+        )
+        self._at = self._values  # values at which terms are linearised
+        self._past, self._past_at = _prior_of_contact(rows), self._values
+        self._covariance = np.empty((rows, STEP_SIZE + SHARED_SIZE, STEP_SIZE + SHARED_SIZE))
         self._measured, self._times = sensor_pose, [time]
-        self._left_costs = np.empty((len(priors), 0, 2))
-        self._left = [Trail() for _ in priors]  # g and e (2, 3) of the steps that left, one a smoother
-        self.is_lost = np.zeros(len(priors), np.bool_)
-        """Whether the graph of a smoother has no solution (B,)."""
-        self._costs: Array | None = None  # as they were asked for since the last frame, and below errors
-        self._errors: dict[str, Array] | None = None
-        step = Step(sensor_pose, None, measurements, self._times)
+        self._left_costs = np.empty((rows, 0, 2))  # of steps that left the window
+        self._costs: Array | None = None
+        self.is_lost = np.zeros(rows, np.bool_)
+        """True where the graph has no solution (B,)."""
+        step = Step(sensor_pose, None, measurements, self._times, from_touch=from_touch)
         self._join([factor.terms(step) for factor in self._factors])
-        self._solve()
+        self._solve(np.ones(rows, np.bool_), np.arange(rows))
 
     def add(
         self,
         sensor_pose: Array,
         measurements: Sequence[Measurement] = (),
         time: float = 0.0,
-        knocks: Sequence[Knock | None] | None = None,
-    ) -> None:
-        """Add the next frame: the measured sensor pose (3,), what touch and others say, and what else may push.
+        disturbance: Array | None = None,
+        from_touch: int = 0,
+    ) -> Array | None:
+        """Add the next frame, and return the object poses (B, 3) of the step that leaves the window, if any does.
 
-        The last is one a smoother. Raises EstimationError where no graph has a solution.
+        `disturbance` (B, 2) [m] is the slide over the sensor by which something else may move the object in this step,
+        mean and standard deviation; see `Values`. Raises EstimationError where no hypothesis has a solution.
         """
-        step = Step(sensor_pose, self._measured, measurements, [*self._times, time])
-        new = [factor.terms(step) for factor in self._factors]  # before anything changes: they may refuse
+        times = [*self._times, time]
+        step = Step(sensor_pose, self._measured, measurements, times, from_touch=from_touch)
+        new = [factor.terms(step) for factor in self._factors]  # before any change, since they may raise
+        leaving = None
         if self._values.steps == self._lag:
+            leaving = _object_poses(self._values.sensor_in_object[:, 0], self._values.sensor[:, 0])
             self._marginalise()
-        self._values = self._values.continued(sensor_pose, knocks or [None] * self.smoothers)
-        self._measured = sensor_pose
-        self._times.append(time)
+        disturbance = np.zeros((self.rows, 2)) if disturbance is None else disturbance
+        self._values = self._values.continued(sensor_pose, disturbance)
+        self._measured, self._times = sensor_pose, times[-self._values.steps :]
         self._join(new)
-        self._solve()
+        self._solve(np.ones(self.rows, np.bool_), self._values.sign)
+        return leaving
 
-    def knocked(self, steps: int, slide: Normal, grip: tuple[Normal, Normal] | None = None) -> "Window":
-        """Return a copy in which something else may have moved the object in the last steps.
+    def take(self, rows: Indices) -> None:
+        """Keep these rows, in this order; a row may be taken several times."""
+        first = self._factors[0]
+        assert isinstance(first, FirstPose)
+        self._factors = [first.take(rows), *self._factors[1:]]
+        self._linear = [Linear(*(array[rows] for array in one)) for one in self._linear]
+        self._values, self._at = self._values.take(rows), self._at.take(rows)
+        self._past, self._past_at = self._past.take(rows), self._past_at.take(rows)
+        self._covariance, self._left_costs = self._covariance[rows], self._left_costs[rows]
+        self.is_lost = self.is_lost[rows]
+        self._costs = None if self._costs is None else self._costs[rows]
 
-        `slide` is how far the object slid over the sensor in all of them, counter-clockwise along the outline, mean and
-        standard deviation [m]; `grip` what was believed of GRIP at first and what is to be believed of it instead, the
-        more certain. Raises EstimationError where that has no solution.
+    def disturb(
+        self, rows: Indices, steps: int, slide: Array, spread: float, slippery: Flags, grips: tuple[Normal, Normal]
+    ) -> None:
+        """Let something else have moved the object in the last steps, in some rows.
+
+        `slide` (len(rows),) is the slide of the object over the sensor in all these steps, counter-clockwise along the
+        outline, and `spread` its standard deviation, both [m]. In rows that are `slippery` (len(rows),) the first of
+        `grips`, the prior on GRIP, becomes the second, which is tighter. Rows without a solution are lost.
         """
-        other = self._copied()
+        chosen = np.arange(self.rows)[rows]
         first = max(self._values.steps - steps, 1)
         count = max(self._values.steps - first, 1)
-        other._values = self._values.slid(first, Knock(slide[0] / count, slide[1] / math.sqrt(count)))
-        if grip is not None:
-            other._past = self._past.believing(IN_SHARED[GRIP].start, self._past_at[GRIP][0], *grip)
-            other._values = other._values.with_value(GRIP, np.full_like(self._values[GRIP], grip[1][0]))
-        other._gather()
-        other._solve()
-        return other
-
-    @staticmethod
-    def bank(chosen: Sequence[tuple["Window", int]]) -> "Window":
-        """Return smoothers of windows side by side in one, which goes its own way; each is a window and which of it.
-
-        The windows are of one contact and have taken the same frames.
-        """
-
-        def joined(of: Callable[[Window], NDArray[Any]], axis: int = 0) -> NDArray[Any]:
-            return np.concatenate([of(window).take([b], axis) for window, b in chosen], axis)
-
-        def joined_values(of: Callable[[Window], Values]) -> Values:
-            return Values.bank([(of(window), b) for window, b in chosen])
-
-        first = chosen[0][0]
-        other = first._copied()
-        other._priors = [window._priors[b] for window, b in chosen]
-        other._factors = [FirstPose(other._priors), *first._factors[1:]]
-        other._values = joined_values(lambda one: one._values)
-        other._past_at = joined_values(lambda one: one._past_at)
-        information, gradient = joined(lambda one: one._past.information), joined(lambda one: one._past.gradient)
-        other._past = Gaussian(first._past.steps, information, gradient)
-        other._covariance = joined(lambda one: one._covariance)
-        other._left_costs = joined(lambda one: one._left_costs)
-        other._left = [window._left[b].copied() for window, b in chosen]
-        other.is_lost = joined(lambda one: one.is_lost)
-        other._gather()
-        other._linearised.linearise(joined_values(lambda one: one._linearised.at))
-        return other
-
-    def _copied(self) -> "Window":
-        other = copy(self)
-        other._costs = other._errors = None
-        other._times, other._left = [*self._times], [left.copied() for left in self._left]
-        other._terms = [grown.copy() for grown in self._terms]
-        return other
+        self._values = self._values.disturbed(chosen, first, slide / count, spread / math.sqrt(count))
+        if (changed := chosen[slippery]).size:
+            prior, now = grips
+            grip = IN_SHARED[GRIP].start
+            self._past = self._past.with_prior(changed, grip, self._past_at.shared[changed, grip], prior, now)
+            self._values = self._values.with_shared(changed, GRIP, now[0])
+        changing = np.zeros(self.rows, np.bool_)
+        changing[chosen] = True
+        self._solve(changing, np.arange(self.rows))
 
     @property
-    def smoothers(self) -> int:
-        """How many there are."""
-        return self._values.smoothers
+    def rows(self) -> int:
+        """Number of hypotheses."""
+        return self._values.rows
+
+    @property
+    def steps_with_costs(self) -> int:
+        """Number of steps that `costs` covers."""
+        return self._left_costs.shape[1] + self._values.steps
 
     @property
     def values(self) -> Values:
-        """The estimate: all steps in the window and what they share."""
+        """Values of all steps in the window and of the shared variables."""
         return self._values
 
-    def belief(self, smoother: int = 0) -> Belief:
-        """Return what a smoother says of the last step."""
-        g, e = (self._values[one][smoother, -1] for one in (SENSOR_IN_OBJECT, SENSOR))
-        covariance = self._covariance[smoother][_REPORTED[:, None], _REPORTED]
-        return Belief(g, e, self._values.shared[CONTACT_SIZE:, smoother], covariance)
+    @property
+    def sensor_in_object(self) -> Array:
+        """Sensor pose in the object frame at the last step, (B, 3)."""
+        return self._values.sensor_in_object[:, -1]
 
-    def path(self) -> tuple[Array, Array]:
-        """Return all steps of this contact, g and e (B, N, 3); those that left the window as they last were in it."""
-        g, e = self._values[SENSOR_IN_OBJECT], self._values[SENSOR]
-        left = np.array([each.rows().reshape(-1, 2, 3) for each in self._left])
-        return np.concatenate([left[:, :, 0], g], axis=1), np.concatenate([left[:, :, 1], e], axis=1)
+    def belief(self) -> Belief:
+        """Return the beliefs about the object at the last step."""
+        g, e = self.sensor_in_object, self._values.sensor[:, -1]
+        # o = e g^-1 moves by Ad_g (d_e - d_g).
+        by_g = se2.adjoint(g)
+        by_all = np.tile(np.eye(3 + OBJECT_SIZE, STEP_SIZE + OBJECT_SIZE, 3), (self.rows, 1, 1))
+        by_all[:, :3, :3], by_all[:, :3, 3:6] = -by_g, by_g
+        covariance = by_all @ self._covariance[:, _OBJECT[:, None], _OBJECT] @ by_all.transpose(0, 2, 1)
+        pose = _object_poses(g, e)
+        values = self._values.shared[:, CONTACT_SIZE:]
+        return Belief(pose, values, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
 
-    def pushing_angle(self) -> Array:
-        """Return the angle of the pushing force from the outline's inward normal at the last step (B,) [rad].
+    def object_path(self) -> Array:
+        """Return the object poses of all steps in the window, (B, N, 3)."""
+        return _object_poses(self._values.sensor_in_object, self._values.sensor)
 
-        NaN at the first step.
-        """
-        values = self._values.with_steps(lambda value: value[:, -ANGLE_STEPS - 1 :])
-        return values.pushing_angle[:, -1] if values.steps > 1 else np.full(self.smoothers, math.nan)
+    def force_angle(self, row: int) -> float:
+        """Return the angle of the pushing force from the outline's inward normal [rad]; NaN at the first step."""
+        if self._values.steps == 1:
+            return math.nan
+        return float(self._values.take([row]).from_step(-ANGLE_STEPS - 1).state.force_angle[0, -1])
 
-    def mean_square(self, name: str, steps: int, smoother: int = 0) -> float:
-        """Return the mean square error of a factor's terms in the last steps [variances], kernels left out."""
-        first = max(self._values.steps - steps, 0)
-        return self._linearised.mean_square(name, first, smoother)
+    def mean_squares(self, name: str, steps: int) -> Array:
+        """Return the mean square error of a factor's terms in the last steps (B,) [variances], without kernels."""
+        found = np.zeros(self.rows)
+        for factor, terms, linear in self._each():
+            if factor.name == name:
+                mean_squares(linear, terms.step, max(self._values.steps - steps, 0), found)
+        return found
 
     def costs(self) -> Array:
-        """Return what each of the last steps costs (B, N, 2): minus the log of how likely it is, but for a constant.
+        """Return the cost of each of the last steps (B, N, 2): minus its log likelihood, except for a constant.
 
-        They are all of the contact, or a thousand. First what is measured in it, then pushing, which holds only where
-        nothing but the sensor moves the object. A term costs its step what its kernel leaves of half the square. What
-        several steps cost together, as pushing does, is forgotten when the first of them leaves the window.
+        The first column is that of the measurements, the second that of pushing, which holds only while nothing but
+        the sensor moves the object. At most a thousand steps that left the window are included.
         """
         if self._costs is None:
-            self._costs = np.concatenate([self._left_costs, self._linearised.costs()], axis=1)
+            costs = np.zeros((self.rows, self._at.steps, 2))
+            for factor, terms, linear in self._each():
+                if not isinstance(factor, FirstPose):  # a belief from before is no evidence for measurements
+                    add_costs(linear, terms.step, costs[..., int(factor.is_of_pushing)])
+            at = self._at
+            add_headings(at.sensor_in_object, at.sensor, at.contact, ANGLE_STEPS, costs[..., 1])
+            self._costs = np.concatenate([self._left_costs, costs], axis=1)
         return self._costs
 
-    def last_errors(self) -> dict[str, Array]:
-        """Return the errors of the last step by factor, of those that tell strain: (B, rows) [standard deviations].
+    def last_errors(self) -> Array | None:
+        """Return the errors of the last step's consistency tests, (B, R) [standard deviations], without kernels.
 
-        Kernels are left out; of several terms it is the one worst off.
+        None at the first step, which has none.
         """
-        if self._errors is None:
-            self._errors = self._linearised.last_errors(self._values)
-        return self._errors
+        last, errors = self._values.steps - 1, []
+        nearby = self._values.from_step(-ANGLE_STEPS - 1)
+        for factor, terms in zip(self._factors, self._terms, strict=True):
+            if factor.is_consistency_test and (mine := terms.step == last).any():
+                now = Terms(np.full(np.count_nonzero(mine), nearby.steps - 1), terms.data[mine])
+                linear = factor.linearise(nearby, now)
+                errors.append(np.abs(linear.residual * np.sqrt(linear.information)).max(axis=1))
+        return np.concatenate(errors, axis=1) if errors else None
+
+    def _each(self) -> list[tuple[Factor, Terms, Linear]]:
+        """Return all factors that have terms, with these and their linearisation."""
+        each = zip(self._factors, self._terms, self._linear, strict=True)
+        return [(factor, terms, linear) for factor, terms, linear in each if len(terms.step)]
 
     def _join(self, new: Sequence[Terms | None]) -> None:
         """Take the terms that arrive with the last step."""
         now = self._values.steps - 1
-        for factor, grown, arrived in zip(self._factors, self._terms, new, strict=True):
+        for index, (factor, arrived) in enumerate(zip(self._factors, new, strict=True)):
             if arrived is None:
                 continue
-            first = not grown.begun
-            grown.append(arrived, now)
-            if first and len(grown):
-                for unknown, value in factor.first_guess(self._values, grown.terms).items():
-                    self._values = self._values.with_value(unknown, value)
-        self._gather()
+            place, terms = arrived.step + now, self._terms[index]
+            kept = place >= factor.spans - 1  # the step of a late measurement may have left the window
+            terms = self._terms[index] = Terms(
+                np.concatenate([terms.step, place[kept]]), np.concatenate([terms.data, arrived.data[kept]])
+            )
+            if not self._has_begun[index] and kept.any():
+                self._has_begun[index] = True
+                for variable, value in factor.first_guess(self._values, terms).items():
+                    self._values = self._values.with_shared(slice(None), variable, value)
+        self._linear = [
+            factor.room(self.rows, len(terms.step)) for factor, terms in zip(self._factors, self._terms, strict=True)
+        ]
 
-    def _gather(self) -> None:
-        """Make room for all terms linearised."""
-        self._linearised = Linearised(self._factors, self._terms, self.smoothers)
-        banded = self._past.steps <= 1 and all(grown.span <= 1 for grown in self._terms)
-        self._equations = BandedEquations if banded else DenseEquations
+    def _solve(self, changing: Flags, groups: NDArray[Any]) -> None:
+        """Take Gauss-Newton steps of the rows that are `changing` (B,), the rows of a group until all have converged.
 
-    def _solve(self) -> None:
-        self._costs = self._errors = None
-        with self._equations.threads():
-            for _ in range(_ITERATIONS):
-                if self._improve() < _CONVERGED:
-                    break
+        The other rows keep their solution. Raises EstimationError where no row has a solution.
+        """
+        self._costs = None
+        together = groups[:, None] == groups
+        for _ in range(_ITERATIONS):
+            change = self._improve(changing)
+            changing = changing & ((together * change).max(axis=1) >= _CONVERGED)
+            if not changing.any():
+                break
         if self.is_lost.all():
             raise EstimationError("the linear system of the window is indeterminate")
 
-    def _improve(self) -> float:
-        """Take a Gauss-Newton step and return its largest change of a pose [m], [rad]."""
-        at = self._values
-        self._linearised.linearise(at)
-        equations = self._equations(at.smoothers, at.steps)
-        for factor, terms, rows in self._linearised:
-            equations.add(rows, terms.places, factor.columns)
-        equations.add_gaussian(self._past_seen_from(at))
+    def _improve(self, changing: Flags) -> Array:
+        """Take a Gauss-Newton step of some rows (B,) and return the largest change of a pose in each, (B,) [m, rad].
+
+        The other rows are linearised where they were, and so have the same solution as before.
+        """
+        at = self._at = self._values if changing.all() else self._values.where(changing, self._at)
+        equations = Equations(at.rows, at.steps)
+        for factor, terms, linear in self._each():
+            factor.linearise(at, terms, linear)
+            equations.add(linear, terms.step, factor.columns)
+        equations.add_gaussian(self._past.moved(at.change_since(self._past_at)))
         solution = equations.solve()
         self._values = at.moved(solution.by_step, solution.by_shared)
         self._covariance = solution.covariance
         self.is_lost = self.is_lost | ~solution.is_found
-        return max(float(solution.by_step.max()), -float(solution.by_step.min()))
-
-    def _past_seen_from(self, at: Values) -> Gaussian:
-        """What was known of what is shared, and what the steps that left say, at other values."""
-        past = self._past
-        return past.moved(at.apart_from(self._past_at, past.steps))
+        return np.abs(solution.by_step).max(axis=(1, 2))
 
     def _marginalise(self) -> None:
-        """Replace the oldest step by a Gaussian on the others and what is shared, as its terms were last linearised."""
-        at = self._linearised.at
-        self._past = without_oldest(self._linearised, self._past_seen_from(at)).loosened(self._changes)
-        self._past_at = at.without_oldest()
-        self._left_costs = np.concatenate([self._left_costs, self._linearised.costs()[:, :1]], axis=1)[:, -_REMEMBERED:]
-        for grown in self._terms:
-            grown.drop_oldest()
-        for left, g, e in zip(self._left, self._values[SENSOR_IN_OBJECT], self._values[SENSOR], strict=True):
-            left.append(np.array([g[0], e[0]]))
-        self._values = self._values.without_oldest()
-        del self._times[0]
+        """Replace the oldest step by a Gaussian on the next one and the shared variables."""
+        at = self._at
+        equations = Equations(at.rows, 2)
+        for factor, terms, linear in self._each():
+            equations.add(linear, terms.step, factor.columns, of_oldest=True)
+        equations.add_gaussian(self._past.moved(at.change_since(self._past_at)))
+        self._past, self._past_at = equations.without_oldest().inflated(self._drift), at.from_step(1)
+        self._left_costs = self.costs()[:, : self._left_costs.shape[1] + 1][:, -_REMEMBERED:]
+        for index, (factor, terms) in enumerate(zip(self._factors, self._terms, strict=True)):
+            kept = terms.step >= factor.spans  # their steps stay in the window
+            self._terms[index] = Terms(terms.step[kept] - 1, terms.data[kept])
+        self._values = self._values.from_step(1)
+
+
+def _object_poses(g: Array, e: Array) -> Array:
+    return se2.compose(e, se2.inverse(g))
+
+
+def _prior_of_contact(rows: int) -> Gaussian:
+    """Return the prior on the variables of a contact; it says nothing of any step."""
+    information = np.zeros((rows, STEP_SIZE + SHARED_SIZE, STEP_SIZE + SHARED_SIZE))
+    deviations = [one.prior[1] for one in OF_CONTACT if one.prior for _ in range(one.dimension)]
+    places = range(STEP_SIZE, STEP_SIZE + CONTACT_SIZE)
+    information[:, places, places] = np.square(deviations) ** -1.0
+    return Gaussian(information, np.zeros((rows, STEP_SIZE + SHARED_SIZE)))

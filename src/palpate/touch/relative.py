@@ -1,6 +1,5 @@
 """Relative sensor poses from touch, between the current frame and earlier ones of a contact (paper Sec. IV-A)."""
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
@@ -9,11 +8,12 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.types.frame import Frame
-from palpate.types.measurements import FARTHEST_BACK, Measurement, RelativePoses
+from palpate.types.measurements import FARTHEST_BACK, Measurement, RelativePoses, Turn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
+_TRUE = 1e-3  # [rad] standard deviation of the yaw that motion capture tells
 BACK = np.arange(10, FARTHEST_BACK + 1)
 """How many frames ago the compared frames were, as in the published system."""
 
@@ -64,25 +64,20 @@ class ConstantTouch:
 
 
 class OracleTouch:
-    """Says the true relative poses, from the frames' ground truth: the paper's upper bound."""
+    """Measures the true turn of the sensor on the object, up to an offset of the contact, from ground truth."""
 
-    def __init__(self, sigmas: tuple[float, float, float]) -> None:
-        self._covariance = np.diag(np.square(sigmas))
-        self._felt: deque[Array] = deque(maxlen=int(BACK[-1]) + 1)
+    def __init__(self, sigmas: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        """Take nothing that counts any more."""
 
     def measure(self, frame: Frame) -> Sequence[Measurement]:
-        """See Touch. A frame without ground truth says nothing, then and later."""
-        object_pose = np.full(3, np.nan) if frame.object_pose is None else frame.object_pose
-        self._felt.append(se2.between(object_pose, frame.sensor_pose))
-        felt = np.array(self._felt)
-        back = compared_frames(len(felt) - 1)
-        pose = se2.between(felt[-1 - back], felt[-1])
-        known = np.isfinite(pose).all(axis=-1)
-        return _relative_poses(back[known], pose[known], self._covariance)
+        """See Touch. A frame without ground truth has no measurement."""
+        if frame.object_pose is None or not np.isfinite(frame.object_pose).all():
+            return ()
+        yaw = se2.between(np.asarray(frame.object_pose), frame.sensor_pose)[2]
+        return (Turn(float(yaw), _TRUE**2),)
 
     def end_contact(self) -> None:
         """See Touch."""
-        self._felt.clear()
 
 
 def compared_frames(age: int) -> Indices:

@@ -2,14 +2,36 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.filter.consistency import Status
-
 Array = NDArray[np.float64]
+Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
+"""Reliability of an estimate.
+
+- resting: nothing touches the object, so it has not moved.
+- tracking: all is well.
+- ambiguous: several poses far apart fit the measurements; the covariance spans them.
+- strained: touch and pushing contradict each other, now or earlier (a slip, a disturbance), or measured poses of the
+  object contradict the rest; the covariance is inflated accordingly.
+- uncertain: the covariance is too large to be reliable, or touch cannot measure anything yet.
+- displaced: the object was moved while nothing touched it, and its pose has the uncertainty of the covariance.
+- indeterminate: the graph had no solution at this frame and starts anew from the last pose.
+- faulty: the input from sensor or robot is implausible; the reason says why.
+"""
+REASONS: dict[Status, str] = {
+    "resting": "",
+    "tracking": "",
+    "ambiguous": "several poses fit what was measured",
+    "strained": "touch and pushing contradict each other, or did before",
+    "uncertain": "the covariance is too large to be reliable",
+    "displaced": "the object was moved while nothing touched it",
+    "indeterminate": "the graph had no solution and began anew",
+    "faulty": "implausible input",
+}
+"""Reason of each status, for an estimate that has no closer one."""
 
 
 class RosPose(NamedTuple):

@@ -1,6 +1,6 @@
 """Colours of all views: Okabe and Ito's palette, which people with any colour vision can tell apart."""
 
-from palpate.filter.consistency import Status
+from palpate.types.estimate import Status
 
 TRUTH, ESTIMATE, SENSOR = "#8C8C8C", "#0E86CC", "#D55E00"
 CONTACT, OTHERS = "#E69F00", "#CC79A7"

@@ -5,11 +5,11 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from palpate.graph.smoother import SmootherName
 from PIL import Image
 from study_samples import drawn_results, drawn_trial, drawn_trials, with_summary
 
 from palpate.geometry.shapes import Disc, shape_to_dict
-from palpate.graph.smoother import SmootherName
 from palpate.lab.study.figures import Key, Sheet, Tile, render, study_sheets
 from palpate.lab.study.figures.final_errors import ROTATION, TRANSLATION, against_sheets, box_sheet, slid_sheet
 from palpate.lab.study.figures.methods import COLOURS, DASHES, groups_of, main_method, methods_of

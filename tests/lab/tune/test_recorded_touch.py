@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from palpate.graph.fixed_lag import FixedLag
 from push_samples import with_settings
 from recording_samples import pushed
 
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError
 from palpate.geometry.objects import SHAPES
-from palpate.graph.fixed_lag import FixedLag
 from palpate.io.recording_mcap import write_recording
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.tune.recorded_touch import (

@@ -1,8 +1,9 @@
-"""What a factor is, and what solvers take from it.
+"""Interface between factors and the window.
 
-A factor is one kind of term in the sum of squares that solvers make small: it says on which unknowns its terms are,
-makes a term of what arrives with a step, and linearises all of its terms at given values. Solvers loop over factors and
-know none of them by name. Jacobians are with respect to right (body-frame) perturbations of poses, order x, y, theta.
+A factor is one kind of term of the objective. It names the variables its terms depend on, creates terms from what
+arrives with a step, and linearises all its terms at given values. Each term belongs to one step, and depends on that
+step or on that step and the one before. Jacobians are with respect to right (body-frame) perturbations of poses, in the
+order x, y, theta.
 """
 
 import logging
@@ -17,52 +18,52 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.graph.compiled import Array, Places
+from palpate.graph.compiled import Array, Integers
 from palpate.graph.values import Values
-from palpate.graph.variables import IN_SHARED, IN_STEP, Unknown
+from palpate.graph.variables import IN_SHARED, IN_STEP, Variable
 from palpate.types.measurements import Measurement
 
 logger = logging.getLogger(__name__)
 M = TypeVar("M", bound=Measurement)
-_SLACK = 0.02  # [s] by which a measurement may be of another time than the only step there is
+_SLACK = 0.02  # [s] tolerance on a measurement's time if there is only one step
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What arrives with a step of a contact."""
+    """Input of one step of a contact."""
 
     sensor_pose: Array
     """Measured world_T_sensor, (3,) [m, m, rad]."""
     before: Array | None
-    """That of the step before, (3,); None at the first step of a contact."""
+    """Sensor pose of the step before, (3,); None at the first step of a contact."""
     measurements: Sequence[Measurement]
-    """What touch and others say."""
+    """Measurements from touch and other sources."""
     times: Sequence[float]
-    """Times of the steps that are still at hand, this one last [s]."""
+    """Times of the steps in the window, this one last [s]."""
     at_rest: bool = False
-    """Whether nothing touches the object: its pose is all there is."""
+    """True if nothing touches the object; its pose is then the only variable of a step."""
+    from_touch: int = 0
+    """Number of leading measurements that were read from touch images, which may be mirrored."""
 
     @cached_property
     def moved(self) -> float:
-        """How far the sensor moved since the step before [m]."""
+        """Distance of the sensor from the step before [m]."""
         if self.before is None:
             return 0.0
         return math.hypot(self.sensor_pose[0] - self.before[0], self.sensor_pose[1] - self.before[1])
 
-    def of(self, kind: type[M]) -> list[M]:
-        """Return the measurements of a kind that carries a time, but for those of a time that is not at hand.
-
-        These are named in a warning.
-        """
+    def timed(self, kind: type[M]) -> list[M]:
+        """Return the measurements of a kind that carries a time; warns of those outside the window and omits them."""
         found = []
         for one in self.measurements:
             if not isinstance(one, kind):
                 continue
-            if self.is_at_hand(one):
+            if self.is_in_window(one):
                 found.append(one)
             else:
                 logger.warning(
-                    "frame at %.3f s: measurement %s is of %s s, which is not between %.3f s and now; it is left out",
+                    "frame at %.3f s: measurement %s has time %s s, which is not between %.3f s and now; it is left "
+                    "out",
                     self.times[-1],
                     kind.__name__,
                     getattr(one, "time", None),
@@ -70,165 +71,122 @@ class Step:
                 )
         return found
 
-    def is_at_hand(self, measurement: Measurement) -> bool:
-        """Whether a measurement that may carry a time is of one that is at hand."""
-        time = getattr(measurement, "time", None)
-        slack = (
-            _SLACK
-            if self.at_rest or len(self.times) < 2
-            else 0.5 * (self.times[-1] - self.times[0]) / (len(self.times) - 1)
-        )
-        return time is None or self.times[0] - slack <= time <= self.times[-1] + slack
+    def is_in_window(self, measurement: Measurement) -> bool:
+        """Return True if the time of a measurement, if it has one, is within the window."""
+        time, times = getattr(measurement, "time", None), self.times
+        single = self.at_rest or len(times) < 2
+        slack = _SLACK if single else 0.5 * (times[-1] - times[0]) / (len(times) - 1)
+        return time is None or times[0] - slack <= time <= times[-1] + slack
 
-    def places_of(self, measurements: Sequence[Any]) -> Places:
-        """Return the places (T, 1) of the steps nearest to the times of measurements; 0 is this step."""
+    def nearest(self, measurements: Sequence[Any]) -> Integers:
+        """Return the steps (T,) nearest to the times of measurements; 0 is this step, -1 the one before."""
         last = len(self.times) - 1
-        places = [0 if one.time is None else _nearest(self.times, one.time) - last for one in measurements]
-        return np.array(places, np.int64)[:, None]
+        times = np.asarray(self.times)
+        steps = [0 if one.time is None else int(np.argmin(np.abs(times - one.time))) - last for one in measurements]
+        return np.array(steps, np.int64)
 
 
 NOTHING = np.dtype([("nothing", np.int64)])
-"""What terms hold that are compared with nothing that arrives."""
+"""Data of terms without any."""
 
 
 class Terms(NamedTuple):
     """Terms of one factor."""
 
-    places: Places
-    """The steps that each term is tied to, (T, K): as places in the window, or 0 for now and -1 for the step before."""
+    step: Integers
+    """Step of each term (T,): its place in the window or, in a term that arrives, relative to the new step."""
     data: NDArray[np.void]
-    """What each term compares the values with, (T,) of the factor's own structured type."""
+    """Measured values and weights of each term, (T,) of the factor's structured type."""
 
 
-class Rows(NamedTuple):
-    """The T terms of a factor, of R rows each, linearised for B smoothers."""
+class Linear(NamedTuple):
+    """T terms of R residual rows, linearised for B hypotheses."""
 
     residual: Array
     """(B, T, R)"""
     jacobian: Array
-    """(B, T, R, C), one column for each number of the unknowns that the factor is on; see `Factor.columns`."""
+    """(B, T, R, C); columns as `Factor.columns` has them."""
     information: Array
-    """Inverse variances without the factor's kernel, (B, T, R)."""
+    """Inverse variances without the robust kernel, (B, T, R)."""
     weight: Array
-    """Inverse variances with the kernel, (B, T, R)."""
-
-
-class Factor(ABC):
-    """One kind of term: class attributes say what it is on, `terms` what it is made of, `kernel` what it is."""
-
-    name: ClassVar[str]
-    """As settings and messages call it."""
-    steps: ClassVar[tuple[tuple[Unknown, ...], ...]]
-    """The unknowns of each step that a term is tied to, earlier steps first."""
-    shared: ClassVar[tuple[Unknown, ...]] = ()
-    """The unknowns that all steps share."""
-    rows: ClassVar[int]
-    """Rows of a term."""
-    data: ClassVar[np.dtype]
-    """What a term compares the values with: a structured type."""
-    kernel: ClassVar[Callable[..., None]]
-    """Linearises terms: a compiled function that takes `Values.state`, Terms, `given` and fills in Rows, as far as they
-    are not 0. It reads like the formula, term by term."""
-    given: tuple[Any, ...]
-    """Settings that the kernel takes."""
-    tells_strain: ClassVar[bool] = False
-    """Whether its error tells that touch and pushing contradict each other."""
-    reads_outline: ClassVar[bool] = True
-    """Whether its kernel takes how the sensor touches the outline and the angle of the force."""
-    is_motion: ClassVar[bool] = False
-    """Whether it says how object and sensor move and not what is measured of them: a filter draws it."""
-    is_of_pushing: ClassVar[bool] = False
-    """Whether it holds only where nothing but the sensor moves the object; see `Knock`."""
-    holds_at_rest: ClassVar[bool] = False
-    """Whether its terms hold while nothing touches the object, too."""
-
-    @cached_property
-    def columns(self) -> "Columns":
-        """Where the columns of its Jacobian stand."""
-        return columns_of(self.steps, self.shared)
-
-    @cached_property
-    def _width(self) -> int:
-        return int(self.columns.size.sum())
-
-    @abstractmethod
-    def terms(self, step: Step) -> Terms | None:
-        """Return the terms that arrive with a step, places counted from it (0 is the step, -1 the one before)."""
-
-    def linearise(self, at: Values, terms: Terms) -> Rows:
-        """Return the terms linearised at the values; places are those of the values' steps."""
-        rows = self.empty_rows(at.smoothers, len(terms.data))
-        self.linearise_into(rows, at, terms)
-        return rows
-
-    def linearise_into(self, rows: Rows, at: Values, terms: Terms) -> None:
-        """Linearise into rows that were made for as many terms."""
-        type(self).kernel(at.state if self.reads_outline else at.poses, *terms, self.given, *rows)
-
-    def empty_rows(self, smoothers: int, terms: int) -> Rows:
-        """Return rows for so many smoothers and terms, to be filled in; Jacobians are 0."""
-        shape = (smoothers, terms, self.rows)
-        return Rows(np.empty(shape), np.zeros((*shape, self._width)), np.empty(shape), np.empty(shape))
-
-    def first_guess(self, at: Values, terms: Terms) -> dict[Unknown, Array]:
-        """Return better values (dimension, B) of the unknowns that its first term in a contact brings into being."""
-        return {}
+    """Inverse variances times the weight of the robust kernel, (B, T, R)."""
 
 
 class Columns(NamedTuple):
-    """Where the columns of a factor's Jacobian stand: for each of its steps in order, and last for what is shared."""
+    """Columns of a factor's Jacobian: those of each of its steps in order, and last those of shared variables."""
 
-    first: Places
-    """The first number of a step, or of what is shared, that it is on (K + 1,)."""
-    size: Places
-    """How many it is on from there (K + 1,)."""
-
-    @property
-    def slot(self) -> Places:
-        """Which of a term's steps each column belongs to (C,); -1 for what is shared."""
-        return np.repeat([*range(len(self.size) - 1), -1], self.size)
-
-    @property
-    def place(self) -> Places:
-        """Which number of that step, or of what is shared, each column is (C,)."""
-        return np.concatenate([first + np.arange(size) for first, size in zip(*self, strict=True)])
+    first: Integers
+    """First number in the vector of a step, or of the shared variables (S + 1,)."""
+    size: Integers
+    """Count of numbers from there (S + 1,)."""
 
 
-def columns_of(steps: Sequence[Sequence[Unknown]], shared: Sequence[Unknown]) -> Columns:
-    """Return where columns stand that follow these unknowns in order, which is that of `unknowns`."""
-    spans = [_span([IN_STEP[one] for one in unknowns]) for unknowns in steps]
-    first, size = np.array([*spans, _span([IN_SHARED[one] for one in shared])], np.int64).T
-    return Columns(np.ascontiguousarray(first), np.ascontiguousarray(size))
+class Factor(ABC):
+    """One kind of term."""
+
+    name: ClassVar[str]
+    """Name in settings and messages."""
+    on: ClassVar[tuple[Variable, ...]]
+    """Variables of each step that a term depends on, adjacent in the step's vector."""
+    spans: ClassVar[int] = 1
+    """Number of steps that a term depends on: 1, or 2 for a step and the one before."""
+    shared: ClassVar[tuple[Variable, ...]] = ()
+    """Shared variables that a term depends on, adjacent in their vector."""
+    rows: ClassVar[int]
+    """Residual rows of a term."""
+    data: ClassVar[np.dtype] = NOTHING
+    """Structured type of a term's data."""
+    kernel: ClassVar[Callable[..., None]]
+    """Compiled function that linearises all terms: kernel(state, step, data, given, out)."""
+    given: tuple[Any, ...] = ()
+    """Settings for the kernel."""
+    is_of_pushing: ClassVar[bool] = False
+    """True if the factor holds only while nothing but the sensor moves the object."""
+    is_consistency_test: ClassVar[bool] = False
+    """True if large residuals show that touch and pushing contradict each other."""
+    holds_at_rest: ClassVar[bool] = False
+    """True if the factor also holds while nothing touches the object."""
+
+    @cached_property
+    def columns(self) -> Columns:
+        """Columns of the Jacobian."""
+        spans = [_span([IN_STEP[one] for one in self.on])] * self.spans
+        first, size = np.array([*spans, _span([IN_SHARED[one] for one in self.shared])], np.int64).T
+        return Columns(np.ascontiguousarray(first), np.ascontiguousarray(size))
+
+    @abstractmethod
+    def terms(self, step: Step) -> Terms | None:
+        """Return the terms that arrive with a step; their step is relative to it."""
+
+    def room(self, rows: int, terms: int) -> Linear:
+        """Return arrays for B hypotheses and T terms; Jacobians are 0."""
+        shape = (rows, terms, self.rows)
+        jacobian = np.zeros((*shape, int(self.columns.size.sum())))
+        return Linear(np.empty(shape), jacobian, np.empty(shape), np.empty(shape))
+
+    def linearise(self, at: Values, terms: Terms, out: Linear | None = None) -> Linear:
+        """Return the terms linearised at values, written to `out` if given."""
+        out = self.room(at.rows, len(terms.step)) if out is None else out
+        type(self).kernel(at.state, terms.step, terms.data, self.given, out)
+        return out
+
+    def first_guess(self, at: Values, terms: Terms) -> dict[Variable, Array]:
+        """Return better values (B, dimension) of the shared variables that its first term of a contact determines."""
+        return {}
 
 
 def _span(places: Sequence[slice]) -> tuple[int, int]:
-    """First number and count of places that follow one another without a gap."""
+    """Return the first number and the count of adjacent places."""
     if any(before.stop != after.start for before, after in pairwise(places)):
-        raise ValueError(
-            f"places {places} of a factor's unknowns have gaps, or are in another order than unknowns.py has"
-        )
+        raise ValueError(f"places {places} of a factor's variables are not adjacent, in the order of variables.py")
     return (places[0].start, places[-1].stop - places[0].start) if places else (0, 0)
 
 
 def term_now() -> Terms:
-    """Return one term, tied to the step that arrives, which is compared with nothing."""
-    return Terms(np.zeros((1, 1), np.int64), np.zeros(1, NOTHING))
-
-
-def terms_now(rows: Sequence[tuple[object, ...]], kind: np.dtype) -> Terms | None:
-    """Return one term for each row of data, tied to the step that arrives."""
-    if not rows:
-        return None
-    data = np.empty(len(rows), kind)
-    for index, row in enumerate(rows):
-        data[index] = row
-    return Terms(np.zeros((len(rows), 1), np.int64), data)
-
-
-def _nearest(times: Sequence[float], time: float) -> int:
-    return int(np.argmin(np.abs(np.asarray(times) - time)))
+    """Return one term without data, at the new step."""
+    return Terms(np.zeros(1, np.int64), np.zeros(1, NOTHING))
 
 
 def kernel_scale(kernel: float | None) -> float:
-    """Return the scale of a Cauchy kernel; infinity where there is none."""
+    """Return the scale of a Cauchy kernel; infinite if there is none."""
     return math.inf if kernel is None else kernel

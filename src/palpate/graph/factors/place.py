@@ -1,55 +1,42 @@
-"""Contact place: touch tells where along y a flat pad is touched.
+"""Contact place: touch measures the position along y at which a flat pad is touched.
 
-The true place is that of the sensor's material point, the mean over the pad's parts by how much each bears, so the
-residual [m] is `y of material + bias - place`. On a flat pad a round outline is touched with its normal along x
-wherever it lies: what a contact direction tells on a round tip, this tells there.
+The true place is that of the sensor's material point, the load-weighted mean over the pad's parts, so the residual [m]
+is `y of material + bias - place`. On a flat pad a round outline always has its normal along x; the place is to a flat
+pad what the contact direction is to a round tip.
 """
 
-import numpy as np
-
-from palpate.graph.compiled import Array, Given, Places, Records, compiled
-from palpate.graph.factors.one_term_each import OneTermEach
+from palpate.graph.compiled import Integers, Records, compiled
+from palpate.graph.factors.factor import Linear
+from palpate.graph.factors.touch_measurement import TouchMeasurement
 from palpate.graph.se2_kernels import cauchy
 from palpate.graph.values import State
 from palpate.graph.variables import IN_SHARED, PLACE_BIAS, SENSOR_IN_OBJECT
 from palpate.types.measurements import ContactPlace
 
-DATA = np.dtype([("place", np.float64), ("information", np.float64)])
-
-
 _BIAS = IN_SHARED[PLACE_BIAS].start
 
 
 @compiled
-def _linearise(
-    state: State,
-    places: Places,
-    data: Records,
-    given: Given,
-    residual: Array,
-    jacobian: Array,
-    information: Array,
-    weight: Array,
-) -> None:
-    g, _e, shared, touching, _angle, _c, _model_center, _knocks = state
+def _linearise(state: State, step: Integers, data: Records, given: tuple[float], out: Linear) -> None:
     (kernel,) = given
-    for b in range(len(g)):
-        for t in range(len(places)):
-            touch, inverse_variance = touching[b, places[t, 0]], data[t].information
-            residual[b, t, 0] = touch.material.imag + shared[_BIAS, b] - data[t].place
-            for k in range(3):
-                jacobian[b, t, 0, k] = touch.material_by_g[k].imag
-            jacobian[b, t, 0, 3] = 1.0
-            information[b, t, 0] = inverse_variance
-            weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * residual[b, t, 0] ** 2, kernel)
+    for b in range(len(state.sign)):
+        for t in range(len(step)):
+            touch, inverse_variance = state.contact[b, step[t]], data[t].information
+            place = state.sign[b] * data[t].value if data[t].from_touch else data[t].value
+            error = touch.material.imag + state.shared[b, _BIAS] - place
+            for c in range(3):
+                out.jacobian[b, t, 0, c] = touch.material_by_g[c].imag
+            out.jacobian[b, t, 0, 3] = 1.0
+            out.residual[b, t, 0] = error
+            out.information[b, t, 0] = inverse_variance
+            out.weight[b, t, 0] = inverse_variance * cauchy(inverse_variance * error**2, kernel)
 
 
-class Place(OneTermEach):
-    """One term for each contact place that touch tells."""
+class Place(TouchMeasurement):
+    """One term for each contact place."""
 
     name = "place"
-    steps = ((SENSOR_IN_OBJECT,),)
+    on = (SENSOR_IN_OBJECT,)
     shared = (PLACE_BIAS,)
-    measurement, value = ContactPlace, "place"
-    data = DATA
+    measurement, field = ContactPlace, "place"
     kernel = _linearise

@@ -7,10 +7,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import NoiseSettings, TrackerSettings
+from palpate.config import NoiseSettings, SmootherName, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.geometry.shapes import shape_to_dict
-from palpate.graph.smoother import SmootherName
 from palpate.io import load_recording
 from palpate.lab.study.files import group_of
 from palpate.lab.study.trial import Method, Trial

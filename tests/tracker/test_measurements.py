@@ -147,7 +147,7 @@ def test_a_measurement_of_long_ago_is_left_out(contact, caplog):
     with caplog.at_level(logging.WARNING):
         found = tracker.update(given[60], [seen(o[0] + WRONG, 99.0)])
     assert found.pose.tolist() == alone.update(given[60]).pose.tolist()
-    assert "is of 99.0 s, which is not between" in caplog.text
+    assert "has time 99.0 s, which is not between" in caplog.text
 
 
 def test_an_object_that_was_moved_is_found_again():
@@ -214,7 +214,7 @@ def test_an_unknown_that_is_not_known_is_named_and_the_frame_refused(contact):
         o, e = np.tile(o[0], (11, 1)), np.tile([-0.5, 0.0, 0.0], (11, 1))
     given = frames(o, e, contact)
     tracker, _ = track("rectangle", given[:10], o[0], settings("none"))
-    with pytest.raises(FrameError, match="unknown 'colour' is not known; known are object_pose, sensor_in_object"):
+    with pytest.raises(FrameError, match="variable 'colour' is not known; known are object_pose, sensor_in_object"):
         tracker.update(given[10], [OfColour(np.zeros(3))])
     # Nothing else is lost.
     alone, found = track("rectangle", given, o[0], settings("none"))

@@ -162,7 +162,7 @@ def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_tu
     assert np.std(turn) < max(0.5 * np.std(np.unwrap(g[:, 2])), np.radians(0.7))
 
 
-@pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn", "learnt-pairs", "learnt-linear"])
+@pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn"])
 def test_every_way_to_feel_tracks(recording, blind, tactile):
     # The default hardly believes turns.
     run = track(recording, TrackerSettings(tactile=tactile, noise=with_settings(NoiseSettings(), turn={"share": 4.0})))

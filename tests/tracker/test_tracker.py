@@ -20,7 +20,7 @@ from tracker_samples import CALIBRATED, SMOOTHERS, poses, settings, statuses, tr
 
 from palpate.config import PUBLISHED, NoiseSettings
 from palpate.errors import EstimationError
-from palpate.filter.estimator import Estimator
+from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry import se2
 from palpate.graph.variables import DEPTH, IN_OBJECT, OUTLINE_SCALE
 from palpate.lab.simulate.limit_surface import Steering
@@ -137,19 +137,20 @@ def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
 def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
     o, e, contact = in_two_contacts("disc", 40)
     noise = with_settings(CALIBRATED, first_pose={"rest": (1e-3, 1e-3, 1e-2)})
-    estimator = Estimator(model_of("disc"), noise, smoother, o[0], np.array(noise.first_pose.deviation))
+    first = np.diag(np.square(noise.first_pose.deviation))
+    bank = HypothesisBank(model_of("disc"), noise, smoother, o[0], first)
     knew, covariances = [], []
     for k, (pose, touched) in enumerate(zip(e, contact, strict=True)):
         if touched:
-            estimator.touch(pose, (), k / 30)
+            bank.contact_step(pose, (), k / 30)
         else:
-            estimator.end_contact()
-            estimator.rest(pose, (), k / 30)
-        knew.append(estimator.known)
-        covariances.append(estimator.covariance)
+            bank.end_contact()
+            bank.rest_step(pose, (), k / 30)
+        knew.append(bank.belief)
+        covariances.append(bank.report().covariance)
     # The tracker says the same.
     _, found = track("disc", frames(o, e, contact), o[0], settings("none", smoother, noise))
-    np.testing.assert_array_equal(poses(found), [known.pose for known in knew])
+    np.testing.assert_array_equal(poses(found), [known.pose[0] for known in knew])
     np.testing.assert_array_equal([estimate.covariance for estimate in found], covariances)
     before, resting, again = found[40], found[41:51], found[51]
     for estimate in resting:
@@ -157,7 +158,7 @@ def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
         np.testing.assert_array_equal(estimate.covariance, before.covariance)
     # The first frame of contact adds resting and then one distance, the sensor's pose being uncertain too, less the
     # depth by which they overlap and what the disc is larger by: with all that is known of them and the pose together.
-    known = knew[50].loosened(np.diag(np.square(noise.first_pose.rest))).covariance
+    known = knew[50].inflated(np.diag(np.square(noise.first_pose.rest))).covariance[0]
     gap = np.zeros(len(known))
     gap[:3], gap[3:][IN_OBJECT[DEPTH]] = distance_by(before.pose, e[51], moved=0), 1.0
     gap[3:][IN_OBJECT[OUTLINE_SCALE]] = -0.088
@@ -165,7 +166,7 @@ def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
     of_sensor = by_sensor @ np.diag(np.square(noise.sensor_pose.deviation)) @ by_sensor
     variance = noise.contact.deviation**2 + gap @ known @ gap + of_sensor
     wanted = known - np.outer(known @ gap, known @ gap) / variance
-    np.testing.assert_allclose(knew[51].covariance, wanted, rtol=0.01, atol=1e-8)
+    np.testing.assert_allclose(knew[51].covariance[0], wanted, rtol=0.01, atol=1e-8)
     np.testing.assert_allclose(again.covariance, wanted[:3, :3], rtol=0.01, atol=1e-9)
     assert again.covariance[2, 2] > 4 * noise.first_pose.deviation[2] ** 2  # it was not reset to the first one's
     assert yaw_deviations(found)[-1] > yaw_deviations(found)[51]
@@ -228,13 +229,13 @@ def test_after_a_graph_that_could_not_be_solved_even_anew_touch_begins_anew(monk
     for frame in seen[:5]:
         tracker.update(frame)
 
-    def fail(self: Estimator, *_: object) -> None:
-        self._contact = None
+    def fail(self: HypothesisBank, *_: object) -> None:
+        self._window = None
         raise EstimationError("for the test")
 
     with monkeypatch.context() as patch:
-        patch.setattr("palpate.filter.hypothesis_bank.Hypotheses.touch", fail)
-        patch.setattr(Estimator, "begin_anew", fail)
+        patch.setattr(HypothesisBank, "contact_step", fail)
+        patch.setattr(HypothesisBank, "begin_anew", fail)
         with pytest.raises(EstimationError, match="for the test"):
             tracker.update(seen[5])
     assert touch.begun == 2

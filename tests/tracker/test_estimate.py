@@ -9,8 +9,8 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sensor
 from tracker_samples import settings, track
 
-from palpate.filter.belief import Belief
-from palpate.filter.touched import touched
+from palpate.filter.contact_point import contact_point
+from palpate.graph.belief import Belief
 from palpate.graph.variables import GRIP, IN_OBJECT, OBJECT_SIZE
 from palpate.tracker import Tracker
 from palpate.types.estimate import Answer, Estimate
@@ -104,19 +104,19 @@ def test_the_age_of_a_touch():
     np.testing.assert_allclose(ages[13:23], np.arange(1, 11) / 30, atol=1e-9)
 
 
-def belief(grip: float) -> Belief:
-    values = np.zeros(OBJECT_SIZE)
-    values[IN_OBJECT[GRIP]] = grip
-    g = np.array([-HALF, 0.0, 0.0])
-    return Belief(g, g, values, np.eye(6 + OBJECT_SIZE))
+def sliding(grip: float, angle: float) -> float:
+    values = np.zeros((1, OBJECT_SIZE))
+    values[:, IN_OBJECT[GRIP]] = grip
+    known = Belief(np.zeros((1, 3)), values, np.eye(3 + OBJECT_SIZE)[None])
+    return contact_point(model_of("rectangle"), np.array([-HALF, 0.0, 0.0]), known, angle).sliding
 
 
 def test_a_contact_slides_where_the_force_is_outside_the_cone():
     edge = math.atan(0.4)
-    likely = [touched(model_of("rectangle"), belief(0.4), edge + off).sliding for off in (-0.2, -0.02, 0.0, 0.02, 0.2)]
+    likely = [sliding(0.4, edge + off) for off in (-0.2, -0.02, 0.0, 0.02, 0.2)]
     assert likely == pytest.approx([0.0, 0.1587, 0.5, 0.8413, 1.0], abs=1e-4)  # a normal law of 0.02 rad
-    assert touched(model_of("rectangle"), belief(0.4), -edge - 0.02).sliding == pytest.approx(0.8413, abs=1e-4)
-    assert math.isnan(touched(model_of("rectangle"), belief(0.4), math.nan).sliding)
+    assert sliding(0.4, -edge - 0.02) == pytest.approx(0.8413, abs=1e-4)
+    assert math.isnan(sliding(0.4, math.nan))
 
 
 def test_a_push_inside_the_cone_holds():
@@ -132,9 +132,3 @@ def test_a_push_along_the_side_slides():
     seen = [Frame(k / 30, np.array(pose), contact=True) for k, pose in enumerate([*straight, *aside])]
     _, found = track("rectangle", seen, o[0], settings("none", hypotheses=1))
     assert found[-1].sliding > 0.4
-
-
-def test_who_does_not_know_whether_a_contact_slides_says_so():
-    o, e = pushed("rectangle", 3)
-    _, found = track("rectangle", frames(o, e), o[0], settings("none", "isam2"))
-    assert all(math.isnan(one.sliding) and one.contact_point is not None for one in found)

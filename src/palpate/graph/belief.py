@@ -1,0 +1,77 @@
+"""Gaussian beliefs about the object, one a row: its pose and the variables that belong to it."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.config import Priors
+from palpate.graph.variables import IN_OBJECT, Variable
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64] | NDArray[np.bool_] | list[int] | slice
+R = TypeVar("R", bound="RowArrays")
+
+
+class RowArrays:
+    """Base of dataclasses whose fields all have one leading axis of rows, or are such dataclasses themselves."""
+
+    def take(self: R, rows: Indices) -> R:
+        """Return these rows; a row may be taken several times."""
+        taken: dict[str, Any] = {}
+        for each in fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, each.name)
+            taken[each.name] = value[rows] if isinstance(value, np.ndarray) else value.take(rows)
+        return replace(self, **taken)  # pyright: ignore[reportArgumentType, reportReturnType]
+
+    def joined(self: R, other: R) -> R:
+        """Return the rows of both, one after the other."""
+        both: dict[str, Any] = {}
+        for each in fields(self):  # pyright: ignore[reportArgumentType]
+            one, two = getattr(self, each.name), getattr(other, each.name)
+            both[each.name] = np.concatenate([one, two]) if isinstance(one, np.ndarray) else one.joined(two)
+        return replace(self, **both)  # pyright: ignore[reportArgumentType, reportReturnType]
+
+
+@dataclass(frozen=True, eq=False)
+class Belief(RowArrays):
+    """Belief about the object in each of B hypotheses."""
+
+    pose: Array
+    """world_T_object, (B, 3) [m, m, rad]."""
+    values: Array
+    """Variables that belong to the object, (B, OBJECT_SIZE)."""
+    covariance: Array
+    """Joint covariance (B, 3 + OBJECT_SIZE, 3 + OBJECT_SIZE); of the pose in its tangent space (right, body frame)."""
+
+    def __getitem__(self, variable: Variable) -> Array:
+        """Return a variable of the object, (B, dimension)."""
+        return self.values[:, IN_OBJECT[variable]]
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Covariance of the pose, (B, 3, 3)."""
+        return self.covariance[:, :3, :3]
+
+    def inflated(self, covariance: Array) -> "Belief":
+        """Return the same with covariances (3, 3) or (B, 3, 3) added to that of the pose."""
+        joint = self.covariance.copy()
+        joint[:, :3, :3] += covariance
+        return replace(self, covariance=joint)
+
+    def at_next_contact(self, priors: Priors) -> "Belief":
+        """Return the belief for the next contact, between which the object's variables may have changed.
+
+        They move back towards their priors by as much as they become less certain, so that without measurements they
+        return to the priors.
+        """
+        changes = priors.changes_between_contacts
+        keeps = np.sqrt(1.0 - changes / np.square(priors.deviation))
+        left = np.concatenate([np.ones(3), keeps])
+        joint = self.covariance * np.outer(left, left)
+        joint[:, 3:, 3:] += np.diag(changes)
+        return replace(self, values=priors.mean + keeps * (self.values - priors.mean), covariance=joint)

@@ -1,0 +1,67 @@
+"""Costs of the terms of a window, by which alarms are raised and hypotheses are compared."""
+
+import math
+
+from palpate.graph.compiled import Array, Integers, Records, compiled
+from palpate.graph.factors.factor import Linear
+from palpate.graph.se2_kernels import dot, position, rotation
+
+_FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
+_SHORT = 5e-4  # [m] path of the sensor that counts half: the direction of shorter ones is mostly noise
+_SOFT = 0.1  # cosine below which all directions past the object cost the same
+
+
+@compiled
+def mean_squares(linear: Linear, step: Integers, first: int, out: Array) -> None:
+    """Write the mean square of the terms from step `first` on to out (B,) [variances], without kernels; 0 if none."""
+    for b in range(len(out)):
+        total, count = 0.0, 0
+        for t in range(len(step)):
+            if step[t] >= first:
+                count += 1
+                for r in range(linear.residual.shape[2]):
+                    total += linear.information[b, t, r] * linear.residual[b, t, r] ** 2
+        out[b] = total / max(count, 1)
+
+
+@compiled
+def add_costs(linear: Linear, step: Integers, costs: Array) -> None:
+    """Add half the square of each term, reduced by its kernel, to the cost of its step (B, N).
+
+    A Cauchy kernel of scale k gives a square s the weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2,
+    which is -s w / (1 - w) log(w) / 2. The costs of several rows under one kernel add up to this.
+    """
+    rows, terms, size = linear.residual.shape
+    for b in range(rows):
+        for t in range(terms):
+            for r in range(size):
+                if linear.information[b, t, r] <= 0.0:
+                    continue
+                square = linear.information[b, t, r] * linear.residual[b, t, r] ** 2
+                left = linear.weight[b, t, r] / linear.information[b, t, r]
+                if left < _FULL_WEIGHT:
+                    square *= -left / (1.0 - left) * math.log(left)
+                costs[b, step[t]] += 0.5 * square
+
+
+@compiled
+def add_headings(g: Array, e: Array, touching: Records, reach: int, costs: Array) -> None:
+    """Add a cost for a sensor that moves past the object instead of into it to each step's cost (B, N).
+
+    It is minus the logarithm of the cosine between the sensor's path and the outline's inward normal: a sensor that
+    moves at random stays in contact with a side only while it moves into it. No other cost speaks against a hypothesis
+    in which the sensor glides along an object at rest. The path is that of the contact point over `reach` steps before
+    and after.
+    """
+    rows, steps = costs.shape
+    for b in range(rows):
+        for k in range(1, steps):
+            first, last = e[b, max(k - reach, 0)], e[b, min(k + reach - 1, steps - 1)]
+            touch = touching[b, k]
+            way = position(last) - position(first) + (rotation(last[2]) - rotation(first[2])) * touch.material
+            length = abs(way)
+            if length > 0.0:
+                inward = -touch.normal * rotation(e[b, k, 2] - g[b, k, 2])
+                cosine = dot(inward, way) / length
+                into = 0.5 * (cosine + math.sqrt(cosine * cosine + _SOFT * _SOFT))
+                costs[b, k] -= math.log(min(into, 1.0)) / (1.0 + (_SHORT / length) ** 2)
