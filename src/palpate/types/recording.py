@@ -1,4 +1,4 @@
-"""Recording: what a sensor saw and where it was, frame by frame."""
+"""Recording: images and poses of a sensor, frame by frame."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +12,15 @@ from palpate.checks import FARTHEST, FLAGS, INTEGERS, NUMBERS, check_increasing,
 from palpate.errors import FileError
 from palpate.geometry.shapes import Shape
 from palpate.types.frame import Frame
-from palpate.types.given_images import Images
 from palpate.types.images import Codec, SpooledImages, decode_image
 from palpate.types.sensor import SensorProfile, known_sensor
 
 if TYPE_CHECKING:
     from palpate.types.plane import Normal
+
+
+Images = NDArray[np.uint8] | Sequence[NDArray[np.uint8] | bytes | str | Path]
+"""Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,26 +38,25 @@ class Recording:
     object_pose: NDArray[np.float64] | None = None
     """world_T_object, (N, 3) [m, m, rad]: ground truth; a row is NaN where it is not known"""
     contact: NDArray[np.bool_] | None = None
-    """(N,) whether the sensor touches the object; None where nothing but images tells"""
+    """(N,) true while the sensor touches the object; None where only images show it"""
     episode: NDArray[np.int64] | None = None
     """(N,) number of the contact episode, -1 outside contact"""
     image: Sequence[bytes] | None = None
-    """N encoded touch images, a tuple or read as they are asked for; iterating over the recording decodes them one by
-    one"""
+    """N encoded touch images; iterating over the recording decodes them one by one"""
     codec: Codec = "jpeg"
-    """how the images are encoded"""
+    """encoding of the images"""
     contact_derived: bool = False
     """the contact flags were computed from ground truth and geometry, not sensed"""
     source: str = ""
-    """where the data come from, in words"""
+    """origin of the data, for people"""
     frames: dict[str, str] = field(default_factory=dict)
-    """how each pose was obtained, in words, by field name"""
+    """origin of each pose by field name, for people"""
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
-    """what else is known of each frame, by name, (N, ...) numbers or booleans each, NaN where not known"""
+    """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: NDArray[np.float64] | None = None
-    """world_T_object at the start (3,) [m, m, rad] as whoever placed the object says; None leaves it to ground truth"""
+    """world_T_object at the start (3,) [m, m, rad] as the object was placed; None takes it from ground truth"""
     first_pose_sigma: NDArray[np.float64] | None = None
-    """how well that is known: standard deviations (3,) [m, m, rad] in the object's frame"""
+    """its standard deviations (3,) [m, m, rad] in the object's frame"""
     file: Path | None = None
     """the file it was read from; errors name it"""
 
@@ -71,14 +73,9 @@ class Recording:
         check_increasing(time)
         settle("time", time)
         n = len(time)
-        poses = checked_array("sensor_pose", self.sensor_pose, NUMBERS, (n, 3)).astype(np.float64)
-        check_rows("sensor_pose", poses, is_near(poses).all(axis=1), f"three numbers up to {FARTHEST:g}")
-        settle("sensor_pose", poses)
+        settle("sensor_pose", _poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
-            truth = checked_array("object_pose", self.object_pose, NUMBERS, (n, 3)).astype(np.float64)
-            allowed = is_near(truth).all(axis=1) | np.isnan(truth).all(axis=1)
-            check_rows("object_pose", truth, allowed, f"three numbers up to {FARTHEST:g}, or three NaN")
-            settle("object_pose", truth)
+            settle("object_pose", _poses("object_pose", self.object_pose, n, allow_unknown=True))
         if self.first_pose is not None:
             settle("first_pose", _three("first_pose", self.first_pose))
         if self.first_pose_sigma is not None:
@@ -122,49 +119,50 @@ class Recording:
         codec: Codec = "jpeg",
         source: str = "arrays",
     ) -> "Recording":
-        """Make a recording from images and poses that have times of their own.
+        """Return a recording made from images and poses that have times of their own.
 
-        Frames are the images, with the sensor's pose between those before and after; a warning says how many are left
-        out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers). Poses are
-        rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) with the quaternion's w last, or 4x4 matrices, in one
-        frame of the world. Raises FileError or SettingError that names the argument, what was found and what would fit.
+        Frames are the images, with the sensor's pose interpolated between those before and after; a warning says how
+        many are left out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers).
+        Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) with the quaternion's w last, or 4x4
+        matrices, in one frame of the world. Raises FileError or SettingError that names the argument, what was found
+        and what would fit.
 
         Parameters
         ----------
         image_time
-            (N,) When each image was taken, increasing.
+            (N,) Times of the images, increasing.
         images
             An array (N, height, width, 3) of uint8, RGB; or N such arrays, N encoded images (bytes, JPEG or PNG) or N
-            paths of image files; None where there are none, and `contact` tells what is touched.
+            paths of image files; None if there are none, and `contact` is given.
         pose_time
-            (M,) When each pose was so, by the same clock.
+            (M,) Times of the poses, by the same clock.
         poses
-            (M, 3), (M, 7) or (M, 4, 4) Where the sensor was, or the part of a robot that carries it.
+            (M, 3), (M, 7) or (M, 4, 4) Poses of the sensor, or of the part of a robot that carries it.
         shape
             Outline of the object in the object frame; `palpate.load_shape` reads one from a file.
         sensor
             A profile, or a known name: "digit", "gelsight-mini" or "point".
         sensor_T_gel
-            (3,), (7,) or (4, 4) The gel's frame in the frame that `poses` place: origin at the apex of the gel, x out
-            of it, y along the columns of an image. None where `poses` are the gel's own.
+            (3,), (7,) or (4, 4) The gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
+            along the columns of an image. None if `poses` are the gel's own.
         time_offset
-            Added to the times of the images [s]: negative where they are stamped late.
+            Added to the times of the images [s]: negative if they are stamped late.
         plane
-            Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's way.
+            Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path.
         off_plane
-            How far poses may be off that plane [m].
+            Largest distance of poses from that plane [m].
         object_poses
-            (K, 3), (K, 7) or (K, 4, 4) Where the object was: ground truth, NaN where it is not known.
+            (K, 3), (K, 7) or (K, 4, 4) Poses of the object: ground truth, NaN where it is not known.
         object_time
-            (K,) When; by default `pose_time`.
+            (K,) Their times; by default `pose_time`.
         contact
-            (N,) Whether the sensor touches the object in each image.
+            (N,) True for each image in which the sensor touches the object.
         codec
-            How arrays are encoded: "jpeg" at quality 95, or "png", lossless.
+            Encoding of arrays: "jpeg" at quality 95, or "png", lossless.
         source
-            Where the data come from, in words.
+            Origin of the data, for people.
         """
-        from palpate.types.arrays import recording_from_arrays
+        from palpate.types.from_arrays import recording_from_arrays
 
         truth = None if object_poses is None else (pose_time if object_time is None else object_time, object_poses)
         return recording_from_arrays(
@@ -184,7 +182,7 @@ class Recording:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether palpate has drawn its images, as its source says then."""
+        """True if palpate rendered its images, as its source then says."""
         return " by palpate: " in self.source
 
     def __len__(self) -> int:
@@ -223,6 +221,16 @@ def _checked_images(images: Any) -> tuple[bytes, ...]:
                 f"image: image {index} is {found}, expected encoded bytes; Recording.from_arrays encodes arrays"
             )
     return kept
+
+
+def _poses(name: str, given: Any, n: int, allow_unknown: bool = False) -> NDArray[np.float64]:
+    poses = checked_array(name, given, NUMBERS, (n, 3)).astype(np.float64)
+    good = is_near(poses).all(axis=1)
+    if allow_unknown:
+        good |= np.isnan(poses).all(axis=1)
+    allowed = f"three numbers up to {FARTHEST:g}{', or three NaN' if allow_unknown else ''}"
+    check_rows(name, poses, good, allowed)
+    return poses
 
 
 def _three(name: str, value: Any) -> NDArray[np.float64]:
