@@ -24,7 +24,7 @@ from palpate.cli.options import Bag, ShapeUnit
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io import estimates_csv
-from palpate.io.outlines.load import Unit
+from palpate.io.outlines import Unit
 from palpate.io.recording_mcap import write_recording
 from palpate.io.rosbag_recording import BagChoices
 from palpate.pipeline import details

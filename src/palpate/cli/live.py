@@ -141,7 +141,7 @@ def _set_up(
 ) -> "SetUp":
     """Return the set-up that the options describe; SettingError if they do not go together."""
     from palpate.errors import SettingError
-    from palpate.io.outlines.load import load_shape
+    from palpate.io.outlines import load_shape
     from palpate.live.setup import camera_set_up, replay_set_up
     from palpate.types.recording import Recording
 

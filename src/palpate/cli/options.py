@@ -204,7 +204,7 @@ class Bag:
         """Read a recording or, with --shape, a bag of ROS messages. Raises SettingError for options that do not fit."""
         from palpate import io as formats
         from palpate.errors import SettingError
-        from palpate.io.outlines.load import load_shape
+        from palpate.io.outlines import load_shape
         from palpate.io.rosbag_recording import BagChoices, read_bag
         from palpate.types.sensor import known_sensor
 

@@ -44,7 +44,7 @@ class Pushes:
         """Return the simulations by file name. Raises SettingError for values that are not allowed."""
         from palpate.errors import SettingError
         from palpate.geometry.objects import SHAPES
-        from palpate.io.outlines.load import load_shape
+        from palpate.io.outlines import load_shape
         from palpate.lab.simulate.folder import plan
         from palpate.types.sensor import known_sensor
 

@@ -27,7 +27,7 @@ def truth_print(
         paper: Paper size.
     """
     from palpate.cli.console import print_line
-    from palpate.io.outlines.load import load_shape
+    from palpate.io.outlines import load_shape
     from palpate.lab.truth.sheets import write_sheets
 
     check_new(out, force)

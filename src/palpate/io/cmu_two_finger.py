@@ -30,7 +30,7 @@ from palpate.errors import FileError
 from palpate.files import read_text
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.io.sniff import NUMBER, text_start
+from palpate.io.text_files import NUMBER, text_start
 from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.errors import FileError, SettingError
 from palpate.files import csv_rows, read_text, whole_file
-from palpate.io.sniff import text_start
+from palpate.io.text_files import text_start
 from palpate.printable import one_line
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory

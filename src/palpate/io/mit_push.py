@@ -22,7 +22,7 @@ from palpate.errors import FileError
 from palpate.files import read_json
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.io.sniff import text_start
+from palpate.io.text_files import text_start
 from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

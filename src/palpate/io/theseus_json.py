@@ -25,8 +25,7 @@ from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.io.held import present
-from palpate.io.sniff import text_start
+from palpate.io.text_files import present, text_start
 from palpate.types.recording import Recording, episode_numbers
 from palpate.types.sensor import POINT
 from palpate.types.trajectory import Trajectory

@@ -8,8 +8,7 @@ import numpy as np
 
 from palpate.errors import FileError
 from palpate.files import read_text, whole_file
-from palpate.io.held import present
-from palpate.io.sniff import NUMBER, text_start
+from palpate.io.text_files import NUMBER, present, text_start
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
-from palpate.io.outlines.load import load_shape
+from palpate.io.outlines import load_shape
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
 from palpate.live.poses import TimedPose
 from palpate.live.recorder import add_live_estimate

@@ -1,0 +1,243 @@
+"""Outlines of objects from a name, two lengths or a file: a table of points, JSON, SVG or DXF.
+
+The libraries svgelements and ezdxf read the drawings, shapely finds the one closed outline among their lines.
+"""
+
+import logging
+import re
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.checks import FARTHEST, is_near
+from palpate.errors import FileError, PalpateError, SettingError, ShapeError
+from palpate.files import existing_file, read_json, read_text
+from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import Polygon, Rectangle, Shape, scaled, shape_from_dict
+from palpate.io.scanned_outline import is_scan, shape_of_scan
+from palpate.io.text_files import NUMBER
+from palpate.printable import one_line
+from palpate.types.units import METRES, wrong_width
+
+logger = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+Unit = Literal["m", "cm", "mm", "in"]
+
+TOLERANCE = 2e-5
+"""[m] Largest deviation of an outline from a drawn curve, or from the many corners of a table."""
+INCH = 0.0254
+"""[m]"""
+DXF_UNITS = {1: INCH, 2: 12 * INCH, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
+"""[m] by number in $INSUNITS: inches, feet, millimetres, centimetres, metres, micrometres, decimetres."""
+
+
+def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
+    """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
+
+    Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
+    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is taken as a scan:
+    simplified, with a warning that states the noise. `unit` is that of the numbers, by default metres, or the drawing's
+    own. Points keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its
+    centroid, y up.
+
+    Raises SettingError for a name that is not known, FileError for a file that holds no outline or one of a size that
+    shows another unit.
+    """
+    name = str(source)
+    if unit not in (None, *get_args(Unit)):
+        raise SettingError(f"unit is {unit!r}; allowed are {', '.join(METRES)}")
+    scale = None if unit is None else METRES[unit]
+    if name in SHAPES:
+        if unit is not None:
+            raise SettingError(f"unit is {unit!r}, but {name} is an object of a known size")
+        return SHAPES[name]
+    path, lengths = Path(source), re.fullmatch(rf"({NUMBER})x({NUMBER})", name)
+    readers = {".svg": _read_svg, ".dxf": _read_dxf, ".json": _read_json}
+    try:
+        if lengths and not path.exists():
+            shape: Shape = Rectangle(*(float(side) * (scale or 1.0) for side in name.split("x")))
+        elif path.is_file():
+            shape = readers.get(path.suffix.lower(), _read_table)(path, scale)
+        elif path.is_dir():
+            raise FileError(f"{name}: is a folder, expected a file of an outline")
+        elif "/" in name or path.suffix[1:2].isalpha():
+            raise FileError(f"{name}: no such file")
+        else:
+            names = ", ".join(SHAPES)
+            raise SettingError(
+                f"shape is {name!r}; allowed are {names}, two lengths such as 0.09x0.06 [m], or a file of an outline"
+            )
+        if wrong := wrong_width(shape, unit, "unit={unit!r} (--shape-unit {unit})"):
+            raise ShapeError(wrong)
+    except ShapeError as error:
+        raise FileError(f"{name}: {error}") from error
+    return shape
+
+
+def _read_table(path: Path, scale: float | None) -> Shape:
+    """Return the outline through points x y, one a line, in a unit of `scale` [m], or along the points of a scan."""
+    text = read_text(path).replace(",", " ").replace(";", " ")
+    lines = enumerate(text.splitlines(), start=1)
+    rows = [(number, words) for number, line in lines if (words := line.split("#")[0].split())]
+    if rows and not any(map(_is_number, rows[0][1])):
+        rows = rows[1:]  # names of columns
+    if not rows:
+        raise ShapeError("is no table of numbers x y: it holds none")
+    for number, words in rows:
+        if not all(map(_is_number, words)):
+            raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words)!r}")
+        if len(words) != 2:
+            raise ShapeError(f"line {number} has {len(words)} number{'s' * (len(words) > 1)}, expected x y")
+    points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
+    if not is_scan(points):
+        return _of_few_corners(Polygon(points))
+    found = shape_of_scan(points)
+    words = "%s: its %d points are taken as a scan: an outline of %d corners with a standard deviation of %.2f mm"
+    logger.warning(words, path, len(points), len(found.shape.vertices), found.noise * 1e3)
+    return found.shape
+
+
+def _read_json(path: Path, scale: float | None) -> Shape:
+    """Return the outline in {"vertices": [[x, y], ...]}, or a shape as palpate writes it."""
+    try:
+        shape = shape_from_dict({"type": "polygon", **read_json(path)})
+    except FileError:
+        raise
+    except PalpateError as error:
+        raise ShapeError(str(error)) from error
+    shape = shape if scale is None else scaled(shape, scale)
+    return _of_few_corners(shape) if isinstance(shape, Polygon) else shape
+
+
+def _read_svg(path: Path, scale: float | None) -> Polygon:
+    """Return the outline of an SVG about its centroid, y up; `scale` [m] is one unit of the drawing.
+
+    Without it the size is that of the page, if width and height have a unit.
+    """
+    _check_drawing(path, "svgelements")
+    import svgelements
+
+    pixels = 96.0  # of an inch, as CSS has it
+    try:
+        page = svgelements.SVG.parse(str(path), ppi=pixels)
+        shapes = [svgelements.Path(each) for each in page.elements() if isinstance(each, svgelements.Shape)]
+        for shape in shapes:
+            shape.reify()
+        lines = [_svg_points(svgelements.Path(part)) for shape in shapes for part in shape.as_subpaths()]
+    except Exception as error:  # damaged bytes can raise anything in the library
+        raise FileError(f"{path}: is no SVG that can be read ({one_line(error)})") from error
+    width = str(page.values.get("width", "not given"))
+    if scale is not None:
+        metres = scale / abs(svgelements.Matrix(page.viewbox_transform or "").a)
+    elif re.fullmatch(r"[\d.]+\s*(mm|cm|in|pt|pc|q)\s*", width, re.IGNORECASE):
+        metres = INCH / pixels
+    else:
+        raise ShapeError(
+            f"the drawing does not say how large it is, its width is {width!r}: give the unit of its numbers, as "
+            "unit='mm' (--shape-unit mm)"
+        )
+    outline = _outline_of_lines(str(path), [line * (metres, -metres) for line in lines])
+    return Polygon(outline.corners - outline.centroid)
+
+
+def _svg_points(path: Any) -> Array:
+    """Return points (n, 2) along an unbroken line."""
+    import svgelements
+
+    points = []
+    for segment in path:
+        if isinstance(segment, svgelements.Move) or segment.start is None or segment.end is None:
+            continue
+        straight = isinstance(segment, svgelements.Line | svgelements.Close)
+        points += [segment.point(place) for place in np.linspace(0.0, 1.0, 2 if straight else 65)]
+    return np.array([(float(point.x), float(point.y)) for point in points]).reshape(-1, 2)
+
+
+def _read_dxf(path: Path, scale: float | None) -> Polygon:
+    """Return the outline in the model space of a DXF; `scale` [m] is one unit, by default that of its header."""
+    _check_drawing(path, "ezdxf")
+    from ezdxf.filemanagement import readfile
+    from ezdxf.path import make_path
+
+    lines = []
+    try:
+        drawing = readfile(path)
+        metres = scale or DXF_UNITS.get(drawing.units)
+        if metres is None:
+            raise ShapeError("the drawing does not say its unit ($INSUNITS): give it, as unit='mm' (--shape-unit mm)")
+        for entity in drawing.modelspace():
+            try:
+                drawn = make_path(entity)
+            except TypeError:  # a text, a dimension and the like
+                continue
+            if not is_near(np.array([(each.x, each.y) for each in drawn.control_vertices()]) * metres).all():
+                raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
+            points = np.array([(point.x, point.y) for point in drawn.flattening(0.5 * TOLERANCE / metres)]) * metres
+            lines.append(np.vstack([points, points[:1]]) if drawn.is_closed else points)
+    except ShapeError:
+        raise
+    except Exception as error:  # damaged bytes can raise anything in the library
+        raise FileError(f"{path}: is no DXF that can be read ({one_line(error)})") from error
+    return _outline_of_lines(str(path), lines)
+
+
+def _check_drawing(path: Path, library: str) -> None:
+    """Raise FileError unless the library is installed and the file small enough for it."""
+    if find_spec(library) is None:
+        raise FileError(f"drawings are read by {library}, which is not installed: pip install palpate[outlines]")
+    if (size := existing_file(path).stat().st_size) > 5_000_000:  # the libraries take a thousand times the memory
+        raise FileError(f"{path}: is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")
+
+
+def _outline_of_lines(name: str, lines: Sequence[Array]) -> Polygon:
+    """Return the outline that lines (n, 2) [m] form, each closed or several end to end.
+
+    Outlines within it are holes, left out with a warning. Raises ShapeError unless there is one closed outline.
+    """
+    import shapely
+
+    if not all(is_near(line).all() for line in lines):
+        raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
+    lines = [line for line in lines if len(line) > 1]
+    if not lines:
+        raise ShapeError("holds no lines that can be read")
+    grid = 1e-6 * float(np.ptp(np.concatenate(lines), axis=0).max())  # ends that are closer than that meet
+    if not grid:
+        raise ShapeError("holds no closed outline: all of its lines are one point")
+    strings = [shapely.LineString(np.round(line / grid) * grid) for line in lines]
+    closed = shapely.polygonize(strings).geoms
+    rings = [shapely.Polygon(shapely.get_coordinates(shapely.get_exterior_ring(area))) for area in closed]
+    rings.sort(key=lambda ring: -ring.area)
+    if not rings:
+        raise ShapeError(f"holds no closed outline: its {len(lines)} lines do not meet end to end")
+    beside = sum(not rings[0].contains(ring.representative_point()) for ring in rings[1:])
+    if beside:
+        raise ShapeError(f"holds {beside + 1} outlines side by side; allowed is one, and holes in it")
+    if len(rings) > 1:
+        logger.warning("%s: %d outlines within the largest are holes, which are left out", name, len(rings) - 1)
+    return _simplified(shapely.get_coordinates(rings[0].exterior))
+
+
+def _of_few_corners(outline: Polygon) -> Polygon:
+    """Return the outline, simplified if it has more corners than a round object of 10 cm needs."""
+    return outline if len(outline.vertices) <= 256 else _simplified(np.array(outline.vertices))
+
+
+def _simplified(corners: Array) -> Polygon:
+    """Return the outline through corners (N, 2) [m] without those that it passes within the tolerance."""
+    import shapely
+
+    return Polygon(shapely.get_coordinates(shapely.LinearRing(corners).simplify(TOLERANCE)))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
