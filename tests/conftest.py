@@ -41,8 +41,12 @@ def run_palpate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, 
 
     def run(*words: object) -> tuple[int, str, str]:
         capsys.readouterr()
-        code = main([str(word) for word in words])
-        return code, *capsys.readouterr()
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as stop:  # bad usage
+            code = int(stop.code or 0)
+        out, err = capsys.readouterr()
+        return code, out, err
 
     return run
 

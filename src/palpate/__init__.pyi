@@ -20,6 +20,8 @@ from .io.rosbag_recording import BagChoices as BagChoices
 from .io.rosbag_recording import BagReading as BagReading
 from .io.rosbag_recording import read_bag as read_bag
 from .io.scanned_outline import shape_of_scan as shape_of_scan
+from .pipeline.track import Run as Run
+from .pipeline.track import track as track
 from .touch.background import Background as Background
 from .touch.calibration import Calibration as Calibration
 from .touch.calibration import load_calibration as load_calibration

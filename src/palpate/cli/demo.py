@@ -4,9 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
-import tyro
-
-from palpate.cli.options import JsonOption
+from palpate.cli.options import Json, arg
 
 if TYPE_CHECKING:
     from palpate.types.recording import Recording
@@ -14,18 +12,18 @@ if TYPE_CHECKING:
 TACTILE: Final = "learnt"
 SHAPE: Final = "rectangle"
 SEED: Final = 2
-"""The first one with three contacts. It ends about as far off as the median push at the edges of this object."""
+"""The first with three contacts. Its final error is about the median of pushes at the edges of this object."""
 SECONDS = 15.0
 
 
-def demo(
-    *,
-    out: Annotated[
-        Path, tyro.conf.arg(metavar="DIR", help="Folder of the run; an earlier run there is replaced.")
-    ] = Path("demo-run"),
-    json: JsonOption = False,
-) -> int:
-    """Simulate a push with touch images and track it: a table and a figure in well under a minute."""
+def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = False) -> int:
+    """Simulate a push with touch images and track it; shows a table and writes a figure in well under a minute.
+
+    Example: palpate demo --out demo-run
+
+    Args:
+        out: Folder of the run; an earlier run there is replaced.
+    """
     from palpate.cli.console import print_line, progress_bar
     from palpate.cli.run_report import report_run
     from palpate.config import TrackerSettings

@@ -1,0 +1,53 @@
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from recording_samples import pushed
+
+from palpate import write_recording
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_figures: None) -> Path:
+    """A folder to work in, with push.mcap and blind.mcap, which has no ground truth."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    write_recording(pushed(), "push.mcap")
+    write_recording(replace(pushed(), object_pose=None), "blind.mcap")
+    return tmp_path
+
+
+@pytest.fixture
+def succeeds(run_palpate: Run) -> Callable[..., str]:
+    """Run a command that must succeed without a message; return its output."""
+
+    def run(*words: object) -> str:
+        code, out, err = run_palpate(*words)
+        assert (code, err) == (0, "")
+        return out
+
+    return run
+
+
+@pytest.fixture
+def json_of(succeeds: Callable[..., str]) -> Callable[..., Any]:
+    """Run a command with --json; return the object that it prints."""
+    return lambda *words: json.loads(succeeds(*words, "--json"))
+
+
+@pytest.fixture
+def fails(run_palpate: Run) -> Callable[..., str]:
+    """Run a command that must fail because of its input; return its one line on standard error."""
+
+    def run(*words: object) -> str:
+        code, out, err = run_palpate(*words)
+        assert (code, out) == (2, ""), err
+        assert err.startswith("palpate: ") and err.count("\n") == 1
+        return err
+
+    return run

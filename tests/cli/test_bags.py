@@ -1,0 +1,125 @@
+"""Bags of ROS messages on the command line: info, track and convert."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bag_samples import image_times, pose_message, pose_times, push_messages, true_pose, write_bag
+from rosbags.highlevel import AnyReader
+
+import palpate
+
+TRACK = ("track", "push.bag", "--shape", "disc", "--first-pose", "0.3", "0", "0")
+
+
+@pytest.fixture(autouse=True)
+def _bag(folder):
+    write_bag(Path("push"), "ros1", push_messages())
+
+
+def messages(path: str, topic: str) -> list:
+    with AnyReader([Path(path)]) as bag:  # a reader of others
+        found = ((bag.deserialize(data, one.msgtype), one.topic) for one, _, data in bag.messages())
+        return [message for message, name in found if name == topic]
+
+
+def test_options_have_the_defaults_of_the_library(run_palpate):
+    _, shown, _ = run_palpate("track", "--help")
+    text = " ".join(shown.replace("│", "").split())
+    for field in fields(palpate.BagChoices):
+        assert f"--{field.name.replace('_', '-')}" in text
+    choices = palpate.BagChoices()
+    assert f"(default: {choices.off_plane})" in text and f"(default: {choices.clock})" in text
+    assert "(default: 0.0 0.0 1.0)" in text and choices.plane == (0.0, 0.0, 1.0)
+
+
+def test_info_lists_topics_and_what_would_be_read(succeeds, json_of):
+    out = succeeds("info", "push.bag")
+    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.startswith("  /")}
+    image = ["sensor_msgs/msg/CompressedImage", "ros1", "24", "30.0", "0", "0.033", "-3.0", "0.0"]
+    assert rows["/digit/image/compressed"] == image
+    assert "images: /digit/image/compressed   sensor poses: /ee_pose" in out
+    assert "palpate track push.bag --shape NAME|FILE --first-pose X Y THETA" in out
+    found = json_of("info", "push.bag")
+    assert (found["format"], found["cut"], found["images"]) == ("bag", False, "/digit/image/compressed")
+    poses = found["topics"][2]
+    assert (poses["topic"], poses["messages"], poses["rate_hz"]) == ("/ee_pose", 68, pytest.approx(50.0))
+
+
+def test_info_names_sources_that_are_ambiguous(succeeds):
+    others = [pose_message(time, [0, 0, 0], "/object") for time in pose_times(5)]
+    write_bag(Path("two"), "ros2", [*push_messages(), *others])
+    assert "two: has more than one source of poses: /ee_pose, /object; name one by" in succeeds("info", "two")
+
+
+def test_track_reads_a_bag_and_writes_messages(succeeds):
+    assert "in contact" in succeeds(*TRACK, "--tactile", "learnt", "--mcap")
+    online = np.genfromtxt("runs/push/estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert online["time"].tolist() == (image_times() / 1e9).tolist()
+    poses = [message.pose.position for message in messages("runs/push/estimates.mcap", "/palpate/object_pose")]
+    assert np.allclose([(pose.x, pose.y) for pose in poses], np.column_stack([online["x"], online["y"]]), atol=1e-12)
+    assert "diagnostic_msgs/msg/DiagnosticArray" in succeeds("info", "runs/push/estimates.mcap")
+    succeeds(*TRACK, "--force")
+    assert not Path("runs/push/estimates.mcap").exists()
+    settings = json.loads(Path("runs/push/settings.json").read_text())
+    assert settings["source"] == "bag push.bag, images /digit/image/compressed"
+
+
+def test_track_reads_a_folder_and_named_topics(json_of):
+    times = pose_times()
+    others = [pose_message(time, pose, "/mocap") for time, pose in zip(times, true_pose(times), strict=True)]
+    write_bag(Path("two"), "ros2", sorted([*push_messages(), *others], key=lambda message: message.log_time))
+    topics = ("--sensor-poses", "/ee_pose", "--object-poses", "/mocap", "--images", "/digit/image/compressed")
+    found = json_of("track", "two", "--shape", "disc", *topics, "--time-offset", "-0.005")
+    assert (found["frames"], found["scored_frames"]) == (24, 24)
+
+
+def test_messages_of_a_run_contain_all_answers(succeeds):
+    roughly = ("--first-pose-sigma", "0.02", "0.02", "0.3")  # so that the contact begins with several
+    succeeds("track", "push.mcap", *roughly, "--tactile", "none", "--mcap")
+    answers = np.genfromtxt("runs/push/answers.csv", delimiter=",", names=True)
+    arrays = messages("runs/push/estimates.mcap", "/palpate/object_pose_answers")
+    several = [(one.position.x, one.position.y) for array in arrays if len(array.poses) > 1 for one in array.poses]
+    assert len(arrays) == 40 and len(several) > 10
+    assert np.allclose(several, np.column_stack([answers["x"], answers["y"]]), atol=1e-12)
+
+
+@pytest.mark.parametrize(("is_significant", "used"), [(True, -0.02), (False, 0.0)])
+def test_a_fitted_time_offset_is_reported_and_used(run_palpate, monkeypatch, is_significant, used):
+    found = SimpleNamespace(seconds=-0.02, is_significant=is_significant)
+    monkeypatch.setattr("palpate.pipeline.time_offset.time_offset", lambda *_: found)
+    code, _, err = run_palpate(*TRACK, "--time-offset", "fit", "--json")
+    assert code == 0 and err.startswith("palpate: push.bag: ") and "seconds=-0.02" in err
+    times = np.genfromtxt("runs/push/estimates.csv", delimiter=",", names=True)["time"]
+    assert times[0] == pytest.approx(image_times()[0] / 1e9 + used, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("track", "push.bag"), "--shape"),
+        (("track", "push.bag", "--shape", "potato"), "shape is 'potato'"),
+        (("track", "push.bag", "--shape", "box.csv"), "are these millimetres"),
+        (("track", "push.bag", "--shape", "disc"), "--first-pose X Y THETA"),
+        ((*TRACK, "--plane", "0", "-1", "0"), "mm off the plane"),
+        ((*TRACK, "--time-offset", "fit"), "no contact"),
+        (("convert", "push.bag", "a.mcap", "--shape", "90x60"), "are these millimetres"),
+        (("convert", "push.bag", "a.mcap", "--shape", "disc", "--time-offset", "fit"), "only for palpate track"),
+        (("convert", "push.bag", "a.mcap", "--shape", "disc"), "would lack poses between images, heights and tilts"),
+    ],
+)
+def test_bad_input_is_one_line(fails, words, message):
+    Path("box.csv").write_text("0 0\n90 0\n90 60\n0 60\n")
+    assert message in fails(*words)
+    assert not Path("runs").exists() and not Path("a.mcap").exists()
+
+
+def test_convert_makes_a_recording_of_a_bag(succeeds):
+    succeeds("convert", "push.bag", "box.mcap", "--shape", "90x60", "--shape-unit", "mm", "--lossy")
+    found = palpate.load_recording("box.mcap")
+    assert found.shape == palpate.Rectangle(0.09, 0.06)
+    off = found.sensor_pose - true_pose(image_times())
+    assert np.abs(off[:, :2]).max() < 1e-9 and np.abs(np.sin(off[:, 2])).max() < 1e-9

@@ -1,0 +1,90 @@
+"""`palpate info` and `palpate convert` on recordings."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from recording_samples import pushed, tiny_recording
+
+import palpate
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+TINY = palpate.SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
+
+
+def test_info_shows_the_contents_of_a_recording(succeeds, json_of):
+    out = succeeds("info", "push.mcap")
+    assert "rectangle, size x 200 mm, size y 100 mm" in out and "30.0" in out and "unbroken" in out
+    found = json_of("info", "push.mcap")
+    assert (found["format"], found["frames"], found["contact"]) == ("palpate", 40, "measured")
+    assert found["shape"] == {"type": "rectangle", "size_x": 0.2, "size_y": 0.1}
+    assert [contact["start"] for contact in found["contacts"]] == pytest.approx([5 / 30, 32 / 30])
+
+
+def test_info_counts_findings_that_repeat_and_begins_time_at_the_first_frame(succeeds):
+    push = pushed(240)
+    push.object_pose[12:240:12] = np.nan
+    palpate.write_recording(replace(push, time=push.time + 1.7e9), "later.mcap")
+    lines = [" ".join(line.split()) for line in succeeds("info", "later.mcap").splitlines()]
+    assert "0 0.17 0.63 0.47" in lines  # the first contact, in frames 5 to 19
+    assert "0.40 - 7.60 drop-out 19 times; first: ground truth is unknown in 1 frame" in lines
+    palpate.write_recording(replace(pushed(), sensor=TINY, image=(b"no image",) * 40), "damaged.mcap")
+    out = succeeds("info", "damaged.mcap")
+    assert out.count("do not decode") == 1 and "40 times; first:" in out and "image of frame 0" in out
+
+
+@pytest.mark.parametrize("command", ["track", "info"])
+def test_bad_files_are_one_line(fails, succeeds, command):
+    whole = Path("push.mcap").read_bytes()
+    Path("truncated.mcap").write_bytes(whole[: len(whole) // 2])
+    Path("empty.mcap").write_bytes(b"")
+    Path("text.mcap").write_text("not a recording")
+    succeeds("convert", "push.mcap", "poses.tum", "--lossy")
+    assert "missing.mcap: no such file" in fails(command, "missing.mcap")
+    assert "truncated.mcap: " in fails(command, "truncated.mcap")
+    assert "empty.mcap: is empty" in fails(command, "empty.mcap")
+    assert "text.mcap: is in no known format" in fails(command, "text.mcap")
+    assert "poses.tum: holds a trajectory" in fails(command, "poses.tum")
+    assert not Path("runs").exists()
+
+
+def test_convert_writes_trajectories_and_recordings(json_of, succeeds):
+    assert "truth.tum" in succeeds("convert", "push.mcap", "truth.tum", "--lossy")
+    assert np.allclose(np.loadtxt("truth.tum")[:, 1:3], pushed().object_pose[:, :2], atol=1e-8)
+    assert json_of("convert", "push.mcap", "copy.mcap", "--from", "palpate") == {
+        "in": "push.mcap", "out": "copy.mcap", "holds": "recording", "frames": 40, "left_out": [],
+    }  # fmt: skip
+    palpate.write_recording(tiny_recording(), "tiny.mcap")
+    succeeds("convert", "tiny.mcap", "back.mcap")
+    one, other = palpate.load_recording("tiny.mcap"), palpate.load_recording("back.mcap")
+    np.testing.assert_array_equal(one.object_pose, other.object_pose)  # pyright: ignore[reportArgumentType]
+    assert (list(one.image or ()), one.source, one.frames) == (list(other.image or ()), other.source, other.frames)
+
+
+def test_convert_names_everything_that_would_be_lost(fails, succeeds):
+    coded: Any = cv2.imencode(".png", np.zeros((12, 8, 3), np.uint8))[1].tobytes()
+    palpate.write_recording(replace(pushed(), sensor=TINY, image=(coded,) * 40, codec="png"), "seen.mcap")
+    error = fails("convert", "seen.mcap", "seen.json")
+    assert all(word in error for word in ("17 of 40 frames", "times", "the sensor", "images", "--lossy"))
+    assert not Path("seen.json").exists()
+    out = succeeds("convert", "seen.mcap", "seen.json", "--lossy")
+    assert "without 17 of 40 frames (out of contact or without ground truth), times" in out
+    assert len(palpate.load_recording("seen.json")) == 23
+    error = fails("convert", "push.mcap", "push.tum")
+    assert "push.tum would lack sensor poses, outline and sensor, contact flags; --lossy" in error
+
+
+def test_convert_overwrites_only_with_force(fails, succeeds):
+    Path("there.tum").write_text("old")
+    assert "already exists; --force" in fails("convert", "push.mcap", "there.tum")
+    assert Path("there.tum").read_text() == "old"
+    succeeds("convert", "push.mcap", "there.tum", "--force", "--lossy")
+    assert len(np.loadtxt("there.tum")) == 40
+    assert ".xyz" in fails("convert", "push.mcap", "a.xyz")
+    assert "allowed are" in fails("convert", "push.mcap", "b.tum", "--from", "magic")
+    both = fails("convert", "push.mcap", "b.tum", "--from", "palpate", "--shape", "disc")
+    assert "--from cannot be combined with options for bags" in both

@@ -1,0 +1,119 @@
+"""The command line as a whole: exit codes, help, printing, `palpate demo`, and two processes at once."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from recording_samples import pushed
+
+import palpate
+
+COMMANDS = (
+    *("demo", "info", "track", "live", "convert", "simulate", "calibrate", "train", "evaluate", "tune", "view"),
+    *("truth-print", "truth-camera", "truth"),
+)
+HEAVY = (
+    *("numpy", "scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco", "rerun", "joblib"),
+    *("distributed", "torch", "onnx", "onnxruntime", "onnxscript", "numba"),
+)
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+
+def process(*words: str, **options) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True, timeout=60, **options)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_of_each_command(run_palpate, command):
+    code, out, err = run_palpate(command, "--help")
+    assert (code, err) == (0, "")
+    assert f"Example: palpate {command} " in out or f"Example: palpate {command}\n" in out
+
+
+def test_help_is_quick_and_loads_nothing_heavy():
+    helped = "from palpate.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass"
+    code = f"import sys\n{helped}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]" and all(command in done.stdout for command in COMMANDS)
+
+
+def test_the_real_process():
+    done = process("palpate", "track", "push.mcap", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["frames"] == 40
+    assert Path("runs/push/figure.png").read_bytes().startswith(b"\x89PNG")
+    failed = process("palpate", "track", "missing.mcap")
+    assert (failed.returncode, failed.stdout, failed.stderr) == (2, "", "palpate: missing.mcap: no such file\n")
+    piped = f"{sys.executable} -m palpate info push.mcap --json | true"
+    assert subprocess.run(["bash", "-c", piped], capture_output=True, text=True).stderr == ""
+
+
+def test_errors_and_exit_codes(run_palpate, monkeypatch):
+    code, _, err = run_palpate("trak")
+    assert code == 2 and "track" in err
+    code, _, err = run_palpate("track", "push.mcap", "--smother", "batch")
+    assert code == 2 and "--smoother" in err
+    with pytest.raises(palpate.FileError):
+        run_palpate("track", "missing.mcap", "--debug")
+
+    def raising(error: BaseException):
+        def load(*_: object) -> None:
+            raise error
+
+        return load
+
+    monkeypatch.setattr("palpate.io.load_recording", raising(KeyboardInterrupt()))
+    assert run_palpate("info", "push.mcap")[0] == 130
+    monkeypatch.setattr("palpate.io.load_recording", raising(OSError("disk is gone")))
+    assert run_palpate("info", "push.mcap") == (2, "", "palpate: disk is gone\n")
+    monkeypatch.setattr("palpate.io.load_recording", raising(ZeroDivisionError()))
+    with pytest.raises(ZeroDivisionError):  # a bug keeps its traceback
+        run_palpate("info", "push.mcap")
+
+
+def test_a_file_name_that_is_not_text():
+    odd = Path(os.fsdecode(b"push \xff.mcap"))
+    Path("push.mcap").rename(odd)
+    words = [sys.executable, "-m", "palpate", "track", odd]
+    done = subprocess.run(words, capture_output=True, timeout=60, env={**os.environ, "PYTHONIOENCODING": "utf-8"})
+    assert done.returncode == 0 and b"run: runs/push \\udcff" in done.stdout
+    assert (Path("runs") / odd.stem / "summary.json").exists()
+
+
+def test_demo_runs_twice_and_names_its_recording(succeeds, json_of, monkeypatch):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    monkeypatch.setattr("palpate.cli.demo.SECONDS", 3.0)
+    out = succeeds("demo")
+    assert "final translation error" in out and str(Path("demo-run/figure.png")) in out
+    found, settings = json_of("demo"), json.loads(Path("demo-run/settings.json").read_text())
+    assert (found["frames"], found["tactile"]) == (90, "learnt")
+    assert palpate.load_recording("demo-run/recording.mcap").source == settings["source"]
+
+
+def test_demo_fails_in_one_line(fails, monkeypatch):
+    Path("demo-run").mkdir()
+    Path("demo-run/notes.txt").write_text("mine")
+    assert "not replaced" in fails("demo")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert "MuJoCo, which is not installed: pip install palpate[sim]" in fails("demo", "--out", "other")
+    assert not Path("other").exists()
+
+
+def test_a_second_process_cannot_write_the_same_run(fails):
+    palpate.write_recording(pushed(20), "short.mcap")
+    code = "import sys, time\nfrom palpate.files import whole_folder\nfrom pathlib import Path\n"
+    code += "with whole_folder(Path('out')): print('ready', flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "ready\n"
+        start = time.monotonic()
+        try:
+            assert "another process is writing it" in fails("track", "short.mcap", "--out", "out", "--force")
+        finally:
+            other.kill()
+    assert time.monotonic() - start < 30
+    assert not Path("out").exists()

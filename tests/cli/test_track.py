@@ -1,0 +1,206 @@
+"""`palpate track`: the run folder, tables and JSON, options, and errors."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import pushed
+
+import palpate
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+FILES = {
+    "settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "friction.csv", "summary.json", "figure.png",
+}  # fmt: skip
+
+
+def read(path: str) -> Any:
+    return json.loads(Path(path).read_text())
+
+
+def table(path: str) -> Any:
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+def words(line: str) -> str:
+    return " ".join(line.split())
+
+
+def test_a_run_leaves_a_folder_and_shows_a_table(succeeds):
+    out = succeeds("track", "push.mcap", "--tactile", "oracle")
+    assert {path.name for path in Path("runs/push").iterdir()} == FILES
+    summary, settings = read("runs/push/summary.json"), read("runs/push/settings.json")
+    lines = [words(line) for line in out.splitlines()]
+    assert f"in the 95 % region, in contact {100 * summary['in_95_contact_share']:.0f} % of frames" in lines
+    assert f"final translation error {summary['final_translation_error_mm']:.2f} mm" in lines
+    assert "silently wrong" in out and "knocks" not in out and str(Path("runs/push/figure.png")) in out
+    assert (settings["tactile"], settings["smoother"], settings["pressure"]) == ("oracle", "fixed-lag", "uniform")
+    assert settings["noise_preset"] == "palpate"
+    assert settings["noise"]["contact"]["deviation"] == palpate.NoiseSettings().contact.deviation
+    assert settings["first_pose"] == pushed().object_pose[0].tolist()
+
+
+def test_files_of_a_run_agree_with_the_function_in_python(succeeds):
+    run = palpate.track(palpate.load_recording("push.mcap"), palpate.TrackerSettings("oracle"))
+    succeeds("track", "push.mcap", "--tactile", "oracle")
+    online = table("runs/push/estimates.csv")
+    assert online["time"].tolist() == run.recording.time.tolist()
+    assert np.column_stack([online["x"], online["y"], online["theta"]]).tolist() == run.online.pose.tolist()
+    smoothed = np.loadtxt("runs/push/trajectory.tum")
+    assert np.allclose(smoothed[:, 1:3], run.smoothed.pose[:, :2], atol=2e-9)
+    friction = table("runs/push/friction.csv")
+    np.testing.assert_array_equal(friction["friction"], run.friction[:, 0])
+    same = {key: value for key, value in read("runs/push/summary.json").items() if key not in ("wall_s", "step_ms")}
+    assert same == {key: run.summary[key] for key in same}
+
+
+def test_json_is_the_summary_and_nothing_else(json_of):
+    found = json_of("track", "push.mcap", "--out", "here", "--smoother", "batch")
+    assert found == read("here/summary.json")
+    assert (found["frames"], found["tactile"], found["smoother"]) == (40, "none", "batch")
+    assert (found["episodes"], found["contact_frames"], found["scored_frames"]) == (2, 23, 40)
+
+
+def test_options_reach_the_tracker(succeeds):
+    pose = ("--first-pose", "0.001", "0", "-.5", "--first-pose-sigma", "0.02", "0.03", "0.2")
+    out = succeeds("track", "blind.mcap", "--noise", "published", "--pressure", "0.03", *pose, "--hypotheses", "1")
+    settings = read("runs/blind/settings.json")
+    assert (settings["noise_preset"], settings["pressure"], settings["hypotheses"]) == ("published", 0.03, 1)
+    assert settings["first_pose"] == [0.001, 0.0, -0.5]
+    assert settings["first_pose_sigma"] == [0.02, 0.03, 0.2]
+    assert "final translation error - mm" in map(words, out.splitlines())  # there is no truth to score by
+
+
+def test_a_first_pose_that_is_unknown(succeeds, fails):
+    succeeds("track", "--first-pose-unknown", "blind.mcap")
+    settings = read("runs/blind/settings.json")
+    assert (settings["first_pose"], settings["first_pose_sigma"]) == ([0.0, 0.0, 0.0], [1.0, 1.0, 2.0])
+    for option in ("--first-pose", "--first-pose-sigma"):
+        error = fails("track", "push.mcap", "--first-pose-unknown", option, "1", "1", "1")
+        assert f"--first-pose-unknown cannot be combined with {option}" in error
+
+
+def test_the_choice_of_touch_is_reported(json_of, succeeds):
+    assert succeeds("track", "push.mcap").startswith("touch is none: there are no images\n")
+    found = json_of("track", "push.mcap", "--force")
+    assert (found["tactile"], found["tactile_reason"]) == ("none", "there are no images")
+    assert "touch is" not in succeeds("track", "push.mcap", "--tactile", "none", "--force")
+
+
+def test_knocks_have_a_time_of_recovery(succeeds):
+    knocked = np.zeros(40, np.bool_)
+    knocked[8] = knocked[38] = True
+    palpate.write_recording(replace(pushed(), extra={"knocked": knocked}), "knocked.mcap")
+    lines = [words(line) for line in succeeds("track", "knocked.mcap").splitlines()]
+    summary = read("runs/knocked/summary.json")
+    first, second = summary["knock_recovery_contact_s"]
+    assert (summary["knocks"], second) == (2, None)  # two frames at the end are too few to have recovered
+    assert "knocks 2" in lines
+    shown = "-," if first is None else f"{first:.2f},"
+    assert f"recovered after {shown} - s in contact" in lines
+
+
+def test_truth_that_jumps_away_and_back_is_not_scored():
+    recording = pushed()
+    recording.object_pose[25, 0] += 0.1
+    run = palpate.track(recording)
+    assert run.truth is not None and np.isnan(run.truth[25]).all()
+    assert run.summary["scored_frames"] == np.isfinite(run.truth[:, 0]).sum() >= 33
+
+
+def test_tracking_begins_at_the_first_known_truth():
+    recording = pushed(10)
+    recording.object_pose[:2] = np.nan
+    seen: list[int] = []
+    run = palpate.track(recording, progress=seen.append)
+    assert run.first_pose.tolist() == recording.object_pose[2].tolist()
+    assert seen == list(range(1, 11))
+
+
+def test_a_frame_that_cannot_be_used_repeats_the_estimate(caplog):
+    recording = pushed()
+    recording.sensor_pose[7:15:2, 0] += 3.0  # faster than any arm
+    run = palpate.track(recording)
+    status = np.array(run.online.status)
+    assert (status == "faulty").sum() == 4 and len(run.smoothed) == len(run.online) == 40
+    assert run.online.pose[7].tolist() == run.online.pose[6].tolist()
+    assert sum("is skipped" in record.message for record in caplog.records) == 4
+
+
+def test_several_files_get_a_folder_and_a_row_each(json_of, succeeds):
+    palpate.write_recording(pushed(30), "other.mcap")
+    out = succeeds("track", "push.mcap", "other.mcap", "--out", "all")
+    assert all(word in out for word in ("push", "other", "median", "in 95 %", "silently wrong"))
+    assert sorted(path.name for path in Path("all").iterdir()) == ["other", "push"]
+    found = json_of("track", "push.mcap", "other.mcap", "--out", "again")
+    assert ([run["frames"] for run in found["runs"]], found["failed"]) == ([40, 30], [])
+
+
+def test_a_broken_file_among_several_does_not_stop_the_others(run_palpate):
+    Path("broken.mcap").write_text("no")
+    code, out, err = run_palpate("track", "broken.mcap", "push.mcap", "missing.mcap", "--json")
+    found = json.loads(out)
+    assert (code, [run["file"] for run in found["runs"]]) == (3, ["push.mcap"])
+    assert [failed["file"] for failed in found["failed"]] == ["broken.mcap", "missing.mcap"]
+    assert [line.split(":")[1].strip() for line in err.splitlines()] == ["broken.mcap", "missing.mcap"]
+    assert [path.name for path in Path("runs").iterdir()] == ["push"]
+
+
+def test_force_replaces_nothing_but_a_run(fails, json_of):
+    json_of("track", "push.mcap")
+    before = Path("runs/push/summary.json").read_text()
+    assert "already exists; --force" in fails("track", "push.mcap", "--smoother", "batch")
+    assert Path("runs/push/summary.json").read_text() == before
+    assert json_of("track", "push.mcap", "--smoother", "batch", "--force")["smoother"] == "batch"
+    Path("runs/push/thesis.tex").write_text("years of work")
+    assert "holds 'thesis.tex'" in fails("track", "push.mcap", "--force")
+    assert Path("runs/push/thesis.tex").exists()
+    assert "is a file" in fails("track", "push.mcap", "--out", "blind.mcap", "--force")
+    assert "not the name of a new folder" in fails("track", "push.mcap", "--out", "/")
+
+
+def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeypatch):
+    old = json_of("track", "push.mcap")
+
+    def full(*_: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("palpate.io.tum.write", full)
+    assert "no space left" in fails("track", "push.mcap", "--force")
+    assert read("runs/push/summary.json") == old
+    assert [path.name for path in Path("runs").iterdir()] == ["push"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["blind.mcap"], "--first-pose X Y THETA"),
+        (["blind.mcap", "--tactile", "oracle", "--first-pose", 0, 0, 0], "no ground truth, which tactile oracle"),
+        (["push.mcap", "--tactile", "learnt"], "has no images, which tactile learnt needs"),
+        ([], "no FILE"),
+        (["push.mcap", "--pressure", "nan"], "uniform, rim, corner or a friction radius"),
+        (["push.mcap", "--noise", "loud"], "'palpate', 'sticking', 'published' or a file"),
+        (["push.mcap", "--hypotheses", 0], "hypotheses is 0"),
+        (["push.mcap", "--first-pose-sigma", 0, 1, 1], "it must be three numbers above 0"),
+        (["push.mcap", "--first-pose", "a", 0, 0], "--first-pose is 'a 0 0'; it must be three numbers"),
+        (["push.mcap", "--tactile", "none", "--model", "m"], "--model m is not used with --tactile none"),
+        (["push.mcap", "--time-offset", "-0.1"], "--time-offset: only for bags, together with --shape"),
+        (["push.mcap", "--shape", "disc"], "push.mcap is no bag"),
+        (["push.mcap", "sub/push.mcap"], "would both go to"),
+    ],
+)
+def test_bad_input_is_one_line(fails, options, message):
+    assert message in fails("track", *options)
+    assert not Path("runs").exists()
+
+
+def test_bad_usage_names_the_option(run_palpate):
+    for option, wrong, allowed in (("--tactile", "magic", "oracle"), ("--smoother", "magic", "batch")):
+        code, out, err = run_palpate("track", "push.mcap", option, wrong)
+        assert (code, out) == (2, "") and allowed in err
+    code, out, err = run_palpate("track", "push.mcap", "--first-pose", "1", "2")
+    assert (code, out) == (2, "") and "'--first-pose'. Expected 3 values" in err
