@@ -1,14 +1,12 @@
-"""The command line as a whole: exit codes, help, printing, `palpate demo`, and two processes at once."""
+"""The command line as a whole: exit codes, help, printing, and `palpate demo`."""
 
 import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from recording_samples import pushed
 
 import palpate
 
@@ -102,18 +100,3 @@ def test_demo_fails_in_one_line(fails, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     assert "MuJoCo, which is not installed: pip install palpate[sim]" in fails("demo", "--out", "other")
     assert not Path("other").exists()
-
-
-def test_a_second_process_cannot_write_the_same_run(fails):
-    palpate.write_recording(pushed(20), "short.mcap")
-    code = "import sys, time\nfrom palpate.files import whole_folder\nfrom pathlib import Path\n"
-    code += "with whole_folder(Path('out')): print('ready', flush=True); time.sleep(60)"
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None and other.stdout.readline() == "ready\n"
-        start = time.monotonic()
-        try:
-            assert "another process is writing it" in fails("track", "short.mcap", "--out", "out", "--force")
-        finally:
-            other.kill()
-    assert time.monotonic() - start < 30
-    assert not Path("out").exists()

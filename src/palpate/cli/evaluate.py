@@ -101,7 +101,10 @@ def evaluate(
     ] = False,
     json: JsonOption = False,
 ) -> int:
-    """Track many recordings in many ways; leaves tables, figures and one page that tells it all."""
+    """Track many recordings in several ways; writes tables, figures and a page with all results.
+
+    Example: palpate evaluate recordings --out report --tactile none learnt --workers 2
+    """
     if faults:
         given = {
             "--tactile": tactile,

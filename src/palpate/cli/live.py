@@ -80,6 +80,8 @@ def live(
 
     A table shows rate, latency, contact, status and pose; images that come faster than they are tracked are dropped and
     counted.
+
+    Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
     """
     from palpate.cli.console import busy, complain, print_json
     from palpate.config import TrackerSettings

@@ -69,7 +69,10 @@ def train(
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a training that was cut off.")] = False,
     json: JsonOption = False,
 ) -> int:
-    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others."""
+    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others.
+
+    Example: palpate train recordings --out model
+    """
     import os
     import time
 

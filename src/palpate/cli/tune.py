@@ -62,6 +62,8 @@ def tune(
 
     Recordings in folders of their own are kinds: all kinds count the same, however many recordings there are of each,
     and the 95 % region of none is let hold too little.
+
+    Example: palpate tune recordings --out noise.json --workers 2
     """
     import time
 

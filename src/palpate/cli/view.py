@@ -25,7 +25,10 @@ def view(
     ] = None,
     force: ForceOption = False,
 ) -> int:
-    """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time."""
+    """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time.
+
+    Example: palpate view runs/push
+    """
     from palpate.cli.console import busy, print_line
     from palpate.viewer.rerun_view import check_rerun, has_display, save_scene, show_scene
     from palpate.viewer.scene import load_scene

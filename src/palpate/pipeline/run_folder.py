@@ -36,8 +36,7 @@ RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder for the files of a run, which becomes `folder` when the block ends without error.
 
-    Until then no other process can write a run there. Raises FileError if one does, or if the folder exists; with
-    `force` an earlier run in it is replaced once the new one is complete.
+    Raises FileError if the folder exists; with `force` an earlier run in it is replaced once the new one is complete.
     """
     with whole_folder(folder) as part:
         check_folder(folder, force)
