@@ -1,5 +1,5 @@
 # Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make bench`,
-# `make docs`, `make check-numbers`, `make study-report`.
+# `make docs`, `make check-numbers`.
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint bench faults docs check-numbers study-report clean
+.PHONY: demo test ros-test lint bench faults docs check-numbers clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -48,10 +48,6 @@ docs: $(READY_DEV)
 # Compare every table of README and docs with its file in docs/study.
 check-numbers: $(READY_DEV)
 	$(BIN)/python scripts/reported_numbers.py
-
-# The pages of the reported studies, from their results.json and sequences.csv.
-study-report: $(READY_DEV)
-	$(BIN)/python scripts/study_report.py
 
 clean:
 	rm -rf .venv .venv-ros demo-run faults-run docs/_build

@@ -15,15 +15,14 @@ from typing import Any
 
 from distributed import LocalCluster
 
-from palpate.lab.study.files import find_recordings
-from palpate.lab.study.job import StudySettings
+from palpate.lab.study.recordings import find_recordings
 from palpate.lab.study.results import ALL, table
 from palpate.lab.study.study import run_study
-from palpate.lab.study.trial import Method
+from palpate.lab.study.trial import Method, StudySettings
 
 LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # on any port that is free
 HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, **LOOPBACK}
-METHODS = (Method("none", "fixed-lag"), Method("constant", "fixed-lag"))
+METHODS = (Method("none"), Method("learnt"))
 
 
 def main(folder: Path, out: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from _common import DATA, for_each, write
 
 import palpate
-from palpate.lab.study.files import find_recordings
+from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.track import track
 
 

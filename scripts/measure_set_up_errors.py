@@ -18,7 +18,7 @@ from _common import for_each, scores, write
 
 import palpate
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
-from palpate.lab.study.files import find_recordings
+from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import translation_errors
 from palpate.pipeline.track import track
 
@@ -53,15 +53,11 @@ def cases_of(file: Path) -> dict[str, dict[str, float]]:
     """Return the scores of a recording in each case."""
     recording = palpate.load_recording(file)
     errors = draw_errors(np.random.default_rng(zlib.crc32(file.stem.encode())))
-    return {
-        case: scored(
-            with_errors(
-                recording, replace(errors, **{name: NO_ERROR[name] for name in NO_ERROR if name not in present})
-            ),
-            noise,
-        )
-        for case, (present, noise) in CASES.items()
-    }
+    found = {}
+    for case, (present, noise) in CASES.items():
+        absent = {name: value for name, value in NO_ERROR.items() if name not in present}
+        found[case] = scored(with_errors(recording, replace(errors, **absent)), noise)
+    return found
 
 
 def scored(recording: palpate.Recording, noise: palpate.NoiseSettings) -> dict[str, float]:

@@ -18,7 +18,7 @@ from _common import for_each, write
 
 import palpate
 from palpate.geometry import se2
-from palpate.lab.study.files import find_recordings
+from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import inside_95, nees
 
 REACH, SIGMA = 0.06, (0.03, 0.03, 1.8)

@@ -62,8 +62,7 @@ def pushed_by_two_fingers(what: str, seed: int) -> Recording:
 
 def faulty(recording: Recording, fault: str) -> "Given":
     """Put a fault of the bench into a recording."""
-    from palpate.lab.study.faults.faults import FAULTS
-    from palpate.lab.study.faults.stream import stream_of
+    from palpate.lab.study.faults import FAULTS, stream_of
 
     stream = FAULTS[fault](stream_of(recording), np.random.default_rng(0))
     changed = replace(recording, shape=stream.shape)

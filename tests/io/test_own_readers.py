@@ -16,7 +16,7 @@ from palpate import io as formats
 from palpate.cli.main import main
 from palpate.errors import FileError, SettingError
 from palpate.geometry.shapes import Disc
-from palpate.lab.study.files import find_recordings
+from palpate.lab.study.recordings import find_recordings
 from palpate.live.poses import TimedPose
 from palpate.live.sources import Clock, own_poses
 from palpate.types.trajectory import Trajectory

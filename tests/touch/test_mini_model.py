@@ -59,7 +59,7 @@ def test_it_tells_how_a_side_leans():
 
 
 def test_simulated_and_tracked_by_the_commands(tmp_path, capsys, monkeypatch, no_figures):
-    monkeypatch.setattr("palpate.lab.study.report.study_sheets", lambda *_: [])
+    monkeypatch.setattr("palpate.lab.study.report.study_figures", lambda *_: [])
     made = ["simulate", str(tmp_path / "pushes"), "--sensor", "gelsight-mini", "--shape", "disc", "--count", "1"]
     assert main([*made, "--seconds", "3"]) == 0
     assert main(["track", str(tmp_path / "pushes/disc-000000.mcap"), "--out", str(tmp_path / "run")]) == 0

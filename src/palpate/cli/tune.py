@@ -70,7 +70,7 @@ def tune(
     from palpate.cli.console import complain, print_json, progress_bar
     from palpate.config import TrackerSettings, noise_of, write_noise
     from palpate.files import only_writer
-    from palpate.lab.study.files import find_recordings
+    from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.parameters import check_parameters
     from palpate.lab.tune.recorded_touch import record_touch_of_files
     from palpate.lab.tune.tuning import held_out

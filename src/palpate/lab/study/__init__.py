@@ -1,1 +1,1 @@
-"""The study: many recordings tracked in several ways, its results, its figures and its report."""
+"""Studies: the recordings of a folder tracked in several ways, and with faults; tables, figures and a report page."""

@@ -1,0 +1,50 @@
+"""The recordings of a folder, and the group that each belongs to."""
+
+import re
+from pathlib import Path, PurePosixPath
+
+from palpate.errors import FileError
+from palpate.io import detect_format
+
+NATIVE = (".mcap",)
+"""Endings of files that are recordings even if they are damaged."""
+TRAJECTORIES = ("tum", "estimates-csv")
+"""Formats without sensor poses."""
+
+
+def find_recordings(folder: Path, leave_out: Path | None = None) -> dict[str, Path]:
+    """Return the recordings in a folder and its subfolders, sorted, by their paths relative to the folder.
+
+    Hidden files are skipped, and so is all in the folder `leave_out`. Raises FileError if there is no recording.
+    """
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder of recordings")
+    found = {
+        path.relative_to(folder).as_posix(): path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
+        and not (leave_out and path.resolve().is_relative_to(leave_out.resolve()))
+        and _is_recording(path)
+    }
+    if not found:
+        raise FileError(f"{folder}: holds no recordings, nor do its subfolders; palpate info names the formats")
+    return found
+
+
+def group_of(name: str) -> str:
+    """Return the folder of a recording or, if it lies in the study's folder itself, its name without the number."""
+    path = PurePosixPath(name)
+    if len(path.parts) > 1:
+        return path.parent.as_posix()
+    stem = path.name.removesuffix(".gz").rpartition(".")[0] or path.name
+    return re.sub(r"[\W\d_]+$", "", stem) or stem
+
+
+def _is_recording(path: Path) -> bool:
+    name = path.name.lower()
+    try:
+        format = detect_format(path)
+    except FileError:  # empty or damaged
+        return name.endswith((*NATIVE, ".json", ".json.gz"))
+    return name.endswith(NATIVE) if format is None else format not in TRAJECTORIES
