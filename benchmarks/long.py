@@ -1,14 +1,14 @@
-"""A hundred thousand frames through one tracker, in one contact and over many: time, memory and honesty to the end.
+"""A hundred thousand frames through one tracker, in one contact and in many: time, memory and coverage to the end.
 
     python benchmarks/long.py [--frames 100000] [--seed 0] [--into FILE.json]
 
-A rectangle is pushed as the estimator believes the world to be: what its settings call noise is drawn, and so are the
-object's unknowns. Each frame has a contact flag, a direction and a turn, and no image. In one run the sensor never lets
-go; in the other it draws back every ten seconds and pushes at another place. Of each tenth of the frames are told
+A rectangle is pushed in a world as the estimator assumes it: its noise and the object's unknowns are drawn. Each frame
+has a contact flag, a direction and a turn, and no image. In one run the contact never ends; in the other the sensor
+draws back every ten seconds and pushes at another place. Of each tenth of the frames are told
 
-- `p50_ms` and `p95_ms` of `Tracker.update`, of processor time, which is the same where something else runs;
+- `p50_ms` and `p95_ms` of `Tracker.update`, of processor time, which does not depend on other work on the machine;
 - `rss_mb`, the memory of the process at its end;
-- `inside_95`, the share of true poses in the 95 % region, and `error_mm`, how far estimates are off in the median.
+- `inside_95`, the share of true poses in the 95 % region, and `error_mm`, the median error of estimates.
 """
 
 import json
@@ -24,42 +24,30 @@ import numpy as np
 import psutil
 import tyro
 from numpy.typing import NDArray
-from pushes import RATE, SHAPE
 from scipy.signal import lfilter
 
-from palpate.config import NoiseSettings
+from palpate import DIGIT, ContactDirection, Frame, Measurement, NoiseSettings, Rectangle, Tracker, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.variables import (
-    DEPTH,
-    DIRECTION_BIAS,
-    FRICTION_CENTER,
-    FRICTION_RATIO,
-    IN_OBJECT,
-    OUTLINE_SCALE,
-)
+from palpate.graph.variables import DEPTH, DIRECTION_BIAS, FRICTION_CENTER, FRICTION_RATIO, IN_OBJECT, OUTLINE_SCALE
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.pipeline.metrics import inside_95, nees, translation_errors
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
-from palpate.types.measurements import ContactDirection, Measurement, Turn
-from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
+SHAPE = Rectangle(0.2363, 0.1579)
 CONTACT, AWAY = 300, 30
-"""Frames of a contact, where there are many, and between them."""
-FELT, STATED, LASTS = 2e-3, 1e-2, 19.0
-"""[rad] by which touch is off and what it states, standard deviations, and frames for which an error lasts, as those of
-learnt touch do."""
+"""Frames of a contact, if there are many, and between them."""
+ERROR, STATED, LASTS = 2e-3, 1e-2, 19.0
+"""Standard deviation of touch and the stated one [rad], and the time constant of its errors [frames]."""
 BACK = 0.03
-"""[m] from the object between contacts."""
+"""Distance from the object between contacts [m]."""
 PARTS = 10
 NOISE, MODEL, STEERING = NoiseSettings(), contact_model(SHAPE, DIGIT), Steering()
 
 
 @dataclass(frozen=True)
-class Pushed:
-    """What really happens: poses in the world."""
+class Truth:
+    """True poses in the world."""
 
     objects: Array
     """(N, 3)"""
@@ -69,20 +57,21 @@ class Pushed:
     """(N,)"""
 
 
-def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) -> Pushed:
+def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) -> Truth:
     """Push the rectangle for so many frames in contacts of so many, each at another place of its sides."""
     objects, sensors, flags = [np.zeros((1, 3))], list[Array](), list[NDArray[np.bool_]]()
-    while sum(map(len, flags)) < count:
-        steps = min(contact, count - sum(map(len, flags))) - 1
+    c = MODEL.friction_radius
+    slip_sigma = np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed)
+    torque_sigma = np.hypot(NOISE.balance.still, NOISE.balance.share * STEERING.speed * c)
+    friction = {variable: values[IN_OBJECT[variable]] for variable in (FRICTION_RATIO, FRICTION_CENTER)}
+    while (made := sum(map(len, flags))) < count:
+        steps = min(contact, count - made) - 1
         quarter, along, turned = rng.integers(4), rng.uniform(-0.03, 0.03), rng.uniform(-0.2, 0.2)
         side, far, r = [0.0, 0.0, quarter * np.pi / 2], 0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2], DIGIT.radius
         gap = gaps(steps + 1, rng) - values[IN_OBJECT[DEPTH]] + values[IN_OBJECT[OUTLINE_SCALE]] * far
         first = se2.compose(side, [-far - gap[0] + r * (np.cos(turned) - 1.0), along + r * np.sin(turned), turned])
-        slid = rng.normal(0.0, np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed), steps)
-        c = MODEL.friction_radius
-        torque = rng.normal(0.0, np.hypot(NOISE.balance.still, NOISE.balance.share * STEERING.speed * c), (steps, 1))
-        friction = {unknown: values[IN_OBJECT[unknown]] for unknown in (FRICTION_RATIO, FRICTION_CENTER)}
-        # Off a side whose normal is -x, what opens the gap moves the sensor along x.
+        slid, torque = rng.normal(0.0, slip_sigma, steps), rng.normal(0.0, torque_sigma, (steps, 1))
+        # Off a side whose normal is -x, an opening gap moves the sensor along x.
         slip = se2.transform(side, np.column_stack([np.diff(gap), slid]))[:, None]
         o, e = push(MODEL, objects[-1][-1:], first[None], steps, STEERING, 0.0, slip, torque, friction)
         rest = AWAY // 2 if contact < count else 0
@@ -90,65 +79,58 @@ def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) ->
         objects += [np.tile(o[0], (rest, 1)), o[:, 0], np.tile(o[-1], (rest, 1))]
         sensors += [np.tile(lifted[0], (rest, 1)), e[:, 0], np.tile(lifted[-1], (rest, 1))]
         flags.append(np.repeat([False, True, False], [rest, len(o), rest]))
-    return Pushed(np.concatenate(objects[1:])[:count], np.concatenate(sensors)[:count], np.concatenate(flags)[:count])
+    return Truth(np.concatenate(objects[1:])[:count], np.concatenate(sensors)[:count], np.concatenate(flags)[:count])
 
 
 def gaps(count: int, rng: np.random.Generator) -> Array:
-    """Gaps (count,) [m] as contact and sticking believe them together: each of them small, and their differences."""
+    """Draw gaps (count,) [m] as contact and sticking assume them together: small, with small differences."""
     difference = np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed)
     ratio = (difference / NOISE.contact.deviation) ** 2
     stays = 1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio**2)
-    drawn = rng.normal(0.0, difference * np.sqrt(stays), count)
-    drawn[0] /= np.sqrt(1.0 - stays**2)
-    for k in range(1, count):
-        drawn[k] += stays * drawn[k - 1]
-    return drawn
+    return correlated(count, difference * np.sqrt(stays / (1.0 - stays**2)), stays, rng)
 
 
-def errors(count: int, rng: np.random.Generator) -> Array:
-    """Errors of touch (count,) [rad] that last: of the first order, and as large at the beginning as later."""
-    stays = math.exp(-1.0 / LASTS)
-    new = rng.normal(0.0, FELT, count)
-    new[1:] *= math.sqrt(1.0 - stays**2)
-    return np.asarray(lfilter([1.0], [1.0, -stays], new))
+def correlated(count: int, sigma: float, stays: float, rng: np.random.Generator) -> Array:
+    """Draw values (count,) of a first-order process with this deviation and correlation from one to the next."""
+    drawn = rng.normal(0.0, sigma, count)
+    drawn[1:] *= math.sqrt(1.0 - stays**2)
+    return np.asarray(lfilter([1.0], [1.0, -stays], drawn))
 
 
-def felt(truth: Pushed, values: Array, rng: np.random.Generator) -> Iterator[tuple[Frame, tuple[Measurement, ...]]]:
-    """Frames as a sensor measures them, each with what touch says."""
+def felt(truth: Truth, values: Array, rng: np.random.Generator) -> Iterator[tuple[Frame, tuple[Measurement, ...]]]:
+    """Yield frames as a sensor measures them, each with the measurements of touch."""
     count = len(truth.objects)
     g = se2.between(truth.objects, truth.sensors)
     sensors = se2.compose(truth.sensors, se2.exp(rng.normal(size=(count, 3)) * NOISE.sensor_pose.deviation))
     inward = -MODEL.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])
-    direction = np.angle(inward) + values[IN_OBJECT[DIRECTION_BIAS]]
-    direction += errors(count, rng)
+    stays = math.exp(-1.0 / LASTS)
+    direction = np.angle(inward) + values[IN_OBJECT[DIRECTION_BIAS]] + correlated(count, ERROR, stays, rng)
     begins = np.diff(truth.contact, prepend=False)
-    turn = g[:, 2] + rng.uniform(-3.0, 3.0, count)[np.maximum.accumulate(begins * np.arange(count))]
-    turn += errors(count, rng)
+    turn = g[:, 2] + rng.uniform(-3.0, 3.0, count)[np.maximum.accumulate(begins * np.arange(count))]  # a contact each
+    turn = se2.wrap(turn + correlated(count, ERROR, stays, rng))
     for k in range(count):
+        measured = ContactDirection(float(direction[k]), STATED**2), Turn(float(turn[k]), STATED**2)
         touched = bool(truth.contact[k])
-        said = ContactDirection(float(direction[k]), STATED**2), Turn(float(se2.wrap(turn[k])), STATED**2)
-        yield Frame(k / RATE, sensors[k], contact=touched), said if touched else ()
+        yield Frame(k / DIGIT.rate, sensors[k], contact=touched), measured if touched else ()
 
 
-def tracked(truth: Pushed, values: Array, rng: np.random.Generator) -> dict[str, Any]:
-    """Track a push and return what was found, by tenths of its frames."""
+def tracked(truth: Truth, values: Array, rng: np.random.Generator) -> dict[str, Any]:
+    """Track a push and return the results by tenths of its frames."""
     count, process = len(truth.objects), psutil.Process()
     first = se2.compose(truth.objects[0], se2.exp(rng.normal(size=3) * NOISE.first_pose.deviation))
     tracker, statuses = Tracker(SHAPE, DIGIT, first), Counter[str]()
     pose, covariance, ms, memory = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count), list[float]()
-    for k, (frame, said) in enumerate(felt(truth, values, rng)):
+    for k, (frame, measured) in enumerate(felt(truth, values, rng)):
         begin = time.thread_time()
-        estimate = tracker.update(frame, said)
+        estimate = tracker.update(frame, measured)
         ms[k] = 1e3 * (time.thread_time() - begin)
         pose[k], covariance[k] = estimate.pose, estimate.covariance
         statuses[estimate.status] += 1
         if len(memory) < (k + 1) * PARTS // count:
             memory.append(process.memory_info().rss / 1e6)
-    inside = inside_95(nees(pose, covariance, truth.objects))
-    errors = 1e3 * translation_errors(pose, truth.objects)
 
-    def by_tenth(what: Any, each: Array | NDArray[np.bool_]) -> list[float]:
-        return [round(float(what(part)), 3) for part in np.array_split(each, PARTS)]
+    def by_tenth(function: Any, values: Any) -> list[float]:
+        return [round(float(function(part)), 3) for part in np.array_split(values, PARTS)]
 
     return {
         "frames": count,
@@ -156,14 +138,14 @@ def tracked(truth: Pushed, values: Array, rng: np.random.Generator) -> dict[str,
         "p50_ms": by_tenth(np.median, ms),
         "p95_ms": by_tenth(lambda part: np.percentile(part, 95), ms),
         "rss_mb": [round(each, 1) for each in memory],
-        "inside_95": by_tenth(np.mean, inside),
-        "error_mm": by_tenth(np.median, errors),
+        "inside_95": by_tenth(np.mean, inside_95(nees(pose, covariance, truth.objects))),
+        "error_mm": by_tenth(np.median, 1e3 * translation_errors(pose, truth.objects)),
         "statuses": dict(statuses),
     }
 
 
 def main(frames: int = 100_000, seed: int = 0, into: Path | None = None) -> None:
-    """Track both and print what was found."""
+    """Track both and print the results."""
     found = dict[str, dict[str, Any]]()
     for name, contact in (("one contact", frames), ("many contacts", CONTACT)):
         rng = np.random.default_rng([seed, contact])

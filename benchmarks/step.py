@@ -1,22 +1,16 @@
-"""Time per step of tracking, against a plain reference in the same run, on one thread.
+"""Time per frame of `Tracker.update`, against plain graphs in GTSAM in the same run, on one thread.
 
-    python benchmarks/step.py [--json] [--gate] [--update-baseline] [--long]
+    python benchmarks/step.py [--json] [--gate] [--update-baseline]
 
-The reference is the paper's graph with every tactile factor in Python, in iSAM2; see `plain_graph`. All cases are of
-the same push, one contact.
+- one-answer: image in (decoded), estimate out, one hypothesis, in contact; a simulated push with set-up errors.
+- eight-answers: the same object shoved now and then and found from a rough first pose, up to eight hypotheses.
+- rest: frames without contact of one-answer.
+- graph: a direction and a turn a frame in place of images, one hypothesis, one contact.
+- gtsam-native: a window with as many factors, all in C++, see `gtsam_graphs`.
+- reference: the paper's graph in iSAM2, all factors in Python, with 30 tactile pairs a frame, see `gtsam_graphs`.
 
-- graph: the estimator alone as it is by default, with one direction and one turn a frame.
-- fixed-lag-450, fixed-lag-10000: the tracker with 30 tactile pairs a frame.
-- bank-16: 16 smoothers that begin a millimetre or so apart in one window; direction and turn each frame, time for all.
-- learnt: the whole step, image in and estimate out; the frames in contact.
-- long-100000 (with --long only): as graph.
-- reference-450: the reference, with 30 tactile pairs a frame.
-
-Milliseconds are of the wall clock, and a quiet machine should reach TARGETS. `ratio_to_reference` is a case's median
-over the reference's; `late_over_early` that of the last tenth of the frames over frames 100 to 150, in the long cases
-400 to 1400, by the 10th percentile. Both are of processor time, which is the same where nothing else runs, and the gate
-is on them only: with other work on the machine, steps wait for a core, and seconds at a time are slower than others.
-`rss_growth_mb` is how much memory the process gained since the early frames.
+Milliseconds are of the wall clock; a quiet machine should reach TARGETS. `ratio_to_reference` is a case's median over
+the reference's, both of processor time, which does not depend on other work on the machine. The gate is on it alone.
 """
 
 import argparse
@@ -24,216 +18,138 @@ import gc
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import psutil
+from gtsam_graphs import NativeGraph, PlainGraph
 from numpy.typing import NDArray
-from plain_graph import PlainGraph
-from pushes import SHAPE, Push, make_push
 from threadpoolctl import threadpool_limits
 
-from palpate.config import NoiseSettings, SmootherName, TrackerSettings
-from palpate.filter.hypothesis_bank import HypothesisBank
-from palpate.filter.warm_up import warm_up
+from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.factor_list import make_factors
-from palpate.graph.window import Window
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
-from palpate.types.measurements import Measurement
-from palpate.types.sensor import DIGIT
+from palpate.graph.contact_geometry import contact_model
+from palpate.lab.simulate.limit_surface import Steering, push
+from palpate.lab.simulate.recordings import simulate_recording
 
 Array = NDArray[np.float64]
 Row = dict[str, float | str]
-Felt = tuple[Frame, tuple[Measurement, ...]]
+Given = tuple[Frame, tuple[Measurement, ...]]
 BASELINE = Path(__file__).with_name("baseline.json")
-REFERENCE = "reference-450"
-SHORT, LONG, ENDLESS, WARM = 450, 10_000, 100_000, 60
-BANK = 16
+REFERENCE, SHAPE = "reference", Rectangle(0.2363, 0.1579)
+MODEL = contact_model(SHAPE, DIGIT)
+FRAMES, WARM = 450, 60
 SLACK = 1.5  # by which a ratio may exceed the committed one: two shared cores are noisy even in ratios
-LATE_LIMITS = {"fixed-lag-10000": 1.2, "long-100000": 1.1}
 TARGETS = {
-    "graph": {"median_ms": 0.5, "p99_ms": 1.0},
-    "fixed-lag-450": {"median_ms": 1.6, "ratio_to_reference": 0.05},
-    "bank-16": {"median_ms": 5.0},
-    "learnt": {"median_ms": 1.5, "p99_ms": 4.0},
-    "long-100000": {"late_over_early": 1.1},
+    "one-answer": {"median_ms": 1.2, "p99_ms": 3.0},
+    "eight-answers": {"median_ms": 2.5, "p99_ms": 6.0},
+    "graph": {"median_ms": 0.3},
+    "rest": {"median_ms": 0.4},
 }
-"""What a quiet machine should reach."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """What is timed: one call of what `begin` returns for each of the inputs."""
-
-    name: str
-    inputs: Sequence[Any]
-    begin: Callable[[], Callable[[Any], object]]
-
-    def run(self) -> "Timing":
-        """Time all calls."""
-        update = self.begin()
-        for each in self.inputs[:WARM]:  # imports, compilation and first calls are not what is measured
-            update(each)
-        update, process, early = self.begin(), psutil.Process(), early_calls(len(self.inputs)).stop
-        gc.collect()
-        wall, processor, before = np.empty(len(self.inputs)), np.empty(len(self.inputs)), 0
-        for k, each in enumerate(self.inputs):
-            if k == early:
-                before = process.memory_info().rss
-            start, busy = time.perf_counter(), time.process_time()
-            update(each)
-            processor[k], wall[k] = time.process_time() - busy, time.perf_counter() - start
-        return Timing(self.name, 1e3 * wall, 1e3 * processor, (process.memory_info().rss - before) / 2**20)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What came of a case."""
+    """Times of the calls of one case."""
 
     name: str
     wall: Array
     """Wall-clock time of each call [ms]."""
     processor: Array
     """Processor time of each call, on all threads [ms]."""
-    growth: float
-    """Of memory after the early calls [MB]."""
 
     def row(self, reference_ms: float) -> Row:
         """Return the row of the result, given the reference's median of processor time [ms]."""
-        early = np.percentile(self.processor[early_calls(len(self.processor))], 10)
-        late = np.percentile(self.processor[-max(50, len(self.processor) // 10) :], 10)
         median, p95, p99 = np.percentile(self.wall, (50, 95, 99)).tolist()
+        ratio = float(np.median(self.processor)) / reference_ms
+        times = {"median_ms": median, "p95_ms": p95, "p99_ms": p99, "max_ms": float(self.wall.max())}
         return {
             "name": self.name,
-            "median_ms": round(median, 3),
-            "p95_ms": round(p95, 3),
-            "p99_ms": round(p99, 3),
-            "max_ms": round(float(self.wall.max()), 3),
-            "ratio_to_reference": round(float(np.median(self.processor)) / reference_ms, 4),
-            "late_over_early": round(float(late / early), 3),
-            "rss_growth_mb": round(self.growth, 1),
+            **{name: round(ms, 3) for name, ms in times.items()},
+            "ratio_to_reference": round(ratio, 4),
         }
 
 
-def early_calls(count: int) -> slice:
-    """Calls that stand for the beginning of a run; the window is full by then."""
-    return slice(400, 1400) if count > SHORT else slice(100, 150)
+def timed(begin: Callable[[], Callable[[Any], Any]], inputs: Sequence[Any]) -> tuple[Array, Array, list[Any]]:
+    """Return wall and processor time [ms] of each call of what `begin` returns, and the results; warmed up before."""
+    update = begin()
+    for each in inputs[:WARM]:
+        update(each)
+    update, results = begin(), []
+    gc.collect()
+    wall, processor = np.empty(len(inputs)), np.empty(len(inputs))
+    for k, each in enumerate(inputs):
+        start, busy = time.perf_counter(), time.process_time()
+        results.append(update(each))
+        processor[k], wall[k] = time.process_time() - busy, time.perf_counter() - start
+    return 1e3 * wall, 1e3 * processor, results
 
 
-def reference(push: Push) -> Case:
-    """The plain graph."""
-    return Case(REFERENCE, push.frames(), lambda: PlainGraph(push.model, push.first_pose).update)
+def with_images() -> Iterator[Timing]:
+    """Time one answer, frames at rest and eight answers, on simulated recordings with set-up errors."""
+    for answers in (1, 8):
+        given = simulate_recording(SHAPE, "rectangle-edges", 2, FRAMES / DIGIT.rate, knocks=answers > 1)
+        settings = replace(TrackerSettings("learnt"), hypotheses=answers)
+        sigma = given.first_pose_sigma if answers == 1 else (0.02, 0.02, 0.3)  # [m, m, rad]
+        first = given.first_pose
+
+        def update(settings: Any = settings, first: Any = first, sigma: Any = sigma, shape: Any = given.shape) -> Any:
+            return Tracker(shape, DIGIT, first, settings, first_pose_sigma=sigma).update
+
+        wall, processor, estimates = timed(update, list(given))
+        contact = np.array([estimate.contact for estimate in estimates])
+        if answers == 1:
+            yield Timing("one-answer", wall[contact], processor[contact])
+            yield Timing("rest", wall[~contact], processor[~contact])
+        else:
+            several = contact & (np.array([len(estimate.answers) for estimate in estimates]) > 1)
+            yield Timing("eight-answers", wall[several], processor[several])
 
 
-def pairs(name: str, push: Push, smoother: SmootherName) -> Case:
-    """The tracker with true pairs."""
-    settings = TrackerSettings("oracle", smoother)
-    return Case(name, push.frames(), lambda: Tracker(SHAPE, DIGIT, push.first_pose, settings).update)
+def graphs() -> Iterator[Timing]:
+    """Time the graph alone, and those in GTSAM, on one contact drawn from the estimator's model."""
+    first = np.array([[-0.5 * SHAPE.size_x, 0.01, 0.0]])
+    objects, sensors = (poses[:, 0] for poses in push(MODEL, np.zeros((1, 3)), first, FRAMES - 1, Steering()))
+    settings = replace(TrackerSettings("none"), hypotheses=1)
+
+    def tracker() -> Callable[[Given], object]:
+        one = Tracker(SHAPE, DIGIT, objects[0], settings)
+        return lambda given: one.update(*given)
+
+    yield Timing("graph", *timed(tracker, list(felt(objects, sensors)))[:2])
+    steps = list(zip(objects, sensors, strict=True))
+    yield Timing("gtsam-native", *timed(lambda: NativeGraph().update, steps)[:2])
+    yield Timing(REFERENCE, *timed(lambda: PlainGraph(MODEL, objects[0]).update, steps)[:2])
 
 
-def graph(name: str, push: Push) -> Case:
-    """The estimator alone."""
-
-    def begin() -> Callable[[Felt], object]:
-        noise = NoiseSettings()
-        known = np.diag(np.square(noise.first_pose.deviation))
-        hypotheses = HypothesisBank(push.model, noise, "fixed-lag", push.first_pose, known, most=1)
-
-        def update(felt: Felt) -> object:
-            frame, said = felt
-            hypotheses.contact_step(frame.sensor_pose, said, frame.time)
-            return hypotheses.report()
-
-        return update
-
-    return Case(name, push.felt(), begin)
+def felt(objects: Array, sensors: Array) -> Iterator[Given]:
+    """Yield noisy frames of a contact, each with the direction and turn that learnt touch would measure."""
+    random, sigma = np.random.default_rng(0), 0.01  # [rad]
+    g = se2.between(objects, sensors)
+    noisy = se2.compose(sensors, se2.exp(random.normal(0.0, (1e-4, 1e-4, 1e-3), sensors.shape)))
+    inward = -MODEL.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])
+    direction = np.angle(inward) + random.normal(0.0, sigma, len(g))
+    turn = se2.wrap(g[:, 2] + random.normal(0.0, sigma, len(g)))
+    for k in range(len(g)):
+        measurements = ContactDirection(float(direction[k]), sigma**2), Turn(float(turn[k]), sigma**2)
+        yield Frame(k / DIGIT.rate, noisy[k], contact=True), measurements
 
 
-def bank(push: Push) -> Case:
-    """One window for several smoothers."""
-    settings, random = NoiseSettings(), np.random.default_rng(0)
-    factors = make_factors(settings, push.model)
-    deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
-    apart = se2.exp(random.normal(0.0, (1e-3, 1e-3, 1e-2), (BANK, 3)))
-    known = np.tile(np.diag(np.square(deviation)), (BANK, 1, 1))
-    beliefs = Belief(se2.compose(push.first_pose, apart), np.tile(settings.priors.mean, (BANK, 1)), known)
-
-    def begin() -> Callable[[Felt], object]:
-        windows: list[Window] = []
-
-        def update(felt: Felt) -> object:
-            frame, said = felt
-            if windows:
-                windows[0].add(frame.sensor_pose, said, frame.time)
-            else:
-                windows.append(Window(factors, push.model, beliefs, frame.sensor_pose, said, frame.time))
-            return windows[0].belief()
-
-        return update
-
-    return Case(f"bank-{BANK}", push.felt(), begin)
-
-
-def learnt(push: Push) -> Case:
-    """The tracker with images."""
-    before, contact = push.seen()
-
-    def begin() -> Callable[[Frame], object]:
-        tracker = Tracker(SHAPE, DIGIT, push.first_pose, TrackerSettings("learnt"))
-        for frame in before:
-            tracker.update(frame)
-
-        def update(frame: Frame) -> object:
-            estimate = tracker.update(frame)
-            assert estimate.contact
-            return estimate
-
-        return update
-
-    return Case("learnt", contact, begin)
-
-
-def measure(endless: bool) -> list[Row]:
-    """Run all cases, each made when its turn comes; last the reference, whose freed memory would hide another's."""
-    push = make_push(LONG)
-    short = replace(push, objects=push.objects[:SHORT], sensors=push.sensors[:SHORT])
-    makers = [
-        lambda: graph("graph", short),
-        lambda: pairs("fixed-lag-450", short, "fixed-lag"),
-        lambda: pairs("fixed-lag-10000", push, "fixed-lag"),
-        lambda: bank(short),
-        lambda: learnt(short),
+def failures(rows: Iterable[Row], baseline: Iterable[Row]) -> list[str]:
+    """Return sentences on the ratios that are worse than the committed baseline allows."""
+    allowed = {one["name"]: SLACK * float(one["ratio_to_reference"]) for one in baseline if one["name"] != REFERENCE}
+    return [
+        f"{one['name']}: ratio to the reference is {one['ratio_to_reference']}, allowed {allowed[one['name']]:.4f}"
+        for one in rows
+        if float(one["ratio_to_reference"]) > allowed.get(one["name"], np.inf)
     ]
-    if endless:
-        makers.append(lambda: graph("long-100000", make_push(ENDLESS)))
-    timings = [make().run() for make in [*makers, lambda: reference(short)]]
-    reference_ms = float(np.median(timings[-1].processor))
-    return [timing.row(reference_ms) for timing in timings]
 
 
-def failures(rows: list[Row], baseline: list[Row]) -> list[str]:
-    """Sentences on the ratios that are worse than the committed baseline or the limits allow."""
-    known, found = {one["name"]: one for one in baseline}, []
-    for one in rows:
-        name, ratio, late = str(one["name"]), float(one["ratio_to_reference"]), float(one["late_over_early"])
-        if name != REFERENCE and name in known:
-            allowed = SLACK * float(known[name]["ratio_to_reference"])
-            if ratio > allowed:
-                found.append(f"{name}: ratio to the reference is {ratio}, allowed {allowed:.4f}")
-        if late > LATE_LIMITS.get(name, np.inf):
-            found.append(f"{name}: late frames cost {late} times early ones, allowed {LATE_LIMITS[name]}")
-    return found
-
-
-def missed(rows: list[Row]) -> list[str]:
-    """Sentences on the targets that were not reached."""
+def missed(rows: Iterable[Row]) -> list[str]:
+    """Return sentences on the targets that were not reached."""
     return [
         f"{one['name']}: {figure} is {one[figure]}, the target is {target}"
         for one in rows
@@ -248,12 +164,12 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     parser.add_argument("--gate", action="store_true", help="exit 1 if a ratio is worse than the baseline allows")
     parser.add_argument("--update-baseline", action="store_true", help="write benchmarks/baseline.json")
-    parser.add_argument("--long", action="store_true", help=f"also run {ENDLESS} frames, which takes minutes")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    warm_up()
     with threadpool_limits(1):
-        rows = measure(arguments.long)
+        timings = [*with_images(), *graphs()]
+    reference_ms = float(np.median(timings[-1].processor))
+    rows = [timing.row(reference_ms) for timing in timings]
     worse = failures(rows, json.loads(BASELINE.read_text())["cases"]) if arguments.gate else []
     if arguments.update_baseline:
         BASELINE.write_text(json.dumps({"cases": rows}, indent=2) + "\n")

@@ -222,6 +222,11 @@ def of_json(path: str, names: Mapping[str, str], *within: str) -> Callable[[], I
 def step_times() -> Iterator[Row]:
     """Yield a row for each case of the benchmark of steps."""
     names = {
+        "one-answer": "image in, estimate out",
+        "eight-answers": "the same with up to eight hypotheses",
+        "rest": "image without contact",
+        "gtsam-native": "a window in GTSAM, all factors in C++",
+        "reference": "the paper's graph in iSAM2, factors in Python",
         "learnt": "image in, estimate out, `learnt`",
         "graph": "the graph alone",
         "bank-16": "the graph with 16 hypotheses",

@@ -166,7 +166,7 @@ def test_bad_options_are_one_line_and_leave_nothing(simulate, words, said):
 
 def test_missing_packages_and_a_file_for_a_folder_are_named(simulate, monkeypatch):
     Path("file").write_text("")
-    assert "file: cannot be a folder of recordings" in simulate("file").err
+    assert "file: cannot be written" in simulate("file").err
     monkeypatch.setitem(sys.modules, "mujoco", None)
     assert "MuJoCo, which is not installed: pip install palpate[sim]" in simulate("out").err
     assert not Path("out").exists()
