@@ -59,7 +59,7 @@ def check_increasing(time: NDArray[np.float64]) -> None:
 
 
 def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return where numbers are finite and a possible position or length [m]."""
+    """Return flags of numbers that are finite and possible as a position or length [m]."""
     return np.abs(values) <= FARTHEST
 
 

@@ -11,8 +11,6 @@ from palpate.errors import SettingError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_CONNECT = 10  # [s] in which a cluster must answer
-
 
 def spread(
     function: Callable[[Item], Result], items: Iterable[Item], workers: int = 1, dask: str | None = None
@@ -70,13 +68,13 @@ def _on_cluster(
     except ImportError as error:
         raise SettingError("--dask needs distributed, which is not installed: pip install palpate[cluster]") from error
     try:
-        client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
+        client: Any = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
         found = " ".join(str(error).split())
         raise SettingError(f"no Dask scheduler answers at {address!r} ({found}); allowed is tcp://HOST:PORT") from error
     with client:
         try:
-            client.wait_for_workers(1, timeout=_CONNECT)
+            client.wait_for_workers(1, timeout=10)
         except TimeoutError as error:
             raise SettingError(f"the Dask scheduler at {address!r} has no workers; start some") from error
 

@@ -1,4 +1,4 @@
-"""Text from anywhere as it may be printed: nothing in it moves the cursor or colours the terminal."""
+"""Text from files and users made safe to print: nothing in it moves the cursor or colours the terminal."""
 
 import logging
 import re
@@ -7,21 +7,19 @@ import re
 # whose bytes are no text.
 _UNPRINTABLE = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
-_LONGEST = 1600  # characters of a message
-
 
 def printable(text: str) -> str:
     r"""The text with each character that is not to reach a terminal written as Python writes it, such as \x1b."""
     return _UNPRINTABLE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def shortened(text: str) -> str:
-    """The text without its middle where it is too long for a message, as where it quotes a name of 150 kB."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 4 :]}"
+def shortened(text: str, most: int = 1600) -> str:
+    """Return the text, without its middle where it is too long for a message, as when it quotes a name of 150 kB."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]}"
 
 
 def one_line(error: Exception) -> str:
-    """What an error of a library says, in one line that is not too long, to be part of a sentence."""
+    """Return the message of an error of a library as one short line."""
     return " ".join(str(error).split())[:200]
 
 

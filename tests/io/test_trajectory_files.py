@@ -57,7 +57,7 @@ def test_tum_of_a_recording_is_its_truth(tmp_path):
         ("0 0 0 0 0.6 0 0 0.8\n", "line 1: the pose is out of the plane"),
         ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0\n", "line 2: found .* expected 8 numbers"),
         ("0 0 0 0 0 0 0 nan\n", "line 1: found"),
-        ("0 0 0 0 0 0 0 2\n", "line 1: the quaternion 0 0 0 2 has length 2, expected 1"),
+        ("0 0 0 0 0 0 0 2\n", "line 1: quaternion 0 0 0 2 has length 2, expected 1"),
         ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "time: frame 1 repeats"),
         ("# nothing\n", "holds no poses"),
     ],

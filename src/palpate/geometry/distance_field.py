@@ -16,9 +16,6 @@ from palpate.geometry.shapes import Shape
 
 Array = NDArray[np.float64]
 
-_NODES = 512
-# The spline continues the nodes by this many; what the far end does has then died out to 0.27^12, 1e-7.
-_PAD = 12
 
 # Weights of the four nearby spline coefficients, for (1, f, f^2, f^3) with f the place in the cell: columns
 # 0-3 for the value, 4-7 for the first and 8-11 for the second derivative by f.
@@ -66,8 +63,9 @@ class DistanceField:
             found = f"{values[row, column]} in row {row}, column {column}"
             raise SettingError(f"distance field has the value {found}; values must be finite")
         origin.flags.writeable = values.flags.writeable = False
-        padded = np.pad(values, _PAD, mode="reflect", reflect_type="odd")
-        coefficients = spline_filter(padded, order=3, mode="mirror")[_PAD - 1 :, _PAD - 1 :]
+        pad = 12  # nodes; the effect of the far end has then died out to 0.27^12, 1e-7
+        padded = np.pad(values, pad, mode="reflect", reflect_type="odd")
+        coefficients = spline_filter(padded, order=3, mode="mirror")[pad - 1 :, pad - 1 :]
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "cell", float(self.cell))
         object.__setattr__(self, "values", values)
@@ -90,7 +88,7 @@ class DistanceField:
         if not (margin >= 0.0 and np.isfinite(extent).all()):
             raise SettingError(f"distance field margin is {margin!r}; it must be a finite length, 0 or more [m]")
         if cell is None:
-            cell = float(extent.max()) / (_NODES - 1)
+            cell = float(extent.max()) / (512 - 1)
         if not 0.0 < cell <= extent.min():
             raise SettingError(f"distance field cell is {cell!r}; it must be a length up to the grid's [m]")
         columns, rows = np.ceil(extent / cell - 1e-9).astype(int) + 1

@@ -8,7 +8,6 @@ from palpate.geometry.shapes import Shape
 
 Array = NDArray[np.float64]
 
-_INSIDE_95 = 5.991  # chi squared of two degrees of freedom: the square of the radius in standard deviations
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)
 
 
@@ -23,8 +22,9 @@ def half_axes_95(covariance: ArrayLike) -> Array:
 
     They are in the frame of the pose that covariances (N, 3, 3) are of: tangent space there, right, body frame.
     """
+    square = 5.991  # 95 % of chi squared of two degrees of freedom
     values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[..., :2, :2])
-    return vectors * np.sqrt(_INSIDE_95 * np.maximum(values, 0.0))[..., None, :]
+    return vectors * np.sqrt(square * np.maximum(values, 0.0))[..., None, :]
 
 
 def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:

@@ -21,14 +21,11 @@ from palpate.geometry import polygon
 Array = NDArray[np.float64]
 
 PRESSURES = ("uniform", "rim", "corner")
-"""How an object may press on the table; see `friction_radius` of a shape."""
-
-SMALLEST = 1e-6
-"""[m] A smaller size is no object that is felt."""
+"""Pressure distributions on the table; see `friction_radius` of a shape."""
 
 
 class _Outline(ABC):
-    """What all shapes share; all but polygons are made of sizes and lie about the origin."""
+    """Base of all shapes; all but polygons are made of sizes and lie about the origin."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -60,7 +57,7 @@ class _Outline(ABC):
 
 
 class _Cornered(_Outline):
-    """What rectangle and polygon share."""
+    """Base of rectangle and polygon."""
 
     @property
     @abstractmethod
@@ -281,6 +278,6 @@ def _is_real(value: Any) -> bool:
 
 def _size(value: Any, what: str) -> float:
     # Compared before it is made a float, which cannot hold every whole number.
-    if not _is_real(value) or not SMALLEST <= value <= FARTHEST:
-        raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from {SMALLEST:g} to {FARTHEST:g} m")
+    if not _is_real(value) or not 1e-6 <= value <= FARTHEST:
+        raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from 1e-06 to {FARTHEST:g} m")
     return float(value)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, check_increasing, is_near
 from palpate.errors import FileError
-from palpate.files import read_text
+from palpate.files import in_file, read_text
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io.text_files import NUMBER, text_start
@@ -44,18 +44,11 @@ HAND = SensorProfile(name="CMU two-finger hand", radius=0.0025, tips=((0.0, 0.00
 LATENCY = 0.164
 """[s] by which the camera's object pose is older than the hand pose in the same row."""
 
-TOUCH, RELEASE = 2.5e-3, 3.5e-3
-"""[m] Gaps at which contact begins and ends. The gap of a steady push is 1.0 mm uncertain and drifts by up to
-2 mm across the table, so the last 1 to 2 mm of an approach count as contact too."""
-
-CLEARANCE = 1e-3
-"""[m] that the hand moves from where an action starts before it can touch: it starts clear of the object."""
-
 ROW = re.compile(rf"[ \t]*({NUMBER}[ \t]*,[ \t]*){{7}}{NUMBER}[ \t]*")
 
 
 def detect(path: Path) -> bool:
-    """Whether the file looks like one of these."""
+    """Return true if the first rows are those of a log."""
     lines = [line for line in text_start(path).splitlines() if line.strip()][:5]
     # A row may be cut off by the end of what was read, the first is not.
     if not lines or not all(ROW.fullmatch(line) for line in lines[:-1] or lines):
@@ -71,10 +64,8 @@ def read(path: Path) -> Recording:
         raise FileError(f"{path}: found a single row, and the first row of a log is not valid")
     later = np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])
     rows = rows[later]
-    try:
+    with in_file(path):
         check_increasing(rows[:, 0])
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from error
     time = rows[:, 0] - rows[0, 0]
     metres = np.array([1e-3, 1e-3, 1.0])
     sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
@@ -92,8 +83,10 @@ def read(path: Path) -> Recording:
     bounds = np.concatenate([[0], np.flatnonzero(anew) + 1, [len(time)]])
     for start, end in pairwise(bounds):
         travel = np.hypot(*(sensor_pose[start:end, :2] - sensor_pose[start, :2]).T)
-        clear = np.maximum.accumulate(travel) < CLEARANCE
-        flags = derived.contact_flags(np.where(clear, np.inf, gap[start:end]), TOUCH, RELEASE)
+        clear = np.maximum.accumulate(travel) < 1e-3  # an action starts clear of the object
+        # The gap of a steady push is 1.0 mm uncertain and drifts by up to 2 mm across the table, so the last 1 to 2 mm
+        # of an approach count as contact too.
+        flags = derived.contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
         contact[start:end] = flags
         episode[start:end][flags] = number
         number += int(flags.any())
@@ -117,7 +110,7 @@ def read(path: Path) -> Recording:
 
 
 def _at(wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses (M, 3) at the wanted times, linear between rows (N, 3); NaN if a row on either side is.
+    """Return poses (M, 3) at the wanted times, linear between rows (N, 3); NaN if a row on either side is.
 
     After the last row its pose stays: the hand stands still at the end of a log.
     """
@@ -132,7 +125,7 @@ def _at(wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np
 
 
 def _rows(path: Path) -> NDArray[np.float64]:
-    """The table (N, 8), as it stands in the file."""
+    """Return the table (N, 8) of the file."""
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FileError, SettingError
-from palpate.files import csv_rows, read_text, whole_file
+from palpate.files import csv_rows, in_file, read_text, whole_file
 from palpate.io.text_files import text_start
 from palpate.printable import one_line
 from palpate.types.recording import Recording
@@ -27,7 +27,7 @@ CONTACT = {"1": True, "0": False, "": None}
 
 
 def detect(path: Path) -> bool:
-    """Whether the file starts with the header of one of these."""
+    """Return true if the file starts with the header of one of these."""
     return text_start(path).splitlines()[:1] == [",".join(COLUMNS)]
 
 
@@ -37,7 +37,7 @@ def read(path: Path) -> Trajectory:
 
 
 def trajectory_from_text(text: str, path: Path) -> Trajectory:
-    """The trajectory that the text of such a file holds; errors name `path`. Raises FileError."""
+    """Return the trajectory in the text of such a file; errors name `path`. Raises FileError."""
     lines = csv_rows(text, path)
     if not lines or tuple(lines[0]) != COLUMNS:
         raise FileError(f"{path}: line 1: expected the header {','.join(COLUMNS)}")
@@ -67,7 +67,7 @@ def trajectory_from_text(text: str, path: Path) -> Trajectory:
         covariance[:, UPPER[0], UPPER[1]] = terms
         covariance[:, UPPER[1], UPPER[0]] = terms
     table = np.array(poses)
-    try:
+    with in_file(path):
         return Trajectory(
             time=table[:, 0],
             pose=table[:, 1:],
@@ -75,8 +75,6 @@ def trajectory_from_text(text: str, path: Path) -> Trajectory:
             contact=None if contact[0] is None else np.array(contact),
             status=tuple(status) if any(status) else None,
         )
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from error
 
 
 def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
@@ -88,7 +86,7 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 
 def trajectory_to_text(data: Trajectory) -> str:
-    """The text of the file that holds a trajectory."""
+    """Return the text of the file of a trajectory."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -4,8 +4,8 @@ Each estimate is a `PoseStamped`, which viewers draw; with a covariance also a `
 covariance is about the axes of the header's frame as ROS has it, not the object's; with a status also a
 `DiagnosticArray`. palpate's own `estimates.csv`, which holds all of it to the last bit, comes along as an attachment.
 
-Where answers are known, all poses that may be the object's are a `PoseArray`, the best first, and the diagnosis of the
-same stamp tells their weights and sigmas in the same order. No message that every ROS 2 has holds poses with weights:
+All answers are a `PoseArray`, the best first; the diagnostics of the same stamp hold their weights and sigmas in the
+same order. No message that every ROS 2 has holds poses with weights:
 `nav2_msgs/ParticleCloud` and `vision_msgs/Detection3D` are in packages that have to be installed, and few viewers draw
 them. The attachment holds the best answer only.
 """
@@ -35,9 +35,8 @@ ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
-OK, WARN, ERROR = 0, 1, 2
-LEVELS = {"resting": OK, "tracking": OK, "indeterminate": ERROR, "faulty": ERROR}
-"""How bad a status is to ROS; any other is a warning."""
+LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
+"""DiagnosticStatus level of each status: 0 is ok, 2 an error; any other is a warning, 1."""
 
 
 def write_estimates_mcap(
@@ -65,7 +64,7 @@ def add_estimates(
     answers: Answers | None = None,
     said: Mapping[str, str] = NOTHING,
 ) -> None:
-    """Add the messages of estimates with their stamps [ns]; `said` is more that each diagnosis is to tell.
+    """Add the messages of estimates with their stamps [ns]; `said` is added to each diagnosis.
 
     Where answers are given, estimates have covariances.
     """
@@ -89,7 +88,7 @@ def add_estimates(
 
 
 def detect(path: Path) -> bool:
-    """Return whether the file is an MCAP of estimates that palpate wrote."""
+    """Return true for an MCAP of estimates that palpate wrote."""
     return is_mcap(path) and ATTACHMENT in front_matter(path)[1]
 
 
@@ -141,7 +140,7 @@ def _sigmas(name: str, covariance: Array) -> dict[str, str]:
 def _add_diagnostics(sink: MessageSink, status: str, values: Mapping[str, str], stamp: int, frame: str) -> None:
     diagnosis = sink.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
-        level=LEVELS.get(status, WARN),
+        level=LEVELS.get(status, 1),
         name="palpate: object pose",
         message=status,
         hardware_id="palpate",

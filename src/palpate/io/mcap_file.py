@@ -108,7 +108,7 @@ def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
 
 
 def is_mcap(path: Path) -> bool:
-    """Return whether a file begins as an MCAP does."""
+    """Return true if a file begins as an MCAP does."""
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
     return False

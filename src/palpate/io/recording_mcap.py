@@ -47,7 +47,7 @@ FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")
 
 
 def detect(path: Path) -> bool:
-    """Return whether the file is a recording of palpate."""
+    """Return true for a recording of palpate."""
     return is_mcap(path) and METADATA in front_matter(path)[0]
 
 
@@ -131,7 +131,7 @@ def source_of(path: Path) -> str:
 
 
 def _values(recording: Recording) -> dict[str, str]:
-    """Return what belongs to the recording as a whole."""
+    """Return metadata of the recording as a whole."""
     first = {name: getattr(recording, name) for name in ("first_pose", "first_pose_sigma")}
     return {
         "source": recording.source,
@@ -143,7 +143,7 @@ def _values(recording: Recording) -> dict[str, str]:
 
 
 def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Return what belongs to each frame but images."""
+    """Return the data of each frame, without images."""
     frames = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     extra = {f"extra/{name}": value for name, value in recording.extra.items()}
     return {name: value for name, value in {**frames, **extra}.items() if value is not None}
@@ -221,7 +221,7 @@ def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int
 
 
 def _from_messages(path: Path, about: Mapping[str, str]) -> Recording:
-    """Return what a live session recorded: each image with the sensor's pose at its time."""
+    """Return the recording of a live session: each image with the sensor's pose at its time."""
     from palpate.io.rosbag_recording import BagChoices, read_bag
 
     shape, sensor = shape_from_dict(_json(about, "shape")), sensor_from_dict(_json(about, "sensor"))

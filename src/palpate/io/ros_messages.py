@@ -87,7 +87,7 @@ class MessageSink(ABC):
 
 
 def is_read(channel: Channel) -> bool:
-    """Return whether messages of a channel can be decoded and used."""
+    """Return true if messages of a channel can be decoded and used."""
     return channel.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES and channel.encoding in ENCODINGS
 
 

@@ -37,7 +37,7 @@ DESCRIPTION = "bag of ROS messages: MCAP (.mcap), ROS 2 (.db3 or its folder), RO
 
 
 def detect(path: Path) -> bool:
-    """Return whether it is a bag, by its first bytes."""
+    """Return true for a bag, by its first bytes."""
     return is_mcap(path) or _is_ros2(path) or _begins(path, b"#ROSBAG V2.0")
 
 
@@ -123,13 +123,13 @@ class Topic:
 
     @property
     def is_static(self) -> bool:
-        """Return whether these are transforms that hold at all times."""
+        """True for transforms that hold at all times."""
         return self.channel.type in TRANSFORM_TYPES and self.channel.topic.endswith("tf_static")
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a bag holds."""
+    """Contents of a bag."""
 
     path: Path
     topics: tuple[Topic, ...]

@@ -39,7 +39,7 @@ PoseSource = str | tuple[str, str]
 
 @dataclass(frozen=True)
 class BagChoices:
-    """How to read a bag; what is None is found where there is only one."""
+    """Settings for reading a bag; what is None is found where there is only one."""
 
     images: str | None = None
     """Topic of the touch images."""

@@ -15,18 +15,14 @@ Array = NDArray[np.float64]
 
 POINTS = 50
 """Fewer are the corners of an outline rather than a scan."""
-NOISE = (2e-5, 0.01)
-"""[m] that noise of a scan is at least, and the share of the width that it is at most; what is more is the outline."""
-FARTHEST = 4.0
-"""Standard deviations of the noise by which points may be off a side of the outline."""
-LOOSER = 1.2
-"""Standard deviations of the noise that points may have about a side."""
-BENT = np.radians(10.0)
-"""Angle between two sides from which on their corner is where they meet."""
+LEAST_NOISE = 2e-5
+"""[m]"""
+SIGMAS = 4.0
+"""Standard deviations of the noise by which a point may be off a side of the outline."""
 
 
 class ScannedShape(NamedTuple):
-    """What was made of a scan."""
+    """The outline along the points of a scan."""
 
     shape: Polygon
     noise: float
@@ -34,14 +30,14 @@ class ScannedShape(NamedTuple):
 
 
 def is_scan(points: Array) -> bool:
-    """Whether points (N, 2) [m] are many and noisy, so that they are no corners of an outline."""
+    """Return true if points (N, 2) [m] are many and noisy, so that they are no corners of an outline."""
     if len(points) < POINTS or not is_near(points).all():
         return False
-    return NOISE[0] < _noise(_in_order(points)) < NOISE[1] * float(np.ptp(points, axis=0).max())
+    return LEAST_NOISE < _noise(_in_order(points)) < 0.01 * float(np.ptp(points, axis=0).max())
 
 
 def shape_of_scan(points: ArrayLike) -> ScannedShape:
-    """Return the simplest outline along noisy points (N, 2) [m] in the object frame, and how noisy they are.
+    """Return the simplest outline along noisy points (N, 2) [m] in the object frame, and their noise.
 
     Points follow one another round the object; or they are in any order, if all of the outline can be seen from its
     middle. Sides are fitted to the points along them. Raises ShapeError where the points are no outline.
@@ -54,16 +50,16 @@ def shape_of_scan(points: ArrayLike) -> ScannedShape:
     check_near(given, "a scan's point")
     ring = _in_order(given)
     ring = np.roll(ring, -int(np.argmax(np.linalg.norm(ring - ring.mean(axis=0), axis=1))), axis=0)
-    noise = max(_noise(ring), NOISE[0])
+    noise = max(_noise(ring), LEAST_NOISE)
     closed = np.vstack([ring, ring[:1]])
-    rough = shapely.get_coordinates(shapely.LineString(closed).simplify(FARTHEST * noise, preserve_topology=False))
+    rough = shapely.get_coordinates(shapely.LineString(closed).simplify(SIGMAS * noise, preserve_topology=False))
     ends = [int(np.flatnonzero((ring == corner).all(axis=1))[0]) for corner in rough[:-1]]
-    shape = Polygon(_corners(closed, _merged(closed, [*ends, len(ring)], noise), FARTHEST * noise))
+    shape = Polygon(_corners(closed, _merged(closed, [*ends, len(ring)], noise), SIGMAS * noise))
     return ScannedShape(shape, float(np.sqrt(np.mean(shape.signed_distance(ring) ** 2))))
 
 
 def _in_order(points: Array) -> Array:
-    """The points as they are, or sorted by their angle about the middle if that makes the shorter way round."""
+    """Return the points as they are, or sorted by their angle about the middle if that makes the shorter way round."""
     off = points - points.mean(axis=0)
     turned = points[np.argsort(np.arctan2(off[:, 1], off[:, 0]))]
 
@@ -74,7 +70,7 @@ def _in_order(points: Array) -> Array:
 
 
 def _noise(ring: Array) -> float:
-    """The standard deviation of points (N, 2) in order, across the outline.
+    """Return the standard deviation of points (N, 2) in order, across the outline.
 
     By fourth differences over a sixtieth of the way, in which straight sides and even curves cancel; their median, so
     that corners do not count. Their coefficients 1/4, -1, 3/2, -1, 1/4 make white noise 2.09 times as large.
@@ -90,18 +86,18 @@ def _noise(ring: Array) -> float:
 
 
 def _side(points: Array) -> tuple[Array, Array, Array]:
-    """The straight line closest to points (n, 2): a point on it, its direction, and how far (n,) they are off it."""
+    """Return the straight line closest to points (n, 2): a point on it, its direction, and their distances (n,)."""
     middle = points.mean(axis=0)
     along = np.linalg.svd(points - middle, full_matrices=False)[2][0]
     return middle, along, np.abs((points - middle) @ (-along[1], along[0]))
 
 
 def _merged(closed: Array, ends: list[int], noise: float) -> list[int]:
-    """The ends of sides along a closed ring of points; two sides that are one within the noise become one."""
+    """Return the ends of sides along a closed ring of points; two sides that are one within the noise become one."""
 
     def looseness(first: int, last: int) -> float:
         off = _side(closed[first : last + 1])[2]
-        return max(float(np.sqrt(np.mean(off**2))) / LOOSER, float(off.max()) / FARTHEST) / noise
+        return max(float(np.sqrt(np.mean(off**2))) / 1.2, float(off.max()) / SIGMAS) / noise
 
     while len(ends) > 4:
         joined = [looseness(first, last) for first, last in zip(ends[:-2], ends[2:], strict=True)]
@@ -113,13 +109,13 @@ def _merged(closed: Array, ends: list[int], noise: float) -> list[int]:
 
 
 def _corners(closed: Array, ends: list[int], farthest: float) -> Array:
-    """The corners (K, 2) where the sides that end at these points of a closed ring meet."""
+    """Return the corners (K, 2) where the sides that end at these points of a closed ring meet."""
     sides = [_side(closed[first : last + 1]) for first, last in pairwise(ends)]
     corners = closed[ends[:-1]].copy()
     for index, corner in enumerate(corners):
         (a, u, _), (b, v, _) = sides[index - 1], sides[index]
         sine = float(u[0] * v[1] - u[1] * v[0])
-        if abs(sine) > np.sin(BENT):
+        if abs(sine) > np.sin(np.radians(10.0)):
             between = b - a
             meeting = a + u * float(between[0] * v[1] - between[1] * v[0]) / sine
         else:

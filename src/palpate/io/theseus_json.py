@@ -35,16 +35,12 @@ DESCRIPTION = "DIGIT pushes of the Theseus example (.json)"
 
 POSES = ("obj_poses_2d", "ee_poses_2d")
 FLAGS = ("contact_flag", "contact_episode")
-RATE = 30.0
-PAUSE = 1.0
-"""[s] between episodes; how long it really was is not in the file."""
-
 QUARTER_TURN = np.array([0.0, 0.0, np.pi / 2])
 FIRST_KEY = re.compile(r'\s*\{\s*"(obj_poses_2d|ee_poses_2d|img_feats|contact_flag|contact_episode|params)"\s*:')
 
 
 def detect(path: Path) -> bool:
-    """Whether the file looks like one of these: a JSON object that begins with one of their keys."""
+    """Return true for a JSON object that begins with one of the keys."""
     start = text_start(path)
     if not (found := FIRST_KEY.match(start)):
         return False
@@ -53,7 +49,7 @@ def detect(path: Path) -> bool:
 
 
 def read(path: Path, shape: Shape | None = None) -> Recording:
-    """Read a file; `shape` is the object's outline for files that do not tell it. Raises FileError."""
+    """Read a file; `shape` is the object's outline where the file lacks it. Raises FileError."""
     data = read_json(path)
     try:
         return _read(data, Path(path), shape)
@@ -91,7 +87,7 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 
 
 def lost(data: Recording | Trajectory) -> list[str]:
-    """What the file cannot hold."""
+    """Return the names of data that the file does not hold."""
     if not isinstance(data, Recording) or data.object_pose is None or data.contact is None:
         return []  # `write` says that it cannot be written at all
     _, keep = _episodes(data.object_pose, data.contact, data.episode)
@@ -103,7 +99,7 @@ def lost(data: Recording | Trajectory) -> list[str]:
 def _episodes(
     object_pose: NDArray[np.float64], contact: NDArray[np.bool_], episode: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The contact episode (N,) of each frame, and which frames (N,) the file can hold."""
+    """Return the contact episode (N,) of each frame, and flags (N,) of frames that the file can hold."""
     number = episode_numbers(contact) if episode is None else episode
     return number, contact & (number >= 0) & ~np.isnan(object_pose).any(axis=1)
 
@@ -136,7 +132,7 @@ def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
         sensor[start:end] = se2.compose(move[None], sensor[start:end])
     episode = np.append(0, np.cumsum(anew))
     contact = flag > 0.5
-    step = np.where(anew, PAUSE, 1.0 / RATE)
+    step = np.where(anew, 1.0, 1.0 / 30.0)  # [s]
     return Recording(
         time=np.append(0.0, np.cumsum(step)),
         sensor_pose=sensor,
@@ -156,14 +152,14 @@ def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
 
 
 def _is_nested(poses: Any) -> bool:
-    """Whether poses are a list of episodes, which are lists of frames, rather than a list of frames."""
+    """Return true if poses are a list of episodes, which are lists of frames, rather than a list of frames."""
     if not isinstance(poses, list) or not poses or not isinstance(poses[0], list) or not poses[0]:
         raise FileError("obj_poses_2d: found no frames, expected a list of poses or of episodes")
     return isinstance(poses[0][0], list)
 
 
 def _rows(data: dict[str, Any], name: str, nested: bool, width: int) -> NDArray[np.float64]:
-    """The field as (N, width), all episodes one after the other."""
+    """Return the field as (N, width), all episodes one after the other."""
     value = data[name]
     if nested:
         if not isinstance(value, list) or not all(isinstance(episode, list) for episode in value):

@@ -7,22 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FileError
-from palpate.files import read_text, whole_file
+from palpate.files import in_file, read_text, whole_file
 from palpate.io.text_files import NUMBER, present, text_start
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
 NAME = "tum"
 DESCRIPTION = "TUM trajectory (.tum, .txt)"
-
-TOLERANCE = 1e-6
-"""Largest |z| [m] and |qx|, |qy| of a pose in the plane."""
-
 ROW = re.compile(rf"({NUMBER}\s+){{7}}{NUMBER}")
 
 
 def detect(path: Path) -> bool:
-    """Whether the file looks like one of these."""
+    """Return true if the first rows are poses."""
     lines = text_start(path).splitlines()
     rows = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")][:5]
     # The last row may be cut off by the end of what was read.
@@ -41,14 +37,13 @@ def read(path: Path) -> Trajectory:
         values = [float(value) for value in row.split()]
         _, _, _, z, qx, qy, qz, qw = values
         if not _is_unit(row):
-            raise FileError(
-                f"{path}: line {number}: the quaternion {qx:g} {qy:g} {qz:g} {qw:g} has length "
-                f"{math.hypot(*values[4:]):.6g}, expected 1"
-            )
-        if max(abs(z), abs(qx), abs(qy)) > TOLERANCE:
+            length = math.hypot(*values[4:])
+            quaternion = f"{qx:g} {qy:g} {qz:g} {qw:g}"
+            raise FileError(f"{path}: line {number}: quaternion {quaternion} has length {length:.6g}, expected 1")
+        if max(abs(z), abs(qx), abs(qy)) > 1e-6:
             raise FileError(
                 f"{path}: line {number}: the pose is out of the plane (z = {z:g}, qx = {qx:g}, qy = {qy:g}), "
-                f"allowed are absolute values up to {TOLERANCE:g}"
+                "allowed are absolute values up to 1e-06"
             )
         table.append(values)
     if not table:
@@ -56,14 +51,12 @@ def read(path: Path) -> Trajectory:
     time, x, y, _, _, _, qz, qw = np.array(table).T
     # q and -q are one rotation: folding qw to positive keeps the angle in [-pi, pi].
     angle = 2.0 * np.arctan2(np.where(qw < 0, -qz, qz), np.abs(qw))
-    try:
+    with in_file(path):
         return Trajectory(time, np.column_stack([x, y, angle]))
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from error
 
 
 def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
-    """Write poses of the object, 9 decimals: a trajectory, or ground truth of a recording where known."""
+    """Write poses of the object with 9 decimals: a trajectory, or the ground truth of a recording. Raises FileError."""
     if isinstance(data, Recording):
         if data.object_pose is None:
             raise FileError(f"{path}: the recording has no object poses to write")
@@ -74,13 +67,12 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
     zero = np.zeros(len(time))
     half = pose[:, 2] / 2
     table = np.column_stack([time, pose[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
-    lines = (" ".join(f"{value:.9f}" for value in row) + "\n" for row in table)
     with whole_file(path, overwrite) as temporary:
-        temporary.write_text("".join(lines), encoding="utf-8")
+        np.savetxt(temporary, table, fmt="%.9f")
 
 
 def lost(data: Recording | Trajectory) -> list[str]:
-    """What a file of poses cannot hold."""
+    """Return the names of data that poses alone do not hold."""
     if isinstance(data, Recording):
         unknown = 0 if data.object_pose is None else int(np.isnan(data.object_pose).any(axis=1).sum())
         frames = [f"{unknown} of {len(data)} frames (without ground truth)"] if unknown else []

@@ -1,1 +1,1 @@
-"""What is recorded, without any file format: frames, recordings, trajectories, sensors, images, measurements."""
+"""Plain data: frames, recordings, trajectories, sensors, measurements, estimates."""

@@ -1,4 +1,4 @@
-"""What geometry tells where a file is silent: contact, and where ground truth cannot be right."""
+"""Contact by geometry, and ground truth that cannot be right."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,8 @@ from palpate.types.sensor import SensorProfile
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-PENETRATION, RECOVERED = -3.0e-3, -2.0e-3
-"""A gap below the first is impossible between hard bodies, and only late truth explains it; the truth is late
-until the gap is above the second again [m]."""
-
-
 def gaps(sensor_pose: Array, object_pose: Array, shape: Shape, sensor: SensorProfile) -> Array:
-    """Distance from the sensor's surface to the outline (N,) [m], of its nearest part; negative is overlap.
+    """Return the distance of the sensor's surface from the outline (N,) [m]; negative is overlap.
 
     From world_T_sensor and world_T_object (N, 3); NaN where the object pose is.
     """
@@ -29,7 +24,7 @@ def gaps(sensor_pose: Array, object_pose: Array, shape: Shape, sensor: SensorPro
 
 
 def contact_flags(gap: Array, touch: float, release: float) -> Flags:
-    """Contact (N,) from gaps (N,) [m]: it begins below `touch` and ends above `release`.
+    """Return contact flags (N,) from gaps (N,) [m]: contact begins below `touch` and ends above `release`.
 
     Where the gap is in between or NaN the last flag stays; the first is false until something is known.
     """
@@ -37,14 +32,20 @@ def contact_flags(gap: Array, touch: float, release: float) -> Flags:
 
 
 def impossible(gap: Array) -> Flags:
-    """The frames (N,) in which, by the gap (N,) [m], the sensor is inside the object: truth lags behind."""
-    late = _switch(gap < PENETRATION, gap > RECOVERED)
+    """Return flags of frames (N,) in which, by the gap (N,) [m], the sensor is inside the object: truth lags behind.
+
+    A gap below -3 mm is impossible between hard bodies, and only late truth explains it, until it is above -2 mm again.
+    """
+
+    def late(gap: Array) -> Flags:
+        return _switch(gap < -3e-3, gap > -2e-3)
+
     # Lateness grows from nothing, so it is there before the gap crosses the limit: run backwards too.
-    return late | _switch(gap[::-1] < PENETRATION, gap[::-1] > RECOVERED)[::-1]
+    return late(gap) | late(gap[::-1])[::-1]
 
 
 def held(time: Array, object_pose: Array, tip: Array, touching: Flags, longest: float) -> Flags:
-    """The frames (N,) at which motion capture repeats an old pose instead of measuring a new one.
+    """Return flags of frames (N,) at which motion capture repeats an old pose instead of measuring a new one.
 
     A live system measures with noise, so a pose that stays exactly the same for more than `longest` [s],
     while the tip (N, 2) [m] touches the object and moves more than 0.5 mm, is a drop-out. All of it counts
@@ -61,7 +62,7 @@ def held(time: Array, object_pose: Array, tip: Array, touching: Flags, longest: 
 
 
 def spikes(object_pose: Array) -> Flags:
-    """The frames (N,) whose pose is off the median of itself and both neighbours by over 2 mm or 2 degrees.
+    """Return flags of frames (N,) whose pose is over 2 mm or 2 degrees off the median of itself and both neighbours.
 
     Neighbours are different poses: one that is held counts once. A knock by hand moves the object as far in
     one sample, but onwards and not back, and the median of three lets every onward motion pass.
@@ -80,7 +81,7 @@ def spikes(object_pose: Array) -> Flags:
 
 
 def _switch(on: Flags, off: Flags) -> Flags:
-    """Flags (N,) that turn true at `on`, false at `off` and stay as they are elsewhere; false at first."""
+    """Return flags (N,) that turn true at `on`, false at `off` and stay as they are elsewhere; false at first."""
     index = np.where(on | off, np.arange(len(on)), -1)
     last = np.maximum.accumulate(index)
     return on[last] & (last >= 0)

@@ -1,4 +1,4 @@
-"""Frame: what a sensor saw and where it was at one instant."""
+"""Frame: image and pose of a sensor at one instant."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from palpate.types.measurements import Measurement
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One instant of a recording: all that the estimator is given."""
+    """One instant of a recording, the input of `Tracker.update`."""
 
     time: float
     """[s]"""
@@ -19,8 +19,8 @@ class Frame:
     image: NDArray[np.uint8] | None = None
     """touch image, (height, width, 3), RGB"""
     contact: bool | None = None
-    """whether the sensor touches the object, where the recording knows"""
+    """true while the sensor touches the object; None if unknown"""
     object_pose: NDArray[np.float64] | None = None
     """world_T_object, (3,) [m, m, rad]: ground truth, used for scoring and by oracle touch only"""
     measurements: tuple[Measurement, ...] = ()
-    """what others than touch say of this instant, such as a camera's ObjectPose"""
+    """measurements of this instant by other sources than touch, such as a camera's ObjectPose"""

@@ -1,4 +1,4 @@
-"""What can be measured of object and sensor at one frame: by touch, by a camera, by whatever a user has."""
+"""Measurements of object and sensor at one frame: by touch, by a camera, or by a source of your own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,26 +15,23 @@ FARTHEST_BACK = 39
 window holds so many steps and the last one."""
 
 
-_LEAST_VARIANCE = 1e-18  # [m^2], [rad^2]; nothing is measured better, and less cannot be inverted
-
-
 class Measurement:
-    """What is said of one frame; the factors of `palpate.graph` take it by its type."""
+    """Base of all measurements of one frame; each type has its factor in `palpate.graph`."""
 
 
 @dataclass(frozen=True)
 class RelativePoses(Measurement):
-    """How the sensor has moved on the object since P earlier frames of the same contact (paper Eq. 6).
+    """Motion of the sensor on the object since P earlier frames of the same contact (paper Eq. 6).
 
     Raises EstimationError on arrays that cannot be used.
     """
 
     back: NDArray[np.int_]
-    """How many frames ago the earlier frame was, (P,) int, at least 1."""
+    """Distance to the earlier frame in frames, (P,) int, at least 1."""
     pose: NDArray[np.float64]
     """`g_earlier^-1 g_now`, (P, 3) [m, m, rad], where g is the sensor's pose in the object frame, `object_T_sensor`."""
     covariance: NDArray[np.float64]
-    """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is told."""
+    """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is measured."""
 
     def __post_init__(self) -> None:
         back = np.asarray(self.back)
@@ -53,9 +50,9 @@ class RelativePoses(Measurement):
 
 @dataclass(frozen=True)
 class ContactDirection(Measurement):
-    """Direction in which a round tip is touched: that of the outline's inward normal at the touched point.
+    """Direction of contact on a round tip: that of the outline's inward normal at the contact point.
 
-    It is absolute, so it does not drift: it tells the yaw on a straight edge, and the place along a round one. Raises
+    It is absolute and does not drift: it determines the yaw on a straight edge, and the place along a round one. Raises
     EstimationError on an angle or variance that cannot be used.
     """
 
@@ -70,7 +67,7 @@ class ContactDirection(Measurement):
 
 @dataclass(frozen=True)
 class ContactPlace(Measurement):
-    """Place along y at which a flat pad is touched: the middle of the part that bears the load.
+    """Place of contact along y on a flat pad: the middle of the loaded part.
 
     Raises EstimationError on a place or variance that cannot be used.
     """
@@ -102,7 +99,7 @@ class Turn(Measurement):
 
 @dataclass(frozen=True)
 class ObjectPose(Measurement):
-    """The object's pose as another source sees it: a camera, a tag, a person.
+    """The object's pose as another source measured it: a camera, a tag, a person.
 
     Raises EstimationError on a pose or covariance that cannot be used.
     """
@@ -112,7 +109,7 @@ class ObjectPose(Measurement):
     covariance: NDArray[np.float64]
     """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
     time: float | None = None
-    """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
+    """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 
     def __post_init__(self) -> None:
         pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
@@ -125,7 +122,7 @@ class ObjectPose(Measurement):
             raise EstimationError(
                 f"object pose has covariance {_shown(self.covariance)}; it must be a symmetric (3, 3) of finite numbers"
             )
-        if not (np.linalg.eigvalsh(covariance) > _LEAST_VARIANCE).all():
+        if not (np.linalg.eigvalsh(covariance) > 1e-18).all():
             raise EstimationError(
                 f"object pose has covariance {_shown(covariance)}; it must be positive definite, deviations above 1 nm"
             )
@@ -134,20 +131,20 @@ class ObjectPose(Measurement):
 
 
 class OwnMeasurement(Measurement):
-    """Base of a measurement that brings its own residual: derive from it to measure what palpate does not know of."""
+    """Base of a measurement with its own residual: derive from it to measure what palpate has no factor for."""
 
     on: ClassVar[tuple[str, ...]]
-    """The names of the unknowns that it is of: "object_pose", "sensor", or others of `palpate.graph.variables`."""
+    """Names of the unknowns that it depends on: "object_pose", "sensor", or others of `palpate.graph.variables`."""
     time: float | None = None
-    """When it was so [s], at most a window before the frame it comes with; None for the frame's own time."""
+    """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 
     linearise: Callable[..., tuple[NDArray[np.float64], NDArray[np.float64]]]
-    """A method of yours that takes the values of these unknowns, in this order, and returns the residual (R,) and its
-    Jacobian (R, C) there.
+    """Your method that takes the values of these unknowns, in this order, and returns the residual (R,) and its
+    Jacobian (R, C).
 
     Both are divided by the standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad]) and
-    has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. One that raises or
-    returns something else is named in a warning and left out.
+    has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. A measurement
+    whose method raises or returns something else is named in a warning and left out.
     """
 
 
@@ -170,7 +167,7 @@ def _is_symmetric(covariance: NDArray[np.float64]) -> bool:
 
 
 def _shown(given: object) -> str:
-    """What was given, in one line."""
+    """Return a value in one line."""
     return repr(given.tolist() if isinstance(given, np.ndarray) else given)
 
 

@@ -1,4 +1,4 @@
-"""Poses in space over time, and where they were at other times."""
+"""Poses in space over time, and their interpolation."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 LONGEST_GAP = 0.5
-"""[s] between two poses, after which nobody knows where a frame was that has moved meanwhile."""
+"""[s] between two poses of a moving frame, beyond which it is unknown in between."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,34 +31,34 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Where a frame was at M times."""
+    """Poses of a frame at M times."""
 
     position: Array
     """(M, 3) [m]"""
     rotation: Array
     """(M, 4) quaternions x, y, z, w"""
     known: NDArray[np.bool_]
-    """(M,) false before the first pose, after the last and in long gaps, where the others hold what comes closest"""
+    """(M,) false before the first pose, after the last and in long gaps, where the nearest pose is given"""
 
     def __getitem__(self, keep: NDArray[np.bool_]) -> "Placed":
-        """At some of the times only, flagged (M,)."""
+        """Return the poses at flagged times (M,)."""
         return Placed(self.position[keep], self.rotation[keep], self.known[keep])
 
     def __matmul__(self, other: "Placed") -> "Placed":
-        """a_T_c from a_T_b and b_T_c."""
+        """Return a_T_c from a_T_b and b_T_c."""
         turn = Rotation.from_quat(self.rotation)
         position = self.position + turn.apply(other.position)
         rotation = (turn * Rotation.from_quat(other.rotation)).as_quat()
         return Placed(position, rotation, self.known & other.known)
 
     def inverse(self) -> "Placed":
-        """b_T_a from a_T_b."""
+        """Return b_T_a from a_T_b."""
         back = Rotation.from_quat(self.rotation).inv()
         return Placed(-back.apply(self.position), back.as_quat(), self.known)
 
 
 def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
-    """Poses at times (N,) [ns], positions and quaternions x, y, z, w in rows (N, 7).
+    """Return poses at times (N,) [ns], positions and quaternions x, y, z, w in rows (N, 7).
 
     They are sorted; of several at one time the last counts. Raises FileError that names them by `name` where numbers
     are not finite or a quaternion has not length 1.
@@ -79,7 +79,7 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
 
 
 def at_times(poses: Poses, time: Times) -> Placed:
-    """Where the frame was at times (M,) [ns]: positions in between are linear, rotations turn at an even rate."""
+    """Return interpolated poses at times (M,) [ns]: positions linear, rotations at an even rate."""
     if len(poses.time) == 1:
         return replace(always(poses, len(time)), known=time == poses.time)
     seconds, wanted = (poses.time - poses.time[0]) * 1e-9, (time - poses.time[0]) * 1e-9
@@ -96,6 +96,6 @@ def at_times(poses: Poses, time: Times) -> Placed:
 
 
 def always(poses: Poses, count: int) -> Placed:
-    """The last of poses that hold once and for all, `count` times."""
+    """Return the last of poses that hold at all times, `count` times."""
     position, rotation = (np.repeat(values[-1:], count, axis=0) for values in (poses.position, poses.rotation))
     return Placed(position, rotation, np.ones(count, np.bool_))

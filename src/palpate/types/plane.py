@@ -23,14 +23,10 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Normal = tuple[float, float, float] | Literal["fit"]
-"""What a user says of a plane: its normal, or "fit" for the plane through the sensor's way."""
+"""The normal of a plane, or "fit" for the plane through the sensor's path."""
 
 STEEPEST = np.radians(20.0)
-"""The most that an x axis may point out of the plane [rad]; beyond, its yaw says little."""
-TOLD = np.radians(2.0)
-"""Angle out of the plane [rad] from which on it is warned of."""
-NARROW = 2e-3
-"""[m] standard deviation across the way of the sensor, below which that way is a line and tells no plane."""
+"""Largest angle of an x axis out of the plane [rad]; beyond, its yaw is unreliable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +46,12 @@ class Plane:
         return float(np.arccos(np.clip(self.axes[2, 2], -1.0, 1.0)))
 
     def __str__(self) -> str:
-        """In words."""
+        """Return a description for people."""
         return f"plane {np.degrees(self.tilt):.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
 
 
 def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Normal:
-    """The plane that a user says, as "fit" or a tuple, once what else is said of poses is checked too.
-
-    Raises SettingError unless a plane is a normal or "fit", poses may be off it by a length [m], and images may be
-    shifted by so many seconds.
-    """
+    """Return the plane as "fit" or a tuple of its normal. Raises SettingError if one of the values is not allowed."""
     normal = None if isinstance(plane, str) else finite_numbers(plane, (3,))
     if normal is None and not (isinstance(plane, str) and plane == "fit"):
         raise SettingError(f"plane is {plane!r}; allowed are fit, or three numbers: its normal")
@@ -72,7 +64,7 @@ def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Norm
 
 
 def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
-    """The plane that a user says, or the one that fits the sensor's way, which is told.
+    """Return the plane of a normal, or the one that fits the sensor's path, with a warning that states it.
 
     `what` names the recording in warnings. Raises FileError where there is no such plane.
     """
@@ -92,10 +84,10 @@ def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane
 
 
 def planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
-    """Poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
+    """Return poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
 
-    Raises FileError where one is more than `off_plane` [m] off it or too steep, or they are in millimetres, as it
-    seems; warns where some are tilted.
+    Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres;
+    warns where some are tilted.
     """
     check_metres(what, placed.position)
     pose, height, angle = into_plane(plane, placed.position, placed.rotation)
@@ -116,13 +108,13 @@ def planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: floa
             f"{what} has its x axis {degrees:.1f} degrees out of the plane at {time[steepest] * 1e-9:.3f} s, allowed "
             f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane"
         )
-    if abs(angle[steepest]) > TOLD:
+    if abs(degrees) > 2.0:
         logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(degrees))
     return pose
 
 
 def plane_across(frame: str, normal: Array, position: Array) -> Plane:
-    """The plane with a normal (3,), of any length, at the median height of positions (N, 3) [m]."""
+    """Return the plane with a normal (3,), of any length, at the median height of positions (N, 3) [m]."""
     length = np.linalg.norm(normal)
     if not np.isfinite(normal).all() or length < 1e-9:
         raise FileError(f"the plane's normal is {normal.tolist()}, allowed are three numbers that are not all 0")
@@ -136,26 +128,25 @@ def plane_across(frame: str, normal: Array, position: Array) -> Plane:
 
 
 def plane_through(frame: str, position: Array) -> Plane:
-    """The plane that comes closest to positions (N, 3) [m]; its normal has the frame's z axis on its side.
+    """Return the plane closest to positions (N, 3) [m]; its normal points to the side of the frame's z axis.
 
     Raises FileError where they lie on a line.
     """
     _, spread, axes = np.linalg.svd(position - position.mean(axis=0), full_matrices=False)
     width = float(spread[1] / np.sqrt(len(position))) if len(position) > 2 else 0.0
-    if width < NARROW:
+    if width < 2e-3:
         raise FileError(
-            f"the sensor moves along a line, {width * 1e3:.1f} mm across, which tells no plane: give its normal, "
+            f"the sensor moves along a line, {width * 1e3:.1f} mm across, which determines no plane: give its normal, "
             "plane=(X, Y, Z) or --plane X Y Z"
         )
     return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
 
 
 def into_plane(plane: Plane, position: Array, rotation: Array) -> tuple[Array, Array, Array]:
-    """Poses in space as poses in the plane.
+    """Return poses in the plane from frame_T_body, positions (N, 3) [m] and quaternions x, y, z, w (N, 4).
 
-    From frame_T_body, positions (N, 3) [m] and quaternions x, y, z, w (N, 4). Returns plane_T_body (N, 3) [m, m, rad],
-    whose yaw is that of the body's x axis about the normal; heights (N,) [m] along the normal; and the angle (N,) [rad]
-    of that x axis out of the plane.
+    They are plane_T_body (N, 3) [m, m, rad], whose yaw is that of the body's x axis about the normal, with heights (N,)
+    [m] along the normal and angles (N,) [rad] of that x axis out of the plane.
     """
     at = position @ plane.axes
     x_axis = Rotation.from_quat(rotation).apply([1.0, 0.0, 0.0]) @ plane.axes
@@ -164,17 +155,17 @@ def into_plane(plane: Plane, position: Array, rotation: Array) -> tuple[Array, A
 
 
 def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:
-    """Poses in the plane (N, 3) [m, m, rad] as poses in space: positions (N, 3) [m], quaternions x, y, z, w (N, 4)."""
+    """Return positions (N, 3) [m] and quaternions x, y, z, w (N, 4) of poses in the plane (N, 3) [m, m, rad]."""
     height = np.full((len(pose), 1), plane.height)
     position = np.hstack([pose[:, :2], height]) @ plane.axes.T
     return position, (Rotation.from_matrix(plane.axes) * Rotation.from_euler("z", pose[:, 2:])).as_quat()
 
 
 def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
-    """The covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
+    """Return covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
 
     From poses in the plane (N, 3) and their covariances (N, 3, 3) in the tangent space at the pose (right, body frame),
-    order x, y, theta. What leaves the plane has none: zero.
+    order x, y, theta. Directions out of the plane have zero.
     """
     axes_T_body = np.zeros((len(pose), 6, 3))
     axes_T_body[:, :3, :2] = plane.axes[:, :2] @ se2.rotation(pose[:, 2])
@@ -183,5 +174,5 @@ def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
 
 
 def flat(frame: str = "world") -> Plane:
-    """The plane of the x and y axes of a frame."""
+    """Return the plane of the x and y axes of a frame."""
     return Plane(frame, np.eye(3), 0.0)

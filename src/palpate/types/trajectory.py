@@ -1,4 +1,4 @@
-"""Trajectory: the poses of an object over time, as tracking estimates them or another program has."""
+"""Trajectory: the poses of an object over time, estimated by palpate or another program."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,9 @@ class Trajectory:
     covariance: NDArray[np.float64] | None = None
     """(N, 3, 3) [m, m, rad], of the tangent vector at the estimate (right, body frame), order x, y, theta"""
     contact: NDArray[np.bool_] | None = None
-    """(N,) whether the sensor touched the object"""
+    """(N,) true while the sensor touched the object"""
     status: tuple[str, ...] | None = None
-    """(N,) the estimator's word on each pose"""
+    """(N,) status of each estimate"""
 
     def __post_init__(self) -> None:
         time = checked_array("time", self.time, NUMBERS, ("N",)).astype(np.float64)
