@@ -1,0 +1,245 @@
+"""Checks of recordings by `palpate info --json`: everything that can be wrong with one."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import palpate
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+SIZE, STEP = 0.09, 1e-3
+Check = Callable[..., Any]
+
+
+def push(n: int = 90, **changes: Any) -> Any:
+    """Return a point pushing a square at 1 mm a frame along x, 30 Hz, in contact throughout."""
+    tip: Any = np.column_stack([np.arange(n) * STEP, np.zeros((n, 2))])
+    truth = tip + np.array([SIZE / 2, 0.0, 0.0])
+    shape = palpate.Rectangle(SIZE, SIZE)
+    return replace(palpate.Recording(np.arange(n) / 30, tip, shape, palpate.POINT, truth, np.ones(n, bool)), **changes)
+
+
+def moved(change: Callable[[Any], None], recording: Any = None) -> Any:
+    """Return the push with its ground truth changed in place."""
+    recording = recording or push()
+    truth = recording.object_pose.copy()
+    change(truth)
+    return replace(recording, object_pose=truth)
+
+
+@pytest.fixture
+def check(json_of) -> Check:
+    """Write a recording and return what `palpate info --json` shows."""
+
+    def run(recording: Any) -> Any:
+        palpate.write_recording(recording, "checked.mcap", overwrite=True)
+        return json_of("info", "checked.mcap")
+
+    return run
+
+
+def kinds(found: Any) -> list[str]:
+    return [finding["kind"] for finding in found["findings"]]
+
+
+def test_a_clean_push_has_no_findings(check):
+    found = check(push())
+    assert (found["findings"], found["unbroken"], found["knocked"]) == ([], True, False)
+    assert (found["frames"], found["contact"], found["images"], found["image_size"]) == (90, "measured", 0, None)
+    assert (found["rate"], found["duration"]) == (pytest.approx(30.0), pytest.approx(89 / 30))
+    assert (found["contact_share"], found["truth_share"]) == (1.0, 1.0)
+    assert [(each["start"], each["end"]) for each in found["contacts"]] == [(0.0, pytest.approx(89 / 30))]
+    assert "unbroken" in found["verdict"]
+
+
+def test_recordings_with_less(check):
+    found = check(push(object_pose=None, contact=None))
+    assert (found["contact"], found["truth_share"], found["findings"]) == ("absent", 0.0, [])
+    assert "nothing to judge" in found["verdict"]
+    found = check(push(1))
+    assert (found["rate"], found["jitter"], found["duration"]) == (None, None, 0.0)
+    assert check(push(contact_derived=True))["contact"] == "derived"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sensor_pose": push().sensor_pose * [1e3, 1e3, 1.0]}, "sensor_pose: found positions that span 89 m"),
+        ({"shape": palpate.Rectangle(90.0, 60.0)}, "the outline is 90 m wide"),
+        ({"time": push().time * 1e3}, "frames come at 0.03 Hz, the sensor profile says 30.0 Hz: are these milli"),
+    ],
+)
+def test_implausible_units(check, changes, words):
+    sentences = [each["sentence"] for each in check(push(object_pose=None, contact=None, **changes))["findings"]]
+    assert any(sentence.startswith(words) and "are these milli" in sentence for sentence in sentences)
+
+
+@pytest.mark.parametrize(
+    ("frames", "unbroken"), [([*range(40, 45), 47], False), ([*range(3), *range(86, 90)], True)], ids=["inside", "ends"]
+)
+def test_drop_outs_of_truth(check, frames, unbroken):
+    def change(truth):
+        truth[frames] = np.nan
+
+    found = check(moved(change))
+    assert set(kinds(found)) == {"drop-out"} and found["unbroken"] == unbroken
+    assert found["truth_share"] == pytest.approx(1 - len(frames) / 90)
+    if not unbroken:
+        (finding,) = found["findings"]
+        assert (finding["start"], finding["end"]) == (pytest.approx(40 / 30), pytest.approx(47 / 30))
+        assert finding["breaks"] and "6 frames" in finding["sentence"]
+
+
+@pytest.mark.parametrize("frames", [slice(50, 51), slice(50, None)], ids=["and back", "for good"])
+def test_jumps_of_truth(check, frames):
+    def change(truth):
+        truth[frames, 1] += 0.02
+
+    found = check(moved(change))
+    assert set(kinds(found)) == {"jump"} and not found["unbroken"]
+
+
+def test_a_shove_is_a_knock_and_breaks_nothing(check):
+    def change(truth):
+        truth[50:, 1] += np.minimum(np.arange(40) * 0.006, 0.024)
+
+    found = check(moved(change))
+    (knock,) = found["findings"]
+    # 6 mm sideways and 1 mm on for each of 4 frames: sqrt(24^2 + 4^2) = 24.3 mm.
+    assert knock["kind"] == "knock" and "24.3 mm" in knock["sentence"] and "sensor moves 4.0 mm" in knock["sentence"]
+    assert (knock["start"], knock["end"]) == (pytest.approx(50 / 30), pytest.approx(54 / 30))
+    assert found["unbroken"] and found["knocked"]
+
+
+def test_a_turn_about_the_contact_is_a_knock_too(check):
+    def change(truth):  # 5 degrees a frame, 4 times: the contact stays, the far corner moves 9 mm each time
+        turn = np.radians(5.0) * np.clip(np.arange(50, 90) - 49, 0, 4)
+        tip = np.arange(50, 90) * STEP
+        truth[50:] = np.column_stack([tip + SIZE / 2 * np.cos(turn), SIZE / 2 * np.sin(turn), turn])
+
+    assert kinds(check(moved(change))) == ["knock"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_the_capture_is_no_knock(check, seed):
+    # 0.2 mm a frame, slower than noise of 0.4 mm and 0.35 degrees, and a hand at the end.
+    noise = np.random.default_rng(seed).normal(size=(90, 3)) * [4e-4, 4e-4, np.radians(0.35)]
+    tip = 0.2 * push().sensor_pose
+    slow = push(sensor_pose=tip, object_pose=noise + tip + np.array([SIZE / 2, 0.0, 0.0]))
+    assert kinds(check(slow)) == []
+    shoved = slow.object_pose + np.clip(np.arange(90) - 70, 0, 4)[:, None] * [0.0, 0.006, 0.0]
+    assert kinds(check(replace(slow, object_pose=shoved))) == ["knock"]
+
+
+def test_sliding_and_turning_in_a_push_is_no_knock(check):
+    # Without friction, at offset d = c from the centre, v = c^2 / (c^2 + d^2) = 1/2 and omega = 1 / (2 c): the far
+    # corner moves 1.4 times as fast as the tip.
+    n, c = 30, palpate.Rectangle(SIZE, SIZE).friction_radius()
+    s = np.arange(n) * STEP
+    truth = np.column_stack([SIZE / 2 + s / 2, np.full(n, c), s / (2 * c)])
+    assert "knock" not in kinds(check(push(n, object_pose=truth)))
+
+
+def lifted(retreat: float, frames: int, numbers: bool = False) -> Any:
+    """Return a push in which the tip leaves for some frames, going back by `retreat`, and comes again."""
+    recording, end = push(), 40 + frames
+    sensor, truth = recording.sensor_pose.copy(), recording.object_pose.copy()
+    contact = np.ones(90, bool)
+    contact[40:end] = False
+    sensor[40:end, 0] = sensor[39, 0] - retreat
+    sensor[end:, 0] = sensor[39, 0] + np.arange(90 - end) * STEP
+    truth[40:, 0] = sensor[40:, 0] + SIZE / 2
+    truth[40:end, 0] = truth[39, 0]
+    episode = np.where(contact, (np.arange(90) >= end).astype(np.int64), -1) if numbers else None
+    return replace(recording, sensor_pose=sensor, object_pose=truth, contact=contact, episode=episode)
+
+
+def test_a_release_is_not_a_lost_contact(check):
+    assert kinds(check(lifted(0.005, 10))) == []
+    assert kinds(check(lifted(0.0, 10))) == ["contact lost"]
+    assert kinds(check(lifted(0.0, 35))) == []
+    assert kinds(check(lifted(0.0, 10, numbers=True))) == []
+
+
+def test_contacts_end_with_flags_and_episode_numbers(check):
+    contact = np.ones(90, bool)
+    contact[40:50] = False
+    found = check(push(contact=contact))
+    assert kinds(found) == ["contact lost", "untouched motion"]  # truth goes on by 10 mm meanwhile
+    assert not found["unbroken"] and len(found["contacts"]) == 2
+    found = check(push(episode=(np.arange(90) >= 45).astype(np.int64)))
+    ends = [(each["start"], each["end"]) for each in found["contacts"]]
+    assert ends == [(0.0, pytest.approx(44 / 30)), (pytest.approx(45 / 30), pytest.approx(89 / 30))]
+
+
+def test_untouched_motion(check):
+    def change(truth):
+        truth[45:, 1] += 0.004
+
+    found = check(moved(change, lifted(0.005, 20)))
+    (finding,) = found["findings"]
+    assert finding["kind"] == "untouched motion" and not found["unbroken"]
+    assert "4.0 mm" in finding["sentence"] and "nothing touches it" in finding["sentence"]
+
+
+def test_time_gaps_break_contact_only(check):
+    late = push().time + 0.5 * (np.arange(90) >= 30)
+    found = check(push(time=late))
+    (gap,) = found["findings"]
+    assert (gap["kind"], gap["breaks"]) == ("time gap", True) and "0.53 s during contact" in gap["sentence"]
+    found = check(push(time=late, contact=np.zeros(90, bool), object_pose=None))
+    assert kinds(found) == ["time gap"] and found["unbroken"]
+
+
+def test_rates(check):
+    (finding,) = check(push(time=push().time * 2))["findings"]
+    assert finding["sentence"] == "frames come at 15 Hz, the sensor profile says 30.0 Hz"
+    (finding,) = check(push(time=push().time / 4, sensor=replace(palpate.POINT, rate=120.0)))["findings"]
+    assert "120" in finding["sentence"] and not finding["breaks"]
+
+
+@pytest.mark.parametrize(("shift", "kind"), [(0.003, "overlap"), (-0.003, "stand-off")])
+def test_a_sensor_off_the_outline(check, shift, kind):
+    found = check(push(sensor_pose=push().sensor_pose + np.array([shift, 0.0, 0.0])))
+    assert kinds(found) == [kind] and found["unbroken"]
+    assert "3.0 mm" in found["findings"][0]["sentence"]
+
+
+def test_damaged_images(check):
+    good, wide = (cv2.imencode(".png", np.zeros((8, width, 3), np.uint8))[1].tobytes() for width in (6, 8))
+    sensor = palpate.SensorProfile("camera", radius=0.0, image_height=8, image_width=6)
+    found = check(push(5, sensor=sensor, image=(good, good, b"", wide, good), codec="png"))
+    assert (found["images"], found["image_size"], kinds(found)) == (4, [8, 6], ["image", "image"])
+    assert [f"frame {k}" in each["sentence"] for k, each in zip((2, 3), found["findings"], strict=True)] == [True, True]
+
+
+def test_real_pushes_with_hands_and_drop_outs(json_of, shared_data: Path):
+    found = {file.name: json_of("info", file) for file in sorted((shared_data / "mit_point_push").glob("*.json.gz"))}
+    # Motion capture loses the object for up to 5.6 s, or the hand throws it off the tip.
+    assert {name for name, each in found.items() if not each["unbroken"]} == {
+        "StraightLineBigPertubations.json.gz",
+        "StraightLineBigPertubations3.json.gz",
+        "StraightLinePertubations.json.gz",
+        "StraightLine_2016_10_23_DoublesBigPerturbations.json.gz",
+        "StraightLine_2016_10_23_NoPerturbations.json.gz",
+    }
+    assert {name: kinds(each).count("knock") for name, each in found.items() if each["unbroken"]} == {
+        "StraightLineBigPertubations5.json.gz": 0,
+        "StraightLine_2016_10_23_NoPerturbationsBlackDark.json.gz": 0,
+        "StraightLine_2016_10_23_SinglePerturbationsBlack.json.gz": 1,
+        "StraightLine_2016_10_23_StraightLineDoublePerturbationsPlywoodNoLighting.json.gz": 2,
+        "StraightLine_2016_10_23_StraightLineNoPerturbationsPlywoodNoLighting.json.gz": 0,
+        "StraightLine_2016_10_23_StraightLineOpenLoopAmbientLight.json.gz": 2,
+    }
+
+
+def test_camera_noise_of_real_pushes_is_no_knock(json_of, shared_data: Path):
+    found = [json_of("info", file) for file in sorted((shared_data / "cmu_two_finger").glob("*.txt"))]
+    assert not any(each["knocked"] for each in found)
+    assert all("time gap" in kinds(each) for each in found)
