@@ -1,4 +1,4 @@
-"""The figure of a run: the push from above, touch images, and errors over time."""
+"""The figure of a run: the push from above, touch images, and errors over time, in mm and degrees."""
 
 import textwrap
 from itertools import pairwise
@@ -19,12 +19,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's colours, which people with any colour vision tell apart, and greys.
+# The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
 TRUTH, ESTIMATE, SENSOR, START = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA"
-ERROR, CONTACT, UNKNOWN = "#000000", "#E69F00", "#999999"
-INSTANTS = 3
-"""Frames of contact shown from above and, if there are images, as touch images."""
-_ELLIPSES = 12  # along the whole path
+CONTACT, UNKNOWN = "#E69F00", "#999999"
 
 
 def run_figure(run: Run) -> "Figure":
@@ -33,171 +30,45 @@ def run_figure(run: Run) -> "Figure":
     from matplotlib.figure import Figure
 
     instants = shown_instants(run)
-    felt = run.recording.image is not None and len(instants) > 0
-    figure = Figure(figsize=(11.5, 7.4 if felt else 5.8), layout="constrained")
+    has_touch = run.recording.image is not None and len(instants) > 0
+    figure = Figure(figsize=(11.5, 7.4 if has_touch else 5.8), layout="constrained")
     FigureCanvasAgg(figure)
-    heights = [1.3, 1.0, 1.0] if felt else [1.0, 1.0]
+    heights = [1.3, 1.0, 1.0] if has_touch else [1.0, 1.0]
     grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.05, 1.0), height_ratios=heights)
-    above = figure.add_subplot(grid[:, 0])
-    translation = figure.add_subplot(grid[-2, 1])
-    rotation = figure.add_subplot(grid[-1, 1], sharex=translation)
+    above, translation = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[-2, 1])
     draw_above(above, run, instants)
-    draw_errors(translation, rotation, run, instants)
-    if felt:
+    draw_errors(translation, figure.add_subplot(grid[-1, 1], sharex=translation), run, instants)
+    if has_touch:
         strip = grid[0, 1].subgridspec(1, len(instants))
-        _draw_strip([figure.add_subplot(place) for place in strip], run, instants)
+        for number, index in enumerate(instants, 1):
+            axes = figure.add_subplot(strip[number - 1])
+            draw_touch(axes, run, index)
+            axes.tick_params(labelleft=number == 1)
+            axes.set_ylabel("z on the pad [mm]" if number == 1 else "")
+            draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
     figure.suptitle(_title(run), fontsize=11, parse_math=False)
-    handles = {}
+    handles: dict[str, Any] = {}
     for axes in (above, translation):
         found, labels = axes.get_legend_handles_labels()
         handles |= dict(zip(labels, found, strict=True))
-    figure.legend(
-        list(handles.values()),
-        list(handles),
-        loc="outside lower center",
-        ncols=min(len(handles), 8),
-        frameon=False,
-        fontsize=9,
-    )
+    place: Any = {"loc": "outside lower center", "ncols": min(len(handles), 8), "frameon": False, "fontsize": 9}
+    figure.legend(list(handles.values()), list(handles), **place)
     return figure
 
 
 def shown_instants(run: Run) -> list[int]:
-    """Return the middle frames of the longest contacts; if there are too few, the longest are cut into parts."""
+    """Return the middle frames of the three longest contacts; if there are fewer, the longest are cut into parts."""
+
+    def length(part: tuple[int, int]) -> int:
+        return part[1] - part[0] + 1
+
     contact = run.online.contact
-    parts = sorted([] if contact is None else flag_runs(contact), key=_length)[-INSTANTS:]
-    while parts and len(parts) < INSTANTS and _length(parts[-1]) > 1:
+    parts = sorted([] if contact is None else flag_runs(contact), key=length)[-3:]
+    while parts and len(parts) < 3 and length(parts[-1]) > 1:
         first, last = parts.pop()
         middle = (first + last) // 2
-        parts = sorted([*parts, (first, middle), (middle + 1, last)], key=_length)
+        parts = sorted([*parts, (first, middle), (middle + 1, last)], key=length)
     return sorted((first + last) // 2 for first, last in parts)
-
-
-def _length(part: tuple[int, int]) -> int:
-    return part[1] - part[0] + 1
-
-
-def _title(run: Run) -> str:
-    summary, file = run.summary, run.recording.file
-    # The name of a file may contain bytes that are not text.
-    name = file.name.encode("utf-8", "replace").decode() if file else run.recording.source or "recording"
-    pose = pose_words(summary["final_pose"], summary["final_sigma"])
-    lines = [
-        textwrap.shorten(name, 120, placeholder=" ..."),
-        f"tactile {summary['tactile']}, {summary['smoother']}; final pose {pose} (1 sigma)",
-        "no ground truth",
-    ]
-    if summary["scored_frames"]:
-        when = summary["final_scored_time_s"] - run.online.time[0]
-        lines[-1] = (
-            f"final error {summary['final_translation_error_mm']:.1f} mm and "
-            f"{summary['final_rotation_error_deg']:.1f}°, at {when:.1f} s"
-        )
-    return "\n".join(lines)
-
-
-def _seconds(run: Run) -> Array:
-    """Return times (N,) [s] since the first frame."""
-    return run.online.time - run.online.time[0]
-
-
-def _draw_strip(strip: list["Axes"], run: Run, instants: list[int]) -> None:
-    for number, (axes, index) in enumerate(zip(strip, instants, strict=True), 1):
-        draw_touch(axes, run, index)
-        axes.tick_params(labelleft=number == 1)
-        draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
-    strip[0].set_ylabel("z on the pad [mm]")
-
-
-def draw_touch(axes: "Axes", run: Run, index: int) -> None:
-    """Draw the touch image of a frame, upright and in millimetres of the pad."""
-    sensor, image = run.recording.sensor, run.recording[index].image
-    assert image is not None
-    right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
-    up = right * sensor.image_height / sensor.image_width
-    axes.imshow(image, extent=(-right, right, -up, up))
-    axes.set(xlabel="y on the pad [mm]")
-    axes.set_title(f"touch at {_seconds(run)[index]:.1f} s", fontsize=10)
-    axes.locator_params(nbins=6)
-
-
-def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
-    """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
-    assert run.online.covariance is not None
-    distance, angle = deviations(run.online.covariance)
-    distance, angle = distance * 1e3, np.degrees(angle)
-    errors: list[Array | None] = [None, None]
-    if run.truth is not None and known_truth(run) is not None:
-        errors = [
-            translation_errors(run.online.pose, run.truth) * 1e3,
-            np.degrees(rotation_errors(run.online.pose, run.truth)),
-        ]
-    words = "1 sigma" if errors[0] is None else "error"
-    _draw_error(translation, run, errors[0], np.zeros_like(distance), distance)
-    _draw_error(rotation, run, errors[1], -angle, angle)
-    for number, index in enumerate(instants, 1):
-        draw_number(translation, number, (_seconds(run)[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
-    translation.set(ylabel=f"translation {words} [mm]")
-    translation.tick_params(labelbottom=False)
-    rotation.axhline(0.0, color=UNKNOWN, lw=0.8)
-    rotation.set(ylabel=f"rotation {words} [°]", xlabel="time [s]")
-
-
-def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
-    time = _seconds(run)
-    _shade(axes, run)
-    times, low, high = _with_gaps(time, below, above)
-    axes.fill_between(times, low, high, color=ESTIMATE, alpha=0.3, lw=0, label="1 sigma of the estimate")
-    if error is not None:
-        axes.plot(*_with_gaps(time, error), color=ERROR, lw=1.3, label="error")
-    _limit(axes, error, above, signed=bool((below < 0).any()))
-    axes.grid(alpha=0.25)
-    axes.set_xlim(time[0], time[-1] if len(time) > 1 else time[0] + 1.0)
-
-
-def _shade(axes: "Axes", run: Run) -> None:
-    """Shade contact, and hatch frames without truth."""
-    time, known = _seconds(run), known_truth(run)
-    spans = []
-    if run.online.contact is not None:
-        spans.append((run.online.contact, {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}))
-    if known is not None:
-        style = {
-            "facecolor": "none",
-            "edgecolor": UNKNOWN,
-            "hatch": "////",
-            "lw": 0,
-            "label": "truth unknown",
-        }
-        spans.append((~known, style))
-    # A frame lasts until the next one, except before a gap.
-    ends = np.append(time[1:], time[-1])
-    gaps = time_gaps(time)
-    ends[gaps] = time[gaps]
-    for flags, style in spans:
-        for first, last in flag_runs(flags):
-            cuts = [first, *(gaps[(gaps >= first) & (gaps < last)] + 1), last + 1]
-            for start, end in pairwise(cuts):
-                axes.axvspan(float(time[start]), float(ends[end - 1]), **style)
-
-
-def _with_gaps(time: Array, *columns: Array) -> list[Array]:
-    """Return time and columns (N,) with a NaN at each gap in time, so that lines end there."""
-    after = time_gaps(time) + 1
-    return [
-        np.insert(time, after, time[after - 1]),
-        *(np.insert(column, after, np.nan) for column in columns),
-    ]
-
-
-def _limit(axes: "Axes", error: Array | None, width: Array, signed: bool) -> None:
-    """Set limits that show the whole error, and as much of the band as leaves it readable."""
-    top = float(np.percentile(width, 99)) * 1.1
-    if error is not None:
-        worst = float(np.nanmax(np.abs(error)))
-        top = max(1.1 * worst, min(top, 4.0 * worst))
-    top = top or 1.0
-    axes.set_ylim(-top if signed else 0.0, top)
 
 
 def draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
@@ -205,8 +76,9 @@ def draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
     last = len(run.online) - 1
     draw_start(axes, run)
     draw_path(axes, run, last)
-    along = np.linspace(0, last, _ELLIPSES).astype(int)
-    axes.plot(*_joined(_ellipses(run, along)).T, color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
+    ellipses = _ellipses(run, np.linspace(0, last, 12).astype(int))
+    lines = np.concatenate([ellipses, np.full((len(ellipses), 1, 2), np.nan)], axis=1)  # one line with gaps
+    axes.plot(*_millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
     for number, index in enumerate(instants, 1):
         draw_object(axes, run, index, 1.0, 0.6)
         draw_sensor(axes, run, index)
@@ -234,8 +106,7 @@ def draw_path(axes: "Axes", run: Run, last: int) -> None:
     shown = slice(0, last + 1)
     sensor = run.recording.sensor_pose[shown, :2]
     contact = np.zeros(len(sensor), np.bool_) if run.online.contact is None else run.online.contact[shown]
-    if known_truth(run) is not None:
-        assert run.truth is not None
+    if run.truth is not None and np.isfinite(run.truth).any():
         axes.plot(*_millimetres(run.truth[shown, :2]), color=TRUTH, lw=3.0, label="truth")
     axes.plot(*_millimetres(run.online.pose[shown, :2]), color=ESTIMATE, lw=1.4, label="estimate")
     axes.plot(*_millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
@@ -245,9 +116,7 @@ def draw_path(axes: "Axes", run: Run, last: int) -> None:
 
 def draw_object(axes: "Axes", run: Run, index: int, width: float, alpha: float) -> None:
     """Draw the object at a frame: true outline, if known, estimated outline and 95 % ellipse."""
-    known = known_truth(run)
-    if known is not None and known[index]:
-        assert run.truth is not None
+    if run.truth is not None and np.isfinite(run.truth[index]).all():
         axes.fill(*_placed(run, run.truth[index]), color=TRUTH, alpha=0.12, lw=0)
         axes.plot(*_placed(run, run.truth[index]), color=TRUTH, lw=1.8 * width, alpha=alpha)
     axes.plot(*_placed(run, run.online.pose[index]), color=ESTIMATE, lw=width, alpha=alpha)
@@ -259,32 +128,105 @@ def draw_object(axes: "Axes", run: Run, index: int, width: float, alpha: float) 
 def draw_sensor(axes: "Axes", run: Run, index: int) -> None:
     """Draw the sensor's pads at a frame."""
     for pad in run.recording.sensor.pads:
-        at = se2.transform(run.recording.sensor_pose[index], pad)
-        axes.fill(*_millimetres(at), color=SENSOR, alpha=0.8, lw=0)
+        axes.fill(*_millimetres(se2.transform(run.recording.sensor_pose[index], pad)), color=SENSOR, alpha=0.8, lw=0)
+
+
+def draw_touch(axes: "Axes", run: Run, index: int) -> None:
+    """Draw the touch image of a frame, upright and in millimetres of the pad."""
+    sensor, image = run.recording.sensor, run.recording[index].image
+    assert image is not None
+    right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
+    up = right * sensor.image_height / sensor.image_width
+    axes.imshow(image, extent=(-right, right, -up, up))
+    axes.set(xlabel="y on the pad [mm]")
+    axes.set_title(f"touch at {_seconds(run)[index]:.1f} s", fontsize=10)
+    axes.locator_params(nbins=6)
 
 
 def draw_number(axes: "Axes", number: int, place: Any, shift: Any = (0.0, 0.0), coordinates: Any = "data") -> None:
     """Draw a number in a circle at a place, shifted by some points."""
-    axes.annotate(
-        str(number),
-        place,
-        shift,
-        coordinates,
-        "offset points",
-        ha="center",
-        va="center",
-        fontsize=9,
-        bbox={"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": SENSOR},
-        zorder=5,
-    )
+    box = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": SENSOR}
+    style: Any = {"ha": "center", "va": "center", "fontsize": 9, "bbox": box, "zorder": 5}
+    axes.annotate(str(number), place, shift, coordinates, "offset points", **style)
 
 
-def known_truth(run: Run) -> NDArray[np.bool_] | None:
-    """Return the frames (N,) with ground truth, None if there are none."""
-    if run.truth is None:
-        return None
-    known = np.isfinite(run.truth[:, 0])
-    return known if known.any() else None
+def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
+    """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
+    assert run.online.covariance is not None
+    distance, angle = deviations(run.online.covariance)
+    distance, angle = distance * 1e3, np.degrees(angle)
+    errors: tuple[Array | None, Array | None] = (None, None)
+    if run.truth is not None and np.isfinite(run.truth).any():
+        turned = np.degrees(rotation_errors(run.online.pose, run.truth))
+        errors = translation_errors(run.online.pose, run.truth) * 1e3, turned
+    kind = "1 sigma" if errors[0] is None else "error"
+    _draw_error(translation, run, errors[0], np.zeros_like(distance), distance)
+    _draw_error(rotation, run, errors[1], -angle, angle)
+    for number, index in enumerate(instants, 1):
+        draw_number(translation, number, (_seconds(run)[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
+    translation.set(ylabel=f"translation {kind} [mm]")
+    translation.tick_params(labelbottom=False)
+    rotation.axhline(0.0, color=UNKNOWN, lw=0.8)
+    rotation.set(ylabel=f"rotation {kind} [°]", xlabel="time [s]")
+
+
+def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
+    time = _seconds(run)
+    after = time_gaps(time) + 1
+    _shade(axes, run, after)
+
+    def with_gaps(column: Array) -> Array:
+        """Return a column (N,) with a NaN at each gap in time, so that its line ends there."""
+        return np.insert(column, after, np.nan)
+
+    times = np.insert(time, after, time[after - 1])
+    band: Any = {"color": ESTIMATE, "alpha": 0.3, "lw": 0, "label": "1 sigma of the estimate"}
+    axes.fill_between(times, with_gaps(below), with_gaps(above), **band)
+    top = float(np.percentile(above, 99)) * 1.1
+    if error is not None:
+        axes.plot(times, with_gaps(error), color="black", lw=1.3, label="error")
+        worst = float(np.nanmax(np.abs(error)))
+        top = max(1.1 * worst, min(top, 4.0 * worst))  # as much of the band as leaves the error readable
+    top = top or 1.0
+    axes.set(xlim=(time[0], time[-1] if len(time) > 1 else time[0] + 1.0), ylim=(-top if below.any() else 0.0, top))
+    axes.grid(alpha=0.25)
+
+
+def _shade(axes: "Axes", run: Run, after_gaps: NDArray[np.intp]) -> None:
+    """Shade contact, and hatch frames without truth. A frame lasts until the next one, except before a gap."""
+    time, gaps = _seconds(run), after_gaps - 1
+    spans: list[tuple[NDArray[np.bool_], Any]] = []
+    if run.online.contact is not None:
+        spans.append((run.online.contact, {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}))
+    if run.truth is not None and np.isfinite(run.truth).any():
+        hatch = {"facecolor": "none", "edgecolor": UNKNOWN, "hatch": "////", "lw": 0, "label": "truth unknown"}
+        spans.append((np.isnan(run.truth[:, 0]), hatch))
+    ends = np.append(time[1:], time[-1])
+    ends[gaps] = time[gaps]
+    for flags, style in spans:
+        for first, last in flag_runs(flags):
+            cuts = [first, *(gaps[(gaps >= first) & (gaps < last)] + 1), last + 1]
+            for start, end in pairwise(cuts):
+                axes.axvspan(float(time[start]), float(ends[end - 1]), **style)
+
+
+def _title(run: Run) -> str:
+    summary, file = run.summary, run.recording.file
+    # The name of a file may contain bytes that are not text.
+    name = file.name.encode("utf-8", "replace").decode() if file else run.recording.source or "recording"
+    pose = pose_words(summary["final_pose"], summary["final_sigma"])
+    error = "no ground truth"
+    if summary["scored_frames"]:
+        translation, rotation = summary["final_translation_error_mm"], summary["final_rotation_error_deg"]
+        seconds = summary["final_scored_time_s"] - run.online.time[0]
+        error = f"final error {translation:.1f} mm and {rotation:.1f}°, at {seconds:.1f} s"
+    kind = f"tactile {summary['tactile']}, {summary['smoother']}"
+    return f"{textwrap.shorten(name, 120, placeholder=' ...')}\n{kind}; final pose {pose} (1 sigma)\n{error}"
+
+
+def _seconds(run: Run) -> Array:
+    """Return times (N,) [s] since the first frame."""
+    return run.online.time - run.online.time[0]
 
 
 def _placed(run: Run, pose: Array) -> Array:
@@ -296,12 +238,6 @@ def _ellipses(run: Run, frames: NDArray[np.intp]) -> Array:
     """Return the 95 % ellipses (M, P, 2) [m] of M frames."""
     assert run.online.covariance is not None
     return ellipses_95(run.online.pose[frames], run.online.covariance[frames])
-
-
-def _joined(lines: Array) -> Array:
-    """Return lines (M, P, 2) [m] as one (K, 2) [mm] with gaps."""
-    gaps = np.full((len(lines), 1, 2), np.nan)
-    return 1e3 * np.concatenate((lines, gaps), axis=1).reshape(-1, 2)
 
 
 def _millimetres(points: Array) -> Array:
