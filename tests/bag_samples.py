@@ -60,6 +60,11 @@ def header(stamp: int, frame: str = "world") -> dict[str, Any]:
     return {"stamp": {"sec": int(stamp) // 10**9, "nanosec": int(stamp) % 10**9}, "frame_id": frame}
 
 
+def encoded(pixels: Any, codec: str = "jpeg") -> bytes:
+    """An RGB image as bytes, by OpenCV at its default quality of 95."""
+    return cv2.imencode(f".{codec}", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1].tobytes()
+
+
 def image_message(stamp: int, pixels: Any, encoding: str = "rgb8", padding: int = 0, **changes: Any) -> Message:
     """A `sensor_msgs/Image` of pixels (height, width, 3) in RGB; `padding` bytes end each row."""
     height, width = pixels.shape[:2]
@@ -79,7 +84,7 @@ def image_message(stamp: int, pixels: Any, encoding: str = "rgb8", padding: int 
 
 def compressed_message(stamp: int, pixels: Any, codec: Any = "jpeg", format: str = "bgr8; jpeg compressed") -> Message:
     """A `sensor_msgs/CompressedImage`."""
-    _, data = cv2.imencode(f".{codec}", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+    data = np.frombuffer(encoded(pixels, codec), np.uint8)
     content = {"header": header(stamp, "digit"), "format": format, "data": data}
     return Message("/digit/image/compressed", int(stamp) + 3_000_000, "sensor_msgs/msg/CompressedImage", content)
 

@@ -3,9 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from palpate.errors import EstimationError, SettingError
+from palpate import Disc, Ellipse, EstimationError, Polygon, Rectangle, SettingError, Shape
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))
 SHAPES: list[Shape] = [

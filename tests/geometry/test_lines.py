@@ -1,8 +1,8 @@
 import numpy as np
 
+from palpate import Disc
 from palpate.geometry import se2
 from palpate.geometry.lines import closed_outline, ellipses_95
-from palpate.geometry.shapes import Disc
 
 
 def test_ellipses_hold_95_percent_of_what_is_drawn():

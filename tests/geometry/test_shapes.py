@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.errors import SettingError, ShapeError
+from palpate import Disc, Ellipse, Polygon, Rectangle, SettingError, Shape, ShapeError
 from palpate.geometry.polygon import sharp_corners
-from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape, shape_from_dict, shape_to_dict
+from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 
 # An L of two bars: 0.12 x 0.06 lying at the bottom and 0.05 x 0.14 standing on its left end.
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))

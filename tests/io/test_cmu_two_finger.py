@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
+from planar import gaps
 from recording_samples import load, runs
 
+from palpate import FileError, Rectangle
 from palpate import io as formats
-from palpate.errors import FileError
-from palpate.geometry.shapes import Rectangle
-from palpate.io import cmu_two_finger
-from palpate.types import derived
 
 
 def cmu(lost=range(0)):
@@ -37,7 +35,7 @@ def test_cmu_is_read(tmp_path):
     # The apexes are 2.5 mm ahead of the hand's origin.
     np.testing.assert_allclose(found.sensor_pose[[0, 99], 0], [0.0025, 0.0025 + 20e-3 * 99 * 0.03], atol=1e-6)
     assert found.contact is not None and found.object_pose is not None and found.episode is not None
-    gap = derived.gaps(found.sensor_pose, found.object_pose, found.shape, found.sensor)
+    gap = gaps(found)
     steady = np.r_[6:40, 110:190]
     np.testing.assert_allclose(gap[steady], 0.0, atol=0.02e-3)
     # Rows 51 to 60 of the log, 1.50 to 1.77 s, were seen for 1.336 to 1.606 s. Between 1.47 - 0.164 s and
@@ -61,7 +59,7 @@ def test_cmu_bad_content(tmp_path, text, message):
     path = tmp_path / "log.txt"
     path.write_text(text)
     with pytest.raises(FileError, match=message):
-        cmu_two_finger.read(path)
+        formats.read(path, "cmu-two-finger")
 
 
 def test_cmu_without_a_single_tag(tmp_path):

@@ -4,11 +4,11 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from planar import gaps
 from recording_samples import load, pushed, trajectory
 
+from palpate import FileError, SettingError
 from palpate import io as formats
-from palpate.errors import FileError, SettingError
-from palpate.types import derived
 
 
 def test_recording_file_goes_through_the_registry(tmp_path):
@@ -81,7 +81,7 @@ UNBROKEN = [
 
 
 def known_gap(found):
-    gap = derived.gaps(found.sensor_pose, found.object_pose, found.shape, found.sensor)
+    gap = gaps(found)
     return gap[found.contact & ~np.isnan(gap)] * 1e3
 
 

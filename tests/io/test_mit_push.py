@@ -4,14 +4,12 @@ import gzip
 import json
 
 import numpy as np
+import planar as se2
 import pytest
 from recording_samples import load, runs
 
+from palpate import FileError, Rectangle
 from palpate import io as formats
-from palpate.errors import FileError
-from palpate.geometry import se2
-from palpate.geometry.shapes import Rectangle
-from palpate.io import mit_push
 
 
 def mit(seconds=2.0, **changes):
@@ -124,5 +122,5 @@ def test_mit_bad_content(tmp_path, edit, message):
     edit(data)
     path = save_mit(tmp_path / "a.json", data)
     with pytest.raises(FileError, match=message) as caught:
-        mit_push.read(path)
+        formats.read(path, "mit-push")
     assert str(path) in str(caught.value)

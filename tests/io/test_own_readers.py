@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 from test_package import EXAMPLES
 
+from palpate import Disc, FileError, SettingError, Trajectory
 from palpate import io as formats
 from palpate.cli.main import main
-from palpate.errors import FileError, SettingError
-from palpate.geometry.shapes import Disc
 from palpate.lab.study.recordings import find_recordings
 from palpate.live.poses import TimedPose
 from palpate.live.sources import Clock, own_poses
-from palpate.types.trajectory import Trajectory
 
 LOG = "# my-robot log, disc of 50 mm\ntime_ms,x_mm,y_mm,yaw_deg,touching\n" + "".join(
     f"{33 * index},{100 + index},{20},{90},{int(index > 5)}\n" for index in range(12)

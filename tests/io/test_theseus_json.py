@@ -3,17 +3,12 @@
 import json
 
 import numpy as np
+import planar as se2
 import pytest
 from recording_samples import load, pushed, trajectory
 
+from palpate import POINT, Disc, Ellipse, FileError, Recording, SettingError
 from palpate import io as formats
-from palpate.errors import FileError, SettingError
-from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Ellipse
-from palpate.io import theseus_json
-from palpate.types import derived
-from palpate.types.recording import Recording
-from palpate.types.sensor import POINT
 
 
 def theseus(nested, width):
@@ -47,7 +42,7 @@ def test_theseus_is_read(tmp_path, nested, width):
     assert found.contact.tolist() == [True] * 5 + [False]
     assert found.episode.tolist() == [0, 0, 0, 1, 1, -1]
     # Our x axis points along the push, from the contact point to the disc.
-    np.testing.assert_allclose(derived.gaps(found.sensor_pose, found.object_pose, found.shape, POINT)[0], 0, atol=1e-12)
+    np.testing.assert_allclose(se2.gaps(found)[0], 0, atol=1e-12)
 
 
 def test_theseus_episodes_may_be_empty(tmp_path):
@@ -85,13 +80,7 @@ def test_theseus_bad_content(tmp_path, edit, message):
     edit(data)
     path.write_text(json.dumps(data))
     with pytest.raises(FileError, match=message):
-        theseus_json.read(path)
-
-
-def test_theseus_shape_can_be_told(tmp_path):
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps(theseus(False, 0) | {"params": {}}))
-    assert theseus_json.read(path, shape=Ellipse(0.1, 0.2)).shape == Ellipse(0.1, 0.2)
+        formats.read(path, "theseus-json")
 
 
 def test_theseus_round_trip(tmp_path):

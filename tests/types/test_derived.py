@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from recording_samples import runs
 
-from palpate.geometry.shapes import Disc
+from palpate import Disc, SensorProfile
 from palpate.types import derived
-from palpate.types.sensor import SensorProfile
+from palpate.types.recording import episode_numbers
 
 
 def test_gap_is_that_of_the_nearest_tip():
@@ -64,3 +64,17 @@ def test_spikes_go_there_and_back():
     assert runs(derived.spikes(turn)) == [[3, 6]]
     turn[0] = np.nan
     assert runs(derived.spikes(turn)) == [[3, 6]]
+
+
+def test_episodes_end_after_more_than_ten_frames_without_contact():
+    ten = [1] * 5 + [0] * 10 + [1] * 5
+    eleven = [1] * 5 + [0] * 11 + [1] * 5
+    assert episode_numbers(ten).tolist() == [0] * 5 + [-1] * 10 + [0] * 5
+    assert episode_numbers(eleven).tolist() == [0] * 5 + [-1] * 11 + [1] * 5
+
+
+def test_episodes_count_from_five_frames_on():
+    four = [0] + [1] * 4 + [0] * 11 + [1] * 5
+    assert episode_numbers(four).tolist() == [-1] * 16 + [0] * 5
+    assert episode_numbers([0, 0]).tolist() == [-1, -1]
+    assert episode_numbers([]).tolist() == []

@@ -5,17 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import planar as se2
 import pytest
+from bag_samples import encoded as encode_image
 from recording_samples import TINY_CAMERA, tiny_images
 from scipy.spatial.transform import Rotation
 
-from palpate.errors import FileError, PalpateError, SettingError
-from palpate.geometry import se2
-from palpate.geometry.shapes import Disc
-from palpate.io.rosbag_recording import BagChoices
-from palpate.types.images import encode_image
-from palpate.types.recording import Recording
-from palpate.types.sensor import DIGIT, POINT
+from palpate import DIGIT, POINT, BagChoices, Disc, FileError, PalpateError, Recording, SettingError
 
 IMAGE_TIME = 0.02 + np.arange(20) / 30
 POSE_TIME = np.arange(50) / 50

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.errors import FileError
+from palpate import FileError
 from palpate.geometry import se2
 from palpate.types.motion import always, at_times, poses_in_time
 

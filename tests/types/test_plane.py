@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.errors import FileError
+from palpate import FileError
 from palpate.geometry import se2
 from palpate.types.plane import into_plane, out_of_plane, plane_across, plane_through
 

@@ -6,14 +6,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from bag_samples import encoded as encode_image
 from recording_samples import TINY_CAMERA, pushed, tiny_images, tiny_recording
 
-from palpate.errors import FileError, SettingError
-from palpate.geometry.shapes import Disc
-from palpate.types.frame import Frame
-from palpate.types.images import encode_image
-from palpate.types.recording import Recording, episode_numbers
-from palpate.types.sensor import DIGIT, POINT
+from palpate import DIGIT, POINT, Disc, FileError, Frame, Recording, SettingError
 
 
 def test_frames_come_out_as_they_went_in():
@@ -91,26 +87,6 @@ def test_jpeg_is_close_and_smaller():
 def test_fields_that_do_not_fit_are_refused(changes, message):
     with pytest.raises(FileError, match=message):
         tiny_recording(**changes)
-
-
-@pytest.mark.parametrize("image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)])
-def test_only_rgb_bytes_are_encoded(image):
-    with pytest.raises(FileError, match="allowed is uint8"):
-        encode_image(image)
-
-
-def test_episodes_end_after_more_than_ten_frames_without_contact():
-    ten = [1] * 5 + [0] * 10 + [1] * 5
-    eleven = [1] * 5 + [0] * 11 + [1] * 5
-    assert episode_numbers(ten).tolist() == [0] * 5 + [-1] * 10 + [0] * 5
-    assert episode_numbers(eleven).tolist() == [0] * 5 + [-1] * 11 + [1] * 5
-
-
-def test_episodes_count_from_five_frames_on():
-    four = [0] + [1] * 4 + [0] * 11 + [1] * 5
-    assert episode_numbers(four).tolist() == [-1] * 16 + [0] * 5
-    assert episode_numbers([0, 0]).tolist() == [-1, -1]
-    assert episode_numbers([]).tolist() == []
 
 
 @pytest.mark.parametrize(

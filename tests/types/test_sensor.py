@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from palpate.errors import SettingError
-from palpate.types.sensor import DIGIT, POINT, SensorProfile, sensor_from_dict, sensor_to_dict
+from palpate import DIGIT, POINT, SensorProfile, SettingError
+from palpate.types.sensor import sensor_from_dict, sensor_to_dict
 
 
 def test_digit():

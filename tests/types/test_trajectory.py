@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.errors import FileError
-from palpate.types.trajectory import Trajectory
+from palpate import FileError, Trajectory
 
 
 def test_fields_are_settled():

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
-from palpate.shards import Shard
-
 if TYPE_CHECKING:
     from palpate.config import TrackerSettings
     from palpate.io.rosbag_recording import BagReading
@@ -306,17 +304,6 @@ NoiseOption = Annotated[str, tyro.conf.arg(metavar=NOISE, help="Standard deviati
 PressureOption = Annotated[str, tyro.conf.arg(metavar="uniform|rim|corner|METRES", help="Pressure on the table.")]
 WorkersOption = Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")]
 DaskOption = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help="Scheduler of a Dask cluster.")]
-ShardOption = Annotated[
-    Shard | None,
-    PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="I/N",
-        instance_from_str=lambda words: Shard(*map(int, words[0].split("/"))),
-        is_instance=lambda value: value is None or isinstance(value, Shard),
-        str_from_instance=lambda value: [] if value is None else [f"{value.number}/{value.count}"],
-    ),
-    tyro.conf.arg(metavar="I/N", help="Do every N-th recording only.", help_behavior_hint="(default: all)"),
-]
 ShapeUnitOption = Annotated[ShapeUnit | None, tyro.conf.arg(help="Unit of the numbers in --shape.")]
 
 

@@ -48,11 +48,11 @@ def detect(path: Path) -> bool:
     return found[1] != "params" or "obj_radius" in start or "block_size" in start or '"obj_poses_2d"' in start
 
 
-def read(path: Path, shape: Shape | None = None) -> Recording:
-    """Read a file; `shape` is the object's outline where the file lacks it. Raises FileError."""
+def read(path: Path) -> Recording:
+    """Read a file. Raises FileError."""
     data = read_json(path)
     try:
-        return _read(data, Path(path), shape)
+        return _read(data, path)
     except PalpateError as error:
         raise FileError(f"{path}: {error}") from error
 
@@ -104,10 +104,9 @@ def _episodes(
     return number, contact & (number >= 0) & ~np.isnan(object_pose).any(axis=1)
 
 
-def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
+def _read(data: dict[str, Any], path: Path) -> Recording:
     if missing := [key for key in (*POSES, *FLAGS) if key not in data]:
         raise FileError(f"lacks {', '.join(missing)}")
-    shape = shape or _shape(data.get("params"))
     nested = _is_nested(data["obj_poses_2d"])
     truth = _rows(data, "obj_poses_2d", nested, 3)
     hand = _rows(data, "ee_poses_2d", nested, 3)
@@ -136,7 +135,7 @@ def _read(data: dict[str, Any], path: Path, shape: Shape | None) -> Recording:
     return Recording(
         time=np.append(0.0, np.cumsum(step)),
         sensor_pose=sensor,
-        shape=shape,
+        shape=_shape(data.get("params")),
         sensor=POINT,
         object_pose=truth,
         contact=contact,
