@@ -1,197 +1,146 @@
-"""`palpate tune`: how much each factor is to be believed, learned from recordings with ground truth."""
+"""`palpate tune`: noise settings learnt from recordings with ground truth."""
 
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
-from palpate.cli.options import (
-    NOISE,
-    JsonOption,
-    ModelOption,
-    RecordingsFolder,
-    SmootherOption,
-    TactileChoice,
-    UnitOption,
-    WorkersOption,
-    check_model,
-)
+from palpate.cli.options import NOISE, Json, RecordingsFolder, Smoother, Touch, Workers, arg
 
 if TYPE_CHECKING:
     from palpate.lab.tune.tuning import Judgement, Tuning
-    from palpate.touch.calibration import DirectionCorrection
 
 
 def tune(
     folder: RecordingsFolder,
     /,
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE", help="File of the settings (.json), for --noise of others.")],
-    tactile: Annotated[
-        TactileChoice,
-        tyro.conf.arg(
-            help="What touch says, as palpate track has it; auto is learnt where there are images and the oracle where "
-            "there are none, for real and simulated recordings together."
-        ),
-    ] = "learnt",
-    model: ModelOption = None,
-    calibration: UnitOption = None,
-    smoother: SmootherOption = "fixed-lag",
-    parameters: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(
-            metavar="NAME...",
-            help="Settings to learn, and pressure, which is c [m] of one object.",
-            help_behavior_hint="(default: those that count with this touch)",
-        ),
-    ] = (),
-    start: Annotated[
-        str,
-        tyro.conf.arg(
-            metavar=NOISE,
-            help="Settings to begin with; the file of a tuning goes on with it.",
-        ),
-    ] = "palpate",
-    evaluations: Annotated[int, tyro.conf.arg(metavar="N", help="How often all recordings are tracked.")] = 100,
-    workers: WorkersOption = 1,
-    json: JsonOption = False,
+    out: Annotated[Path, arg("FILE")],
+    touch: Touch = Touch(tactile="learnt"),
+    smoother: Smoother = "fixed-lag",
+    parameters: Annotated[tuple[str, ...], arg("NAME...", "those that count with this touch")] = (),
+    start: Annotated[str, arg(NOISE)] = "palpate",
+    evaluations: Annotated[int, arg("N")] = 100,
+    work: Workers = Workers(),
+    json: Json = False,
 ) -> int:
-    """Learn the noise settings from recordings with ground truth; a fourth of them is kept to judge by.
+    """Learn noise settings from recordings with ground truth; a fourth of them is held out to judge the result.
 
-    Recordings in folders of their own are kinds: all kinds count the same, however many recordings there are of each,
-    and the 95 % region of none is let hold too little.
+    Each folder of recordings is a kind, and all kinds count the same.
 
     Example: palpate tune recordings --out noise.json --workers 2
+
+    Args:
+        folder: Folder of recordings in any known format; folders in it are searched too.
+        out: File of the settings (.json), for --noise of other commands.
+        touch: Measurements of touch; auto is learnt where there are images, else oracle.
+        smoother: Solver of the graph.
+        parameters: Settings to learn, such as contact.deviation.
+        start: Settings to start from; the file of a tuning continues it.
+        evaluations: Number of times that all recordings are tracked.
+        work: Processes that share the work.
+        json: Print one JSON object.
     """
     import time
 
     from palpate.cli.console import complain, print_json, progress_bar
     from palpate.config import TrackerSettings, noise_of, write_noise
+    from palpate.errors import SettingError
     from palpate.files import only_writer
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.parameters import check_parameters
     from palpate.lab.tune.recorded_touch import record_touch_of_files
     from palpate.lab.tune.tuning import held_out
     from palpate.lab.tune.tuning import tune as tune_settings
-    from palpate.touch.calibration import correction_of, load_calibration
-    from palpate.touch.model import TouchModel
 
     begin = time.perf_counter()
-    check_model(model, ["learnt" if tactile == "auto" else tactile])
-    settings = TrackerSettings(tactile=tactile, smoother=smoother, noise=noise_of(start))
+    if work.dask:
+        raise SettingError("--dask: tuning runs on this machine; use --workers")
+    settings = TrackerSettings(tactile=touch.tactile, smoother=smoother, noise=noise_of(start))
     check_parameters(settings, parameters, evaluations)
+    model, calibration = touch.load()
     _check_out(out, start)
     with only_writer(out):
         files = find_recordings(folder)
-        touch_model = TouchModel(model) if model else None
-        unit = load_calibration(calibration) if calibration else None
-        _check_open(parameters, calibration, correction_of(unit))
         with progress_bar("reading touch", len(files)) as progress:
-            recorded, left_out = record_touch_of_files(files, tactile, touch_model, workers, progress, unit)
-        for why in left_out.values():
-            complain(f"left out: {why}")
-        is_out = dict(zip(recorded, held_out([one.kind for one in recorded.values()]), strict=True))
+            recorded, left_out = record_touch_of_files(files, touch.tactile, model, work.workers, progress, calibration)
+        for error in left_out.values():
+            complain(f"left out: {error}")
+        is_out = dict(zip(recorded, held_out([each.kind for each in recorded.values()]), strict=True))
         about = {
-            "tactile": tactile,
-            "model": None if touch_model is None else touch_model.hash,
-            "calibration": None if unit is None else unit.hash,
+            "tactile": touch.tactile,
+            "model": model and model.hash,
+            "calibration": calibration and calibration.hash,
             "smoother": smoother,
             "start": start,
             "recordings": [name for name in recorded if not is_out[name]],
             "held_out": [name for name in recorded if is_out[name]],
-            "sources": {name: one.recording.source for name, one in recorded.items()},
+            "sources": {name: each.recording.source for name, each in recorded.items()},
         }
-        written = None
 
         def keep(tuning: "Tuning") -> None:
-            nonlocal written
             show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
-            if tuning.settings != written:
-                write_noise(tuning.settings.noise, out, {**about, **_found(tuning)}, overwrite=True)
-                written = tuning.settings
+            write_noise(tuning.settings.noise, out, about | _found(tuning), overwrite=True)
 
         with progress_bar("tuning", evaluations) as show:
-            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, workers, keep)
-        tuned = {**about, **_found(tuning)}
+            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, work.workers, keep)
+        tuned = about | _found(tuning)
         write_noise(tuning.settings.noise, out, tuned, overwrite=True)
     wall_s = time.perf_counter() - begin
     if json:
-        missing = [{"file": str(files[name]), "error": why} for name, why in left_out.items()]
-        print_json(
-            {"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing, "wall_s": wall_s}
-        )
+        missing = [{"file": str(files[name]), "error": error} for name, error in left_out.items()]
+        noise = asdict(tuning.settings.noise)
+        print_json({"out": str(out), "noise": noise, **tuned, "left_out": missing, "wall_s": wall_s})
     else:
         _show(tuning, out, wall_s)
     return 3 if left_out else 0
 
 
 def _check_out(out: Path, start: str) -> None:
-    """Before the work: FileError unless the file is new, or the one to go on from."""
+    """Raise FileError before the work unless the file is new, or the one to continue."""
     from palpate.errors import FileError
 
     if out.exists() and not (out.is_file() and Path(start).exists() and out.samefile(start)):
-        raise FileError(f"{out}: already exists; take another file, or --start {out} to go on from it")
+        raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
     if not out.parent.is_dir():
         raise FileError(f"{out}: the folder {out.parent} does not exist")
 
 
-def _check_open(parameters: Iterable[str], file: Path | None, correction: "DirectionCorrection") -> None:
-    """SettingError on a parameter that the calibration in a file says instead."""
-    from palpate.errors import SettingError
-
-    measured = {"priors.direction_bias": correction.offset_sigma, "priors.direction_scale": correction.scale_sigma}
-    for name in parameters:
-        if measured.get(name) is not None:
-            raise SettingError(f"parameter {name!r} is measured in {file}; it cannot be tuned besides")
-
-
 def _found(tuning: "Tuning") -> dict[str, Any]:
-    """What a tuning found, as plain data for JSON."""
+    """Return a tuning as plain data."""
     import palpate
 
-    sides = tuning.held_out
+    before, after = tuning.held_out or (None, None)
     return {
         "palpate": palpate.__version__,
         "evaluations": tuning.evaluations,
         "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
         "before": asdict(tuning.before),
         "after": asdict(tuning.after),
-        "held_out_before": None if sides is None else asdict(sides[0]),
-        "held_out_after": None if sides is None else asdict(sides[1]),
+        "held_out_before": before and asdict(before),
+        "held_out_after": after and asdict(after),
     }
 
 
 def _show(tuning: "Tuning", out: Path, wall_s: float) -> None:
-    from palpate.cli.console import print_line, print_table
+    from palpate.cli.console import number, percent, print_line, print_table
+
+    def cells(judgement: "Judgement") -> list[str]:
+        numbers = (judgement.score, judgement.translation_rmse_mm, judgement.rotation_rmse_deg)
+        return [*(number(each, 2) for each in numbers), percent(judgement.inside_95), str(judgement.given_up)]
 
     rows = [(name, f"{old:.4g}", f"{new:.4g}") for name, (old, new) in tuning.values.items()]
     print_table(f"{tuning.settings.tactile}, {tuning.settings.smoother}", ("setting", "before", "after"), rows, (1, 2))
-    scored = [("tuned on", tuning.before, tuning.after)]
-    if tuning.held_out:
-        scored.append(("held out", *tuning.held_out))
-    for which, before, after in [*scored]:
-        scored += [(f"{which}: {kind}", before.kinds[kind], after.kinds[kind]) for kind in before.kinds]
+    sides = {"tuned on": (tuning.before, tuning.after)} | ({"held out": tuning.held_out} if tuning.held_out else {})
+    kinds = {
+        f"{side}: {kind}": (before.kinds[kind], after.kinds[kind])
+        for side, (before, after) in sides.items()
+        for kind in before.kinds
+    }
     rows = [
-        (which, str(judgement.recordings), when, *_cells(judgement))
-        for which, *sides in scored
-        for when, judgement in zip(("before", "after"), sides, strict=True)
+        (name, str(judgement.recordings), when, *cells(judgement))
+        for name, pair in (sides | kinds).items()
+        for when, judgement in zip(("before", "after"), pair, strict=True)
     ]
-    columns = ("", "recordings", "", "score", "RMSE mm", "RMSE deg", "in 95 %", "given up")
-    print_table(
-        "the score is a negative log likelihood: lower is better; RMSE in the median", columns, rows, range(3, 8)
-    )
-    if "pressure" in tuning.values:
-        print_line(f"c is no noise: palpate track --noise {out} --pressure {tuning.settings.pressure}")
+    columns = ("", "recordings", "", "score", "RMSE mm", "RMSE deg", "% in 95 %", "given up")
+    print_table("the score is a negative log likelihood: lower is better; RMSE: median", columns, rows, range(3, 8))
     print_line(f"settings: {out}   {tuning.evaluations} evaluations, {wall_s:.0f} s")
-
-
-def _cells(judgement: "Judgement") -> Iterable[str]:
-    from palpate.cli.console import number
-
-    yield number(judgement.score, 2)
-    yield number(judgement.translation_rmse_mm, 2)
-    yield number(judgement.rotation_rmse_deg, 2)
-    yield "-" if judgement.inside_95 is None else f"{judgement.inside_95:.0%}"
-    yield str(judgement.given_up)

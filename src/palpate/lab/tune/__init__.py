@@ -1,1 +1,1 @@
-"""Settings learnt from recordings with ground truth."""
+"""Tuning: noise settings learnt from recordings with ground truth."""

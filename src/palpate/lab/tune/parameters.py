@@ -1,4 +1,4 @@
-"""What can be tuned, within which limits, and how a value of it is read from and put into settings."""
+"""Parameters of tuning: their ranges, and their values in settings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,9 +7,6 @@ from typing import Any, NamedTuple
 from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.touch.modes import TELL_DIRECTION, TELL_TURN
-
-PRESSURE = "pressure"
-"""c [m], for recordings of one object."""
 
 
 class Tunable(NamedTuple):
@@ -58,7 +55,6 @@ TUNABLE = {
     "priors.friction_ratio": Tunable(0.01, 2.0, True, (1,)),
     "priors.friction_center": Tunable(0.01, 1.0, True, (1,)),
     "priors.grip": Tunable(0.01, 1.0, True, (1,)),
-    PRESSURE: Tunable(1e-3, 1.0),
 }
 """By default nothing is tuned that the robot knows (`sensor_pose`) or that a simulation knows too well (`contact`,
 `priors.depth`)."""
@@ -69,30 +65,28 @@ _ONLY_IN = {
     "direction.share": TELL_DIRECTION,
     "turn.share": TELL_TURN,
 }
-"""Tactile modes in which a setting counts; the others count in all."""
+"""Modes of touch in which a setting matters; the others matter in all."""
 
 
 def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evaluations: int = 1) -> tuple[str, ...]:
-    """Return what is tuned, by default what is usual in the tactile mode, where auto is
-    learnt and oracle; a kernel that is off stays off.
+    """Return the parameters to tune: these, or by default those that matter with this touch and are not off.
 
-    Raises SettingError on a parameter that is not known or off, and on fewer than 1 evaluations.
+    Raises SettingError on a parameter that is unknown or off, and on fewer than 1 evaluations.
     """
     if evaluations < 1:
         raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
     for name in names:
-        if name != PRESSURE:
-            value_of(settings, name)
+        value_of(settings, name)
     modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
     return tuple(dict.fromkeys(names)) or tuple(
         name
-        for name, tune in TUNABLE.items()
-        if tune.by_default and modes & set(_ONLY_IN.get(name, modes)) and _setting(settings, name) is not None
+        for name, tunable in TUNABLE.items()
+        if tunable.by_default and modes & set(_ONLY_IN.get(name, modes)) and _setting(settings, name) is not None
     )
 
 
 def value_of(settings: TrackerSettings, name: str) -> float:
-    """The value of a parameter; SettingError where it has none."""
+    """Return the value of a parameter; SettingError if it is unknown or off."""
     if name not in TUNABLE:
         raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(TUNABLE)}")
     value = _setting(settings, name)
@@ -103,31 +97,20 @@ def value_of(settings: TrackerSettings, name: str) -> float:
 
 
 def with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSettings:
-    """The settings with another value of a parameter, in four digits."""
-    if name == PRESSURE:
-        return replace(settings, pressure=_rounded(value))
-    changed: Any = _rounded(value)
+    """Return settings with another value of a parameter, rounded to four digits."""
+
+    def rounded(number: float) -> float:
+        return float(f"{number:.4g}")
+
+    new: Any = rounded(value)
     if components := TUNABLE[name].components:
-        factor = value / value_of(settings, name)
-        changed = tuple(
-            _rounded(v * factor) if index in components else v for index, v in enumerate(_setting(settings, name))
-        )
+        old, factor = _setting(settings, name), value / value_of(settings, name)
+        new = tuple(rounded(number * factor) if k in components else number for k, number in enumerate(old))
     group, setting = name.split(".")
-    changed_group = replace(getattr(settings.noise, group), **{setting: changed})
-    return replace(settings, noise=replace(settings.noise, **{group: changed_group}))
-
-
-def values_of(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
-    """Each parameter's value at the start and now."""
-    return {name: (value_of(start, name), value_of(now, name)) for name in names}
+    changed = replace(getattr(settings.noise, group), **{setting: new})
+    return replace(settings, noise=replace(settings.noise, **{group: changed}))
 
 
 def _setting(settings: TrackerSettings, name: str) -> Any:
-    if name == PRESSURE:
-        return settings.pressure
     group, setting = name.split(".")
     return getattr(getattr(settings.noise, group), setting)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")

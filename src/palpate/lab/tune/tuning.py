@@ -1,23 +1,13 @@
-"""Learns how much each factor is to be believed from recordings with ground truth.
+"""Tuning of noise settings: minimise the negative log likelihood of true poses under the online estimates.
 
-What is made small is the negative log likelihood of the true poses under the online estimates (see `likelihood`), for
-each recording the mean over its frames of contact and the value at its end, half each, then the mean over each kind of
-recording, and the mean of the kinds: ten pushes of a real robot count as much as a hundred simulated ones. One kind may
-gain by what makes another too sure of itself, so coverage is guarded: where the 95 % region of a kind holds less than
-88 % of the true poses and less than at the start, that has its price.
+The score of a frame is `(NEES + log det covariance) / 2`, which is least where the estimate is right and the covariance
+is that of its errors. NEES is damped to `a log(1 + NEES / b)`, so that one push that is lost for good does not outweigh
+a thousand good frames. The score of a recording is the mean over its frames of contact and the value at its end, half
+each; kinds of recordings count the same, however many recordings there are of each. A kind whose 95 % region holds less
+than 88 % of the true poses, and less than at the start, adds a penalty.
 
-Why this and not another loss:
-
-- The tracking error says nothing of covariances: without kernels all standard deviations could be ten times larger and
-  no estimate would move. One lost push rules the mean, and a median of few recordings jumps.
-- LEO (Sodhi et al., CoRL 2021) learns from the energy of the whole graph: that of the true trajectory less the mean
-  energy of trajectories drawn from the graph's own Gaussian, which has a gradient. It is a likelihood too, but of the
-  graph: of smoothed paths, of what one window holds, without the covariance that strain adds and without what the
-  tracker does between contacts. Here it is of what users get, frame by frame, and for five to ten numbers no gradient
-  is needed.
-
-An evaluation tracks all recordings anew, which takes seconds; COBYQA, which models the score by a quadratic within a
-region of trust, gets by with few of them. On logarithms, for noise is a matter of factors.
+An evaluation tracks all recordings anew. COBYQA models the score by a quadratic in a trust region and needs few
+evaluations; it works on logarithms, since noise is a matter of factors.
 """
 
 from collections import Counter
@@ -27,12 +17,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
-from palpate.lab.tune.likelihood import negative_log_likelihood
-from palpate.lab.tune.parameters import PRESSURE, TUNABLE, check_parameters, value_of, values_of, with_value
+from palpate.lab.tune.parameters import TUNABLE, check_parameters, value_of, with_value
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.parallel import spread
 from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
@@ -40,37 +29,43 @@ from palpate.pipeline.track import quiet
 
 Array = NDArray[np.float64]
 
-HELD_OUT = 4
-"""Every fourth recording of a kind is not tuned on but judged by."""
-LOST = 50.0
-"""Score of a recording that the estimator gives up, and the most that one can have: it is that of an estimate 60 mm off
-that tells 0.1 mm and 1 mrad."""
 
-GUARDED = 0.88
-"""Share of true poses that the 95 % region of each kind is to hold at least; that of few pushes is not always 95 %."""
-_PRICE = 20.0  # [nats] for each share of 1 that a region lacks; a hundredth costs as much as deviations 7 % off
+@dataclass(frozen=True)
+class Objective:
+    """Constants of the score."""
 
-_FIRST_STEP, _LAST_STEP = 0.7, 0.02  # logarithms: a factor of 2, and 2 %
+    damping: float = 10.0
+    """NEES b beyond which it is damped: 2 % of Gaussian errors are."""
+    slope: float = 14.43338537605379
+    """a, with which the true covariance of Gaussian errors scores best; it follows from b."""
+    worst: float = 50.0
+    """Score of a recording that the estimator gives up, and the largest of any [nats]."""
+    coverage: float = 0.88
+    """Share of true poses that the 95 % region of each kind should hold; that of few pushes is not always 95 %."""
+    penalty: float = 20.0
+    """For a coverage lower by 1 [nats]."""
+
+
+OBJECTIVE = Objective()
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """How recordings are tracked with some settings."""
+    """Scores of recordings tracked with some settings."""
 
     recordings: int
-    """How many they are."""
     score: float
-    """What tuning makes small [nats], but for the price of coverage that lacks."""
+    """Without the penalty [nats]."""
     translation_rmse_mm: float | None
-    """Online, median of the recordings; None if all are given up."""
+    """Median over recordings; None if all are given up."""
     rotation_rmse_deg: float | None
-    """The same."""
+    """Median over recordings; None if all are given up."""
     inside_95: float | None
-    """Share of the true poses, from the first contact on, that are inside the 95 % region."""
+    """Share of true poses in the 95 % region since the first contact."""
     given_up: int
     """Recordings in which the estimator could not go on."""
     kinds: dict[str, "Judgement"] = field(default_factory=dict)
-    """The same of each kind of recording; nothing where there is one."""
+    """The same for each kind of recording, if there are several."""
 
 
 @dataclass(frozen=True)
@@ -78,17 +73,15 @@ class Tuning:
     """The best settings so far."""
 
     settings: TrackerSettings
-    """How to track best."""
     values: dict[str, tuple[float, float]]
     """Each parameter at the start and now."""
     before: Judgement
-    """Of the recordings tuned on, at the start."""
+    """Recordings tuned on, at the start."""
     after: Judgement
-    """The same, now."""
+    """Recordings tuned on, now."""
     evaluations: int
-    """How often they were tracked."""
     held_out: tuple[Judgement, Judgement] | None = None
-    """Before and after of the recordings left out; None while tuning, or if there are none."""
+    """Recordings held out, before and after; None while tuning, or if there are none."""
 
 
 class _Spent(Exception):
@@ -103,131 +96,135 @@ def tune(
     workers: int = 1,
     progress: Callable[[Tuning], None] | None = None,
 ) -> Tuning:
-    """Tune the parameters (see `check_parameters`), beginning with these settings.
+    """Tune the parameters (see `check_parameters`), starting from these settings; the same input gives the same result.
 
-    `progress` is called after each evaluation. Recordings are held out as `held_out` says. The same input gives the
-    same result. Raises SettingError also where there are no recordings, and where c is to be tuned for several objects.
+    `progress` is called after each evaluation. Every fourth recording of a kind is held out, see `held_out`. Raises
+    SettingError on wrong parameters and without recordings.
     """
     from scipy.optimize import minimize
 
     names = check_parameters(settings, parameters, evaluations)
     if not recordings:
         raise SettingError("there are no recordings to tune on")
-    start = _with_radius(settings, recordings) if PRESSURE in names else settings
-    begin = np.array([value_of(start, name) for name in names])
-    left_out = held_out([recorded.kind for recorded in recordings])
-    learning = [recorded for recorded, is_out in zip(recordings, left_out, strict=True) if not is_out]
-    judging = [recorded for recorded, is_out in zip(recordings, left_out, strict=True) if is_out]
-    before = judge(learning, start, workers)
-    best = Tuning(start, values_of(names, start, start), before, before, 1)
+    is_out = held_out([recorded.kind for recorded in recordings])
+    learning = [recorded for recorded, out in zip(recordings, is_out, strict=True) if not out]
+    judging = [recorded for recorded, out in zip(recordings, is_out, strict=True) if out]
+    before = judge(learning, settings, workers)
+    start = np.array([value_of(settings, name) for name in names])
+    best = Tuning(settings, _values(names, settings, settings), before, before, 1)
     if progress:
         progress(best)
-    low, high = np.log([(TUNABLE[name].lowest, TUNABLE[name].highest) for name in names]).T
-    first = np.clip(np.log(np.maximum(begin, 1e-300)), low, high)
 
-    def cost(logarithms: Array) -> float:
+    def objective(logarithms: Array) -> float:
         nonlocal best
-        tried = start
+        tried = settings
         for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
             tried = with_value(tried, name, value)
-        if tried == start:
-            return _cost(before, before)
+        if tried == settings:
+            return before.score
         if best.evaluations == evaluations:
             raise _Spent
         found = judge(learning, tried, workers)
-        if _cost(found, before) < _cost(best.after, before):
-            best = replace(best, settings=tried, values=values_of(names, start, tried), after=found)
+        if penalised(found, before) < penalised(best.after, before):
+            best = replace(best, settings=tried, values=_values(names, settings, tried), after=found)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
-        return _cost(found, before)
+        return penalised(found, before)
 
-    options = {"initial_tr_radius": _FIRST_STEP, "final_tr_radius": _LAST_STEP}
+    bounds = np.log([(TUNABLE[name].lowest, TUNABLE[name].highest) for name in names])
+    first = np.clip(np.log(np.maximum(start, 1e-300)), *bounds.T)
+    radii = {"initial_tr_radius": 0.7, "final_tr_radius": 0.02}  # factors of 2 and 1.02
     with suppress(_Spent):
-        minimize(cost, first, method="COBYQA", bounds=np.stack([low, high], axis=1), options=options)
+        minimize(objective, first, method="COBYQA", bounds=bounds, options=radii)
     if judging:
-        sides = (judge(judging, start, workers), judge(judging, best.settings, workers))
-        best = replace(best, held_out=sides)
+        best = replace(best, held_out=(judge(judging, settings, workers), judge(judging, best.settings, workers)))
     return best
 
 
 def held_out(kinds: Sequence[str]) -> list[bool]:
-    """Return which recordings of these kinds are not tuned on but judged by: every fourth of each kind."""
+    """Return true for recordings that are judged and not tuned on: every fourth of each kind."""
     seen: Counter[str] = Counter()
-    left_out: list[bool] = []
+    found: list[bool] = []
     for kind in kinds:
         seen[kind] += 1
-        left_out.append(seen[kind] % HELD_OUT == 0)
-    return left_out
-
-
-def _cost(found: Judgement, before: Judgement) -> float:
-    """What tuning makes small: the score, and the price of what regions hold less than they should and did."""
-    kinds = [(found.kinds[kind], before.kinds[kind]) for kind in found.kinds] or [(found, before)]
-    held = [(now.inside_95 or 0.0, then.inside_95 or 0.0) for now, then in kinds]
-    return found.score + _PRICE * float(np.mean([max(min(GUARDED, then) - now, 0.0) for now, then in held]))
+        found.append(seen[kind] % 4 == 0)
+    return found
 
 
 def judge(recordings: Sequence[RecordedTouch], settings: TrackerSettings, workers: int = 1) -> Judgement:
-    """Track all recordings, in so many processes, and say how well."""
-    found = dict(spread(partial(_judged, settings=settings), list(enumerate(recordings)), workers))
-    each = [found[index] for index in range(len(recordings))]  # in their order, for sums depend on it
-    of_kind: dict[str, list[_One | None]] = {}
-    for recorded, one in zip(recordings, each, strict=True):
-        of_kind.setdefault(recorded.kind, []).append(one)
-    kinds = {kind: _judgement(some) for kind, some in of_kind.items()}
+    """Track all recordings in so many processes, and score them."""
+    by_index = dict(spread(partial(_scored, settings=settings), list(enumerate(recordings)), workers))
+    scores = [by_index[index] for index in range(len(recordings))]  # in their order, on which sums depend
+    by_kind: dict[str, list[_Scores | None]] = {}
+    for recorded, each in zip(recordings, scores, strict=True):
+        by_kind.setdefault(recorded.kind, []).append(each)
+    kinds = {kind: _judgement(some) for kind, some in by_kind.items()}
     score = float(np.mean([kind.score for kind in kinds.values()]))
-    return replace(_judgement(each), score=score, kinds=kinds if len(kinds) > 1 else {})
+    return replace(_judgement(scores), score=score, kinds=kinds if len(kinds) > 1 else {})
 
 
-def _judgement(each: "Sequence[_One | None]") -> Judgement:
-    """How some recordings are tracked, all of which count the same."""
-    done = [one for one in each if one is not None]
-    score = float(np.mean([LOST if one is None else one.score for one in each]))
-    if not done:
-        return Judgement(len(each), score, None, None, None, len(each))
-    return Judgement(
-        len(each),
-        score,
-        float(np.median([one.translation for one in done])) * 1e3,
-        float(np.degrees(np.median([one.rotation for one in done]))),
-        float(np.mean(np.concatenate([one.inside for one in done]))),
-        len(each) - len(done),
-    )
+def penalised(found: Judgement, before: Judgement) -> float:
+    """Return the score plus the penalty for coverage that is lower than it should be, and than at the start."""
+    pairs = [(found.kinds[kind], before.kinds[kind]) for kind in found.kinds] or [(found, before)]
+    lacking = [max(min(OBJECTIVE.coverage, old.inside_95 or 0.0) - (new.inside_95 or 0.0), 0.0) for new, old in pairs]
+    return found.score + OBJECTIVE.penalty * float(np.mean(lacking))
+
+
+def negative_log_likelihood(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
+    """Return the scores (N,) of poses (N, 3) with covariances (N, 3, 3) in the right tangent space.
+
+    It is NaN where the truth (N, 3) is, and infinite where the covariance is singular.
+    """
+    known = np.isfinite(np.asarray(truth, dtype=np.float64)).all(axis=-1)
+    score = 0.5 * (damped(nees(pose, covariance, truth)) + np.linalg.slogdet(np.asarray(covariance, np.float64))[1])
+    return np.where(known & np.isnan(score), np.inf, score)
+
+
+def damped(squared: ArrayLike) -> Array:
+    """Return damped NEES (...)."""
+    return OBJECTIVE.slope * np.log1p(np.asarray(squared, dtype=np.float64) / OBJECTIVE.damping)
 
 
 @dataclass(frozen=True)
-class _One:
-    """How one recording is tracked."""
+class _Scores:
+    """One tracked recording: score, RMSE [m] and [rad], true poses inside of their regions."""
 
     score: float
-    translation: float  # RMSE [m]
-    rotation: float  # RMSE [rad]
-    inside: NDArray[np.bool_]  # whether each true pose from the first contact on is in the 95 % region
+    translation: float
+    rotation: float
+    inside: NDArray[np.bool_]
 
 
-def _judged(numbered: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[int, _One | None]:
-    index, recorded = numbered
+def _scored(job: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[int, _Scores | None]:
+    """Return the index and the scores of a recording, None if the estimator gives up."""
+    index, recorded = job
     try:
         with quiet():  # settings that are tried may be bad ones
             online = track_recorded(recorded, settings)
-    except (EstimationError, FileError):  # the latter where an estimate is not finite
+    except (EstimationError, FileError):  # the latter if an estimate is not finite
         return index, None
-    contact, covariance = recorded.recording.contact, online.covariance
+    contact, covariance, truth = recorded.recording.contact, online.covariance, recorded.truth
     assert contact is not None and covariance is not None
-    score = negative_log_likelihood(online.pose, covariance, recorded.truth)
-    known = np.isfinite(recorded.truth[:, 0])
-    both = 0.5 * (score[known & contact].mean() + score[known][-1])
-    inside = inside_95(nees(online.pose, covariance, recorded.truth)[known & np.maximum.accumulate(contact)])
-    translation = rms(translation_errors(online.pose, recorded.truth))
-    rotation = rms(rotation_errors(online.pose, recorded.truth))
-    assert translation is not None and rotation is not None
-    return index, _One(min(float(both), LOST), translation, rotation, inside)
+    scores, known = negative_log_likelihood(online.pose, covariance, truth), np.isfinite(truth[:, 0])
+    score = 0.5 * (scores[known & contact].mean() + scores[known][-1])
+    inside = inside_95(nees(online.pose, covariance, truth)[known & np.maximum.accumulate(contact)])
+    translation, rotation = rms(translation_errors(online.pose, truth)), rms(rotation_errors(online.pose, truth))
+    return index, _Scores(min(float(score), OBJECTIVE.worst), translation or 0.0, rotation or 0.0, inside)
 
 
-def _with_radius(settings: TrackerSettings, recordings: Sequence[RecordedTouch]) -> TrackerSettings:
-    """The settings with c in metres."""
-    shapes = [recorded.recording.shape for recorded in recordings]
-    if any(shape != shapes[0] for shape in shapes):
-        raise SettingError("parameter 'pressure' is c [m] of one object, and the recordings are of several")
-    return replace(settings, pressure=shapes[0].friction_radius(settings.pressure))
+def _judgement(scores: Sequence[_Scores | None]) -> Judgement:
+    done = [each for each in scores if each is not None]
+    score = float(np.mean([OBJECTIVE.worst if each is None else each.score for each in scores]))
+    return Judgement(
+        recordings=len(scores),
+        score=score,
+        translation_rmse_mm=1e3 * float(np.median([each.translation for each in done])) if done else None,
+        rotation_rmse_deg=float(np.degrees(np.median([each.rotation for each in done]))) if done else None,
+        inside_95=float(np.mean(np.concatenate([each.inside for each in done]))) if done else None,
+        given_up=len(scores) - len(done),
+    )
+
+
+def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
+    return {name: (value_of(start, name), value_of(now, name)) for name in names}
