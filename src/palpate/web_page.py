@@ -1,4 +1,4 @@
-"""Pages that need no other file and no network: a template that extends `web_page.html.j2`, with pictures within."""
+"""HTML pages of a single file, pictures included, from templates that extend `web_page.html.j2`."""
 
 import base64
 from pathlib import Path
@@ -8,7 +8,7 @@ _BASE = Path(__file__).parent
 
 
 def rendered_page(template: Path, **content: Any) -> str:
-    """Return the page that a template makes of its content; it may include what stands beside it."""
+    """Return the page of a template and its content; the template may include files beside it."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -23,7 +23,7 @@ def rendered_page(template: Path, **content: Any) -> str:
 
 
 def picture_uri(data: bytes) -> str:
-    """Return a PNG or JPEG as the data URI that a page holds it by."""
+    """Return a PNG or JPEG as a data URI."""
     kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 

@@ -1,4 +1,3 @@
-import json
 import math
 
 import numpy as np
@@ -9,8 +8,6 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from palpate import Disc, Ellipse, Polygon, Rectangle, SettingError, Shape, ShapeError
-from palpate.geometry.polygon import sharp_corners
-from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 
 # An L of two bars: 0.12 x 0.06 lying at the bottom and 0.05 x 0.14 standing on its left end.
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))
@@ -246,41 +243,6 @@ def test_bad_sizes(size):
 def test_bad_polygons(vertices, message):
     with pytest.raises(ShapeError, match=message):
         Polygon(vertices)
-
-
-@every_shape
-def test_dict_round_trip(shape):
-    assert shape_from_dict(json.loads(json.dumps(shape_to_dict(shape)))) == shape
-
-
-def test_dict_by_hand():
-    assert shape_to_dict(Disc(0.088)) == {"type": "disc", "radius": 0.088}
-    assert shape_from_dict({"type": "rectangle", "size_x": 1, "size_y": 2}) == Rectangle(1.0, 2.0)
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        ({"type": "blob", "radius": 1}, "disc, rectangle, ellipse, polygon"),
-        ({"radius": 1}, "disc, rectangle, ellipse, polygon"),
-        ({"type": ["disc"]}, "disc, rectangle, ellipse, polygon"),
-        ({"type": "disc"}, "radius"),
-        ({"type": "disc", "radius": 1, "size": 2}, "size"),
-        ({"type": "disc", "radius": "big"}, "radius is 'big'"),
-        ({"type": "polygon", "vertices": None}, "polygon vertices"),
-        (["disc"], "object with fields"),
-    ],
-)
-def test_bad_dicts(data, message):
-    with pytest.raises(ShapeError, match=message):
-        shape_from_dict(data)
-
-
-def test_sharp_corners_stick_out():
-    notched = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, 1.0), (0.0, 2.0)])  # the fourth points inwards
-    assert sharp_corners(notched).tolist() == [0, 1, 2, 4]
-    assert not len(sharp_corners(Disc(1.0).outline(13)))  # 27.7 degrees each
-    assert len(sharp_corners(Disc(1.0).outline(11))) == 11  # 32.7
 
 
 def test_corners_that_are_as_good_as_one_are_one():

@@ -11,10 +11,10 @@ from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import held_folder
 from palpate.geometry.shapes import Shape
 from palpate.io.recording_mcap import source_of, write_recording
+from palpate.lab.parallel import spread
 from palpate.lab.simulate.paths import kinds
 from palpate.lab.simulate.recordings import COUNT, Simulation
 from palpate.lab.simulate.scene import load_mujoco
-from palpate.parallel import spread
 from palpate.types.recording import Recording
 
 Item = TypeVar("Item")

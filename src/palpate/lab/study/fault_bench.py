@@ -15,9 +15,9 @@ from palpate.errors import FrameError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.io import load_recording
+from palpate.lab.parallel import spread
 from palpate.lab.study.faults import CLEAN, FAULTS, Stream, applies, check_faults, stream_of
 from palpate.lab.study.results import write_rows
-from palpate.parallel import spread
 from palpate.pipeline.metrics import CONTENT, inside_95, is_far, nees, rotation_errors, translation_errors
 from palpate.pipeline.track import quiet
 from palpate.touch.model import TouchModel

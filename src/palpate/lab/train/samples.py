@@ -14,7 +14,7 @@ from palpate.geometry.polygon import sharp_corners
 from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
-from palpate.parallel import spread
+from palpate.lab.parallel import spread
 from palpate.touch.background import AnyImage, Background, Image, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
 from palpate.touch.difference import difference, reduced

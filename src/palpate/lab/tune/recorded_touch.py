@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
+from palpate.lab.parallel import spread
 from palpate.lab.study.recordings import group_of
-from palpate.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.pipeline.truth import trusted_truth

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
+from palpate.lab.parallel import spread
 from palpate.lab.tune.parameters import TUNABLE, check_parameters, value_of, with_value
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
-from palpate.parallel import spread
 from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
 from palpate.pipeline.track import quiet
 

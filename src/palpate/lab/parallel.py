@@ -1,4 +1,4 @@
-"""Work on many items at once: on the cores of this machine, or on a Dask cluster."""
+"""Parallel work on many items: on the cores of this machine, or on a Dask cluster."""
 
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -15,12 +15,11 @@ Result = TypeVar("Result")
 def spread(
     function: Callable[[Item], Result], items: Iterable[Item], workers: int = 1, dask: str | None = None
 ) -> Generator[Result, None, None]:
-    """Yield the results of a function for each item, as they come and in no order.
+    """Yield the results of a function for each item, in no order.
 
-    The work goes to so many processes here, to none but this one if `workers` is 1, or to the cluster of the Dask
-    scheduler at an address such as "tcp://host:8786". Linear algebra keeps to one thread in each process, so that
-    they do not fight for cores. Closing the generator gives up the rest. Raises SettingError, at once, on fewer workers
-    than one, and where the cluster cannot be had.
+    `workers` processes here do the work, this one alone if it is 1, or the cluster of the Dask scheduler at an address
+    such as "tcp://host:8786". Linear algebra keeps to one thread in each. Closing the generator cancels the rest.
+    Raises SettingError on fewer workers than one, and where the cluster does not answer.
     """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
@@ -29,7 +28,7 @@ def spread(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep OpenCV and linear algebra to one thread for a while: where many processes work, theirs would fight."""
+    """Keep OpenCV and linear algebra to one thread, so that many processes do not fight for cores."""
     import cv2
     from threadpoolctl import threadpool_limits
 
@@ -62,7 +61,7 @@ def _in_processes(
 def _on_cluster(
     function: Callable[[Item], Result], items: Iterator[Item], address: str
 ) -> Generator[Result, None, None]:
-    """Do the same on a cluster; joblib's way to it waits forever for a task that fails or whose worker dies."""
+    """Do the same on a cluster; joblib's Dask backend waits forever for a task whose worker dies."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:
@@ -81,7 +80,7 @@ def _on_cluster(
         def submitted(count: int) -> list[Any]:
             return [client.submit(function, item, pure=False) for item in islice(items, count)]
 
-        # Two for each core: enough to keep all busy, and no more than that in the cluster's memory.
+        # Two for each core keep all busy and the cluster's memory small.
         tasks = as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
         for task in tasks:
             tasks.update(submitted(1))
