@@ -162,7 +162,7 @@ def test_what_cannot_be_tracked_live(capsys):
     formats.write(replace(push, image=None), "blind.mcap")
     Path("there.mcap").write_text("mine")
     assert "there is no display" in failure(capsys, "--replay", "push.mcap", "--view")
-    assert "oracle takes the truth" in failure(capsys, "--replay", "push.mcap", "--tactile", "oracle")
+    assert "oracle needs ground truth" in failure(capsys, "--replay", "push.mcap", "--tactile", "oracle")
     assert "--seconds is 0" in failure(capsys, "--replay", "push.mcap", "--seconds", "0")
     assert "there.mcap: already exists" in failure(capsys, "--replay", "push.mcap", "--record", "there.mcap")
     assert "folder nowhere does not exist" in failure(capsys, "--replay", "push.mcap", "--record", "nowhere/a.mcap")
@@ -270,7 +270,7 @@ def test_a_camera_with_poses_by_udp(monkeypatch, capsys):
 def test_what_a_camera_needs(capsys):
     assert "either --camera with --poses, or --replay" in failure(capsys)
     assert "either --camera with --poses, or --replay" in failure(capsys, "--camera", "0")
-    assert "X Y THETA or --first-pose-unknown say it" in failure(capsys, "--camera", "0", "--poses", "udp:9")
+    assert "X Y THETA or --first-pose-unknown" in failure(capsys, "--camera", "0", "--poses", "udp:9")
     object_ = ("--shape", "disc", "--first-pose", "0", "0", "0")
     assert "only --shape and --shape-unit" in failure(
         capsys, "--camera", "0", "--poses", "udp:9", *object_, "--plane", "fit"

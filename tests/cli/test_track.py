@@ -1,6 +1,7 @@
 """`palpate track`: the run folder, tables and JSON, options, and errors."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -196,6 +197,17 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
 def test_bad_input_is_one_line(fails, options, message):
     assert message in fails("track", *options)
     assert not Path("runs").exists()
+
+
+def test_choices_are_those_of_the_library(run_palpate):
+    text = run_palpate("track", "--help")[1]
+    for option, field in (("--tactile", "tactile"), ("--smoother", "smoother")):
+        choices = re.search(option + r" \{([^}]*)\}", text.replace("│", "").replace("\n", ""))
+        assert choices, text
+        for choice in choices[1].split(","):
+            palpate.TrackerSettings(**{field: choice.strip()})
+        with pytest.raises(palpate.SettingError, match=f"{field} is 'magic'"):
+            palpate.TrackerSettings(**{field: "magic"})
 
 
 def test_bad_usage_names_the_option(run_palpate):

@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from palpate.touch.model import TouchModel
     from palpate.types.recording import Recording
 
-# The library's choices, repeated here so that --help need not import it; a test compares them.
-Tactile = Literal[
-    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
-]
+# The library's choices, repeated here so that --help need not import it.
+Tactile = Literal["none", "oracle", "learnt", "learnt-turn", "learnt-direction"]
 TactileChoice = Literal["auto", Tactile]
 SmootherName = Literal["fixed-lag", "batch"]
 ShapeUnit = Literal["m", "cm", "mm", "in"]
@@ -277,38 +275,3 @@ def pressure_of(text: str) -> str | float:
             f"--pressure is {text!r}; allowed are {', '.join(PRESSURES)} or a friction radius above 0 [m]"
         )
     return radius
-
-
-# Names of before, until the commands that use them follow.
-ForceOption: TypeAlias = Force
-JsonOption: TypeAlias = Json
-SensorOption: TypeAlias = Sensor
-SmootherOption: TypeAlias = Smoother
-TactileOption = Annotated[TactileChoice, tyro.conf.arg(help="Measurements of touch, as in palpate track.")]
-ModelOption = Annotated[Path | None, tyro.conf.arg(metavar="MODEL", help="Folder of a touch model.")]
-CalibrationOption = Annotated[
-    Path | None, tyro.conf.arg(metavar="UNIT.npz", help="Calibration of this sensor unit, from palpate calibrate.")
-]
-UnitOption = CalibrationOption
-FirstPoseOption = Annotated[
-    Numbers | None, _three_numbers("--first-pose", "x [m], y [m] and theta [rad]"), arg("X Y THETA", "as recorded")
-]
-FirstPoseSigmaOption = Annotated[
-    Numbers | None,
-    _three_numbers("--first-pose-sigma", "standard deviations of x [m], y [m] and theta [rad]"),
-    arg("SX SY STHETA", "that of the noise settings"),
-]
-FirstPoseUnknownOption = Annotated[bool, tyro.conf.arg(help="The pose at the start is unknown.")]
-HypothesesOption = Annotated[int | None, tyro.conf.arg(metavar="N", help="Largest number of hypotheses kept.")]
-NoiseOption = Annotated[str, tyro.conf.arg(metavar=NOISE, help="Standard deviations: a preset, or a file.")]
-PressureOption = Annotated[str, tyro.conf.arg(metavar="uniform|rim|corner|METRES", help="Pressure on the table.")]
-WorkersOption = Annotated[int, tyro.conf.arg(metavar="N", help="Processes that share the work.")]
-DaskOption = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help="Scheduler of a Dask cluster.")]
-ShapeUnitOption = Annotated[ShapeUnit | None, tyro.conf.arg(help="Unit of the numbers in --shape.")]
-
-
-def stated_first_pose(
-    first_pose: Numbers | None, sigma: Numbers | None, unknown: bool
-) -> tuple[Numbers | None, Numbers | None]:
-    """See `Start.pose_and_sigma`."""
-    return Start(first_pose, sigma, unknown).pose_and_sigma()

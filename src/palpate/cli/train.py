@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import Json
 
 if TYPE_CHECKING:
     from palpate.lab.train.train import TrainSettings
@@ -67,7 +67,7 @@ def train(
     ] = None,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that read recordings.")] = 1,
     resume: Annotated[bool, tyro.conf.arg(help="Go on with a training that was cut off.")] = False,
-    json: JsonOption = False,
+    json: Json = False,
 ) -> int:
     """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others.
 

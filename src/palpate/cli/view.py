@@ -5,29 +5,25 @@ from typing import Annotated
 
 import tyro
 
-from palpate.cli.options import ForceOption, check_new
+from palpate.cli.options import Force, arg, check_new, positional
 
 
 def view(
     path: Annotated[
         tyro.conf.Positional[Path],
-        tyro.conf.arg(metavar="RUN|RECORDING", help="Folder of a run, or a recording in any known format."),
+        positional("RUN|RECORDING", "Folder of a run, or a recording in any known format.", required=True),
     ],
     /,
     *,
-    save: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="FILE.rrd",
-            help="Write a file for Rerun instead of opening a window.",
-            help_behavior_hint="(default: a window; without a display, <name>.rrd)",
-        ),
-    ] = None,
-    force: ForceOption = False,
+    save: Annotated[Path | None, arg("FILE.rrd", "a window; without a display, <name>.rrd")] = None,
+    force: Force = False,
 ) -> int:
     """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time.
 
     Example: palpate view runs/push
+
+    Args:
+        save: Write a file for Rerun instead of opening a window.
     """
     from palpate.cli.console import busy, print_line
     from palpate.viewer.rerun_view import check_rerun, has_display, save_scene, show_scene
