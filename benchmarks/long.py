@@ -4,7 +4,7 @@
 
 A rectangle is pushed in a world as the estimator assumes it: its noise and the object's unknowns are drawn. Each frame
 has a contact flag, a direction and a turn, and no image. In one run the contact never ends; in the other the sensor
-draws back every ten seconds and pushes at another place. Of each tenth of the frames are told
+draws back every ten seconds and pushes at another place. Printed for each tenth of the frames are
 
 - `p50_ms` and `p95_ms` of `Tracker.update`, of processor time, which does not depend on other work on the machine;
 - `rss_mb`, the memory of the process at its end;
@@ -58,7 +58,7 @@ class Truth:
 
 
 def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) -> Truth:
-    """Push the rectangle for so many frames in contacts of so many, each at another place of its sides."""
+    """Push the rectangle for `count` frames in contacts of `contact` frames, each at another place of its sides."""
     objects, sensors, flags = [np.zeros((1, 3))], list[Array](), list[NDArray[np.bool_]]()
     c = MODEL.friction_radius
     slip_sigma = np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed)

@@ -111,15 +111,6 @@ def test_the_patch_on_an_edge_has_the_place_and_size_of_geometry(unit: SensorUni
     assert 0.5 * np.ptp(patch) == pytest.approx(math.sqrt(2.0 * unit.radius * 3e-4 - 9e-8), rel=0.08)
 
 
-def test_the_patch_moves_smoothly() -> None:
-    # A corner that moves over the pad in steps of a twentieth of a pixel must not flicker with the pixels' grid.
-    shape, point, outward = CONTACTS["corner"]
-    poses = [touching(UNITS[0], point, outward, yaw, 4e-4) for yaw in 0.05 + np.arange(40) * 2e-4]
-    heights = [gel_height(UNITS[0], prism_overlap(UNITS[0], shape, pose, 4e-4, SIDE)) for pose in poses]
-    pressed = np.array([height.sum() for height in heights])
-    assert np.abs(np.diff(pressed)).max() < 0.01 * pressed.mean()
-
-
 def test_the_rims_and_a_leaning_side_show_at_their_place() -> None:
     z = UNITS[0].place[1][edge_overlap(UNITS[0], 0.0, 8e-4, Side(-0.004, 0.006)) > 0.0]
     assert (z.min(), z.max()) == (pytest.approx(-0.004, abs=1e-4), pytest.approx(0.006, abs=1e-4))
@@ -140,17 +131,6 @@ def test_a_ball_shows_at_its_place(depth: float) -> None:
             image = touch_image(unit, ball_overlap(unit, 0.003, place, depth), rng=rng)
             off.append(np.hypot(*(centroid(unit, image) - place)))
     assert max(off) < 3e-4
-
-
-def test_the_overlap_with_a_ball_is_a_cap() -> None:
-    overlap = ball_overlap(UNITS[0], 0.003, (0.001, -0.002), 2e-4)
-    row, column = np.unravel_index(overlap.argmax(), overlap.shape)
-    assert overlap.max() == pytest.approx(2e-4, rel=0.01)
-    np.testing.assert_allclose(UNITS[0].place[:, row, column], (0.001, -0.002), atol=1e-4)
-    # Ball on a gel of radii R and L: half axes sqrt(2 d / (1/r + 1/R)) across and along.
-    spans = 0.5 * (np.ptp(UNITS[0].place[:, overlap > 0.0], axis=1) + UNITS[0].pitch)
-    for half, radius in zip(spans, (UNITS[0].radius, UNITS[0].length_radius), strict=True):
-        assert half == pytest.approx(math.sqrt(4e-4 / (1 / 0.003 + 1 / radius)), abs=UNITS[0].pitch)
 
 
 def test_shear_moves_the_skirt_and_not_the_contact() -> None:

@@ -83,23 +83,6 @@ def test_drawn_slip_and_torque_are_what_the_residuals_show():
     )
 
 
-def test_many_pushes_at_once_are_each_as_alone():
-    rng = np.random.default_rng(2)
-    model = model_of("rectangle")
-    first, g, phase = rng.normal(size=(5, 3)), touching(model, rng.uniform(-0.03, 0.03, 5)), rng.uniform(0, 6, 5)
-    slip, torque = rng.normal(0, 5e-5, (20, 5, 2)), rng.normal(0, 2e-5, (20, 5))
-    ratio, aside = rng.normal(0.0, 0.2, 5), rng.normal(0.0, 0.2, (2, 5))
-    friction = {FRICTION_RATIO: ratio, FRICTION_CENTER: aside}
-    o, e = push(model, first, g, 20, Steering(), phase, slip, torque, friction)
-    for k in range(5):
-        one = slice(k, k + 1)
-        friction = {FRICTION_RATIO: ratio[k], FRICTION_CENTER: aside[:, k]}
-        o1, e1 = push(model, first[one], g[one], 20, Steering(), phase[one], slip[:, one], torque[:, one], friction)
-        # Newton stops when the slowest of them has converged to 1e-12.
-        np.testing.assert_allclose(o[:, one], o1, atol=1e-9)
-        np.testing.assert_allclose(e[:, one], e1, atol=1e-9)
-
-
 def test_drawn_gaps_and_slips_belong_together():
     # On a side whose normal points to -x: a slip by s along the normal takes the gap with it, gap_1 = gap_0 - s.
     model = model_of("rectangle", sensor(0.0))

@@ -124,17 +124,6 @@ def test_the_gel_slides_and_rolls_as_the_tip_did(slip):
     )
 
 
-def test_a_run_that_begins_without_contact_stays_as_it_is():
-    recording, _ = push(60)
-    away = se2.compose(recording.sensor_pose, np.array([-0.02, 0.0, 0.0]))
-    free = np.arange(60) < 20
-    poses = np.where(free[:, None], away, recording.sensor_pose)
-    still = np.where(free[:, None], truth(recording)[20], truth(recording))
-    made = replay_recording(replace(recording, sensor_pose=poses, object_pose=still, contact=~free))
-    assert len(made) == 60 and "rest" not in made.source
-    np.testing.assert_array_equal(truth(made), still)
-
-
 def test_images_show_the_contact():
     made = replay_recording(push()[0])
     images = np.array([frame.image for frame in made], dtype=float)
@@ -157,18 +146,6 @@ def test_short_unknown_truth_is_bridged_and_stays_unknown():
     # Turning evenly and sticking, the object goes as bridged.
     motion = real_motion(replace(recording, object_pose=gaps), 30.0)
     np.testing.assert_allclose(motion.object_pose[REST + 10], truth(recording)[10], atol=5e-6)
-
-
-def test_an_untouched_object_rests_at_its_next_known_pose():
-    recording, _ = push(90)
-    touched = np.ones(90, np.bool_)
-    touched[40:60] = False
-    moved = truth(recording).copy()
-    moved[40:] = moved[39] + (truth(recording)[40:] - moved[39]) * (np.arange(40, 90) >= 60)[:, None]
-    seen = moved.copy()
-    seen[39:58] = np.nan
-    motion = real_motion(replace(recording, object_pose=seen, contact=touched), 30.0)
-    np.testing.assert_allclose(motion.object_pose[REST + 39 : REST + 58], np.repeat(moved[59:60], 19, axis=0))
 
 
 def test_a_hand_of_two_fingers_keeps_its_yaw():

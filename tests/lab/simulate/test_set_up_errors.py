@@ -11,7 +11,7 @@ from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
-from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, draw_errors, draw_wear, with_errors, worn
+from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, draw_errors, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
 from palpate.pipeline.track import track
 
@@ -63,19 +63,6 @@ def test_drawn_errors_have_the_stated_size():
     assert {one.late for one in drawn} == {0, 1}
     np.testing.assert_allclose(np.sqrt(np.mean(first**2, axis=0)), drawn[0].first_pose_sigma, rtol=0.1)
     assert np.abs([one.gel_drift for one in drawn]).max() <= 0.2 / 15.0
-
-
-def test_drawn_wear_has_the_stated_size():
-    drawn = [draw_wear(np.random.default_rng(seed)) for seed in range(500)]
-    light = np.array([one.light * WARM_UP for one in drawn])
-    assert 0.08 < np.abs(light).max() <= 0.1 and np.abs(light.mean(axis=0)).max() < 0.01
-    # All together and each besides, in equal parts.
-    assert np.mean(light[:, 0] * light[:, 1]) == pytest.approx(0.5 * np.mean(light**2), rel=0.2)
-    counts = np.bincount([len(one.marks) for one in drawn])
-    np.testing.assert_allclose(counts / len(drawn), 1 / 3, atol=0.1)
-    marks = [mark for one in drawn for mark in one.marks]
-    assert np.mean([mark.when for mark in marks]) == pytest.approx(0.5, abs=0.05)
-    assert 0.4 < np.mean([mark.length > 0.0 for mark in marks]) < 0.6
 
 
 def test_the_image_without_contact_follows_the_lights():

@@ -9,7 +9,7 @@ import pytest
 from palpate import DIGIT, GELSIGHT_MINI, POINT, Disc, Ellipse, Polygon, Rectangle, SensorProfile, SettingError
 from palpate.geometry import se2
 from palpate.lab.simulate.scene import WorldSettings, convex_parts, draw_settings
-from palpate.lab.simulate.world import MAX_FINGER_FORCE, Finger, Shove, World
+from palpate.lab.simulate.world import Shove, World
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
 
@@ -71,13 +71,6 @@ def test_rotation_does_not_depend_on_the_time_step(shape):
     coarse = pushed(shape, settings, y=0.03)[1].object_pose[-1, 2]
     fine = pushed(shape, replace(settings, time_step=0.001), y=0.03)[1].object_pose[-1, 2]
     assert np.degrees(abs(fine)) > 2.0 and coarse == pytest.approx(fine, rel=0.05)
-
-
-def test_a_disc_pushed_through_its_centre_goes_straight():
-    _, motion = pushed(DISC, WorldSettings(feet=ring(0.06)), pushing=75)
-    x, y, theta = motion.object_pose[-1]
-    assert x == pytest.approx(2.5 * SPEED - 0.001, abs=1e-3)  # the sensor's way less the gap and indentation
-    assert abs(y) < 2e-4 and abs(theta) < np.radians(0.2)
 
 
 def test_a_push_off_the_centre_turns_the_object_and_wide_feet_resist():
@@ -197,16 +190,6 @@ def test_a_shove_takes_the_pushed_point_along_and_turns_the_object(shape, side):
     assert np.radians(3.0) < side * se2.wrap(float(motion.object_pose[-1, 2] - start[2])) < np.radians(30.0)
     assert motion.knocked.any() and not motion.knocked[12:].any()  # 0.4 s at 30 Hz
     assert np.abs(np.diff(motion.object_pose[25:], axis=0)).max() < 1e-5 and not motion.contact.any()
-
-
-def test_a_finger_pushes_and_never_pulls():
-    finger = Finger(Shove(np.zeros(2), direction=0.5 * np.pi, length=0.03, seconds=0.3), np.zeros(2), 0.002)
-    rng, forces = np.random.default_rng(0), []
-    while not finger.is_done:
-        forces.append(finger.force(rng.uniform(-0.03, 0.06, 2), rng.uniform(-0.5, 0.5, 2)))
-    x, y = np.transpose(forces)
-    assert x == pytest.approx(0.0, abs=1e-12) and len(y) == pytest.approx(150, abs=1)
-    assert y.min() == 0.0 and y.max() == pytest.approx(MAX_FINGER_FORCE)
 
 
 def test_concave_outlines_become_few_convex_parts():

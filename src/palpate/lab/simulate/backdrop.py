@@ -133,7 +133,7 @@ def _step(values: Any) -> Any:
 
 
 def grain(size: tuple[int, int], at: tuple[float, float], radius: float) -> NDArray[np.float64]:
-    """Return the form of a grain, 0 to 1, in an image of so many rows and columns, at this row and column."""
+    """Return the form of a grain, 0 to 1, in an image of this size (rows, columns), at this row and column."""
     rows, columns = np.ogrid[: size[0], : size[1]]
     return np.exp(-0.5 * ((rows - at[0]) ** 2 + (columns - at[1]) ** 2) / radius**2)
 

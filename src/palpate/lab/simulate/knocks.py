@@ -39,7 +39,7 @@ class Knocks:
         self._count = 0
 
     def draw_frame(self, frames: int, is_last: bool) -> int | None:
-        """Draw the frame at which a push of so many frames is knocked; None for no knock."""
+        """Draw the frame at which a push of `frames` is knocked; None for no knock."""
         if self._rng is None:
             return None
         part = self._rng.uniform(0.3, 0.6)

@@ -51,7 +51,7 @@ class Mark:
     """Change of red, green and blue [grey levels]."""
 
     def image(self, size: tuple[int, int]) -> Array:
-        """Return the change of an image of so many rows and columns, (rows, columns, 3) [grey levels]."""
+        """Return the change of an image of this size, (rows, columns, 3) [grey levels]."""
         at = (self.place[0] * size[0], self.place[1] * size[1])
         if self.length:
             form = scratch(size, at, self.angle, self.width, self.length * size[1])
