@@ -90,11 +90,9 @@ def draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Array
     before = i - 1
     if kind.endswith("-near-corners"):
         away = rng.uniform(0.25, 1.0) * 0.008
-        if rng.uniform() < 0.5:
-            at = min(away, 0.5 * lengths[i])
-            return corners[i] + at / lengths[i] * edges[i], float(normals[i])
-        at = min(away, 0.5 * lengths[before])
-        return corners[i] - at / lengths[before] * edges[before], float(normals[before])
+        edge, side = (i, 1.0) if rng.uniform() < 0.5 else (before, -1.0)
+        at = side * min(away, 0.5 * lengths[edge])
+        return corners[i] + at / lengths[edge] * edges[edge], float(normals[edge])
     turn = float((normals[i] - normals[before]) % (2.0 * np.pi))
     return corners[i], float(normals[before] + rng.uniform(0.2, 0.8) * turn)
 

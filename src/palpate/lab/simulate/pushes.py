@@ -38,8 +38,6 @@ from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 
-_LEAVE = 0.9  # [s] kept for leaving at the end
-_SHORTEST = 1.5  # [s] of a push
 _AGAIN = 4.5  # [s] that must be left for another contact
 
 SECONDS = (3.0, 600.0)
@@ -85,26 +83,26 @@ def draw_sequence(
     around = Surroundings(shape, sensor)
     touch = draw_touch(shape, kind, sensor, rng)
     world = World(settings, shape, sensor, object_pose, around.start(touch, object_pose))
-    take = _Take(world, round(seconds * sensor.rate))
     hand = Knocks(shape, sensor, knocks)
+    robot = _Robot(world, sensor, round(seconds * sensor.rate), hand, rng)
+    again = _AGAIN * sensor.rate
     while contacts:
-        share = take.left / contacts * (rng.uniform(0.85, 1.15) if contacts > 1 else 1.0)
-        end = take.left - share + _LEAVE * sensor.rate
-        take.go(around.approach(world.sensor_pose, touch, world.object_pose))
-        frames = round(max(take.left - end, _SHORTEST * sensor.rate))
-        knocked = hand.draw_frame(frames, is_last=take.left - frames <= _AGAIN * sensor.rate)
-        _push(take, touch, frames, sensor, rng, hand, knocked)
-        contacts = max(contacts - 1, 1) if take.left > _AGAIN * sensor.rate else 0  # one more if one ended early
-        take.go(around.leave(world.sensor_pose, world.object_pose, 0 if contacts else take.left))
+        share = robot.left / contacts * (rng.uniform(0.85, 1.15) if contacts > 1 else 1.0)
+        end = robot.left - share + 0.9 * sensor.rate  # 0.9 s are kept for leaving
+        robot.go(around.approach(world.sensor_pose, touch, world.object_pose))
+        frames = round(max(robot.left - end, 1.5 * sensor.rate))
+        robot.push(touch, frames, hand.draw_frame(frames, is_last=robot.left - frames <= again))
+        contacts = max(contacts - 1, 1) if robot.left > again else 0  # one more if one ended early
+        robot.go(around.leave(world.sensor_pose, world.object_pose, 0 if contacts else robot.left))
         if contacts:
-            if take.left > (_AGAIN + PAUSE) * sensor.rate and hand.in_pause(world):
-                take.go(np.tile(world.sensor_pose, (round(PAUSE * sensor.rate), 1)))
+            if robot.left > (_AGAIN + PAUSE) * sensor.rate and hand.in_pause(world):
+                robot.go(np.tile(world.sensor_pose, (round(PAUSE * sensor.rate), 1)))
             touch = draw_touch(shape, kind, sensor, rng)
             start = around.start(touch, world.object_pose)
-            take.go(around.travel(world.sensor_pose, start, world.object_pose))
-    sensor_pose = np.concatenate(take.poses)
+            robot.go(around.travel(world.sensor_pose, start, world.object_pose))
+    sensor_pose = np.concatenate(robot.poses)
     sensor_pose[:, 2] = se2.wrap(sensor_pose[:, 2])
-    return Sequence(np.arange(len(sensor_pose)) / sensor.rate, sensor_pose, concatenated(take.motions), settings)
+    return Sequence(np.arange(len(sensor_pose)) / sensor.rate, sensor_pose, concatenated(robot.motions), settings)
 
 
 def measured(poses: ArrayLike, rng: np.random.Generator) -> Array:
@@ -119,59 +117,52 @@ def measured(poses: ArrayLike, rng: np.random.Generator) -> Array:
     return noisy
 
 
-class _Take:
-    """A world that runs until its frames are used up, with its record."""
+class _Robot:
+    """A robot that moves the sensor in a world until its frames are used up, and records the motion."""
 
-    def __init__(self, world: World, frames: int) -> None:
-        self.world = world
+    def __init__(
+        self, world: World, sensor: SensorProfile, frames: int, hand: Knocks, rng: np.random.Generator
+    ) -> None:
         self.left = frames
         self.poses: list[Array] = []
         self.motions: list[Motion] = []
+        self._world, self._hand, self._rng, self._rate = world, hand, rng, sensor.rate
+        self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (20.0, 30.0))
 
     def go(self, path: Array) -> Motion:
+        """Follow a path (N, 3), as far as frames are left."""
         path = path[: self.left]
         self.left -= len(path)
         self.poses.append(path)
-        self.motions.append(self.world.run(path))
+        self.motions.append(self._world.run(path))
         return self.motions[-1]
 
+    def push(self, touch: Touch, frames: int, knocked: int | None) -> None:
+        """Push for a number of frames, or until the contact is lost for 0.3 s or leaves the pad.
 
-def _push(
-    take: _Take,
-    touch: Touch,
-    frames: int,
-    sensor: SensorProfile,
-    rng: np.random.Generator,
-    hand: Knocks,
-    knocked: int | None,
-) -> None:
-    """Push for a number of frames, or until the contact is lost for 0.3 s or leaves the pad.
-
-    The hand shoves the object at the frame `knocked`, or as the sensor stops if that is earlier.
-    """
-    rate = sensor.rate
-    turn_after, pad_end = np.radians((5.0, 12.0) if sensor.width else (20.0, 30.0))
-    speed = float(np.exp(rng.uniform(*np.log((0.010, 0.040)))))
-    curvature = rng.uniform(-5.0, 5.0) if rng.uniform() < 0.5 else 0.0  # [1/m]
-    turn = curvature * speed + rng.uniform(-0.1, 0.1)
-    heading = float(take.world.object_pose[2]) + touch.heading
-    ramp = round(0.3 * rate)  # frames to start and to stop
-    pose, end, step = take.world.sensor_pose, frames, 0
-    touched, lost, angle = False, 0, 0.0
-    while step < end and take.left:
-        if knocked is not None and step >= min(knocked, end - ramp):
-            hand.in_push(take.world)
-            knocked = None
-        step += 1
-        pace = min(1.0, step / ramp, (end - step) / ramp)
-        heading += curvature * speed * pace / rate
-        after = 2.0 * np.sign(angle) * max(abs(angle) - turn_after, 0.0)
-        velocity = speed * unit_vector(heading)
-        pose = pose + pace / rate * np.append(velocity, turn + after)
-        motion = take.go(pose[None])
-        if motion.contact[0]:
-            touched, lost, angle = True, 0, float(motion.pad_angle[0])
-        else:
-            lost, angle = lost + 1, 0.0
-        if (touched and lost > 0.3 * rate) or abs(angle) > pad_end:
-            end = min(end, step + ramp)
+        The hand shoves the object at the frame `knocked`, or as the sensor stops if that is earlier.
+        """
+        rng, rate, ramp = self._rng, self._rate, round(0.3 * self._rate)  # frames to start and to stop
+        speed = float(np.exp(rng.uniform(*np.log((0.010, 0.040)))))
+        curvature = rng.uniform(-5.0, 5.0) if rng.uniform() < 0.5 else 0.0  # [1/m]
+        turn = curvature * speed + rng.uniform(-0.1, 0.1)
+        heading = float(self._world.object_pose[2]) + touch.heading
+        pose, end, step = self._world.sensor_pose, frames, 0
+        touched, lost, angle = False, 0, 0.0
+        while step < end and self.left:
+            if knocked is not None and step >= min(knocked, end - ramp):
+                self._hand.in_push(self._world)
+                knocked = None
+            step += 1
+            pace = min(1.0, step / ramp, (end - step) / ramp)
+            heading += curvature * speed * pace / rate
+            after = 2.0 * np.sign(angle) * max(abs(angle) - self._turn_after, 0.0)
+            velocity = speed * unit_vector(heading)
+            pose = pose + pace / rate * np.append(velocity, turn + after)
+            motion = self.go(pose[None])
+            if motion.contact[0]:
+                touched, lost, angle = True, 0, float(motion.pad_angle[0])
+            else:
+                lost, angle = lost + 1, 0.0
+            if (touched and lost > 0.3 * rate) or abs(angle) > self._pad_end:
+                end = min(end, step + ramp)

@@ -54,7 +54,23 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
     contacts = real_contacts(recording.shape, recording.sensor, motion.sensor_pose, motion.object_pose)
     pad_angle, depth = _on_the_gel(recording, motion, contacts, sensor_unit, draws)
     sensor_pose = _sensor_pose(motion, contacts, pad_angle, depth, sensor_unit.radius)
-    _check_reach(recording, motion, contacts, pad_angle, depth, sensor_pose, sensor_unit)
+    edge, worst = np.degrees(
+        (np.arcsin(sensor_unit.half_width / sensor_unit.radius), np.abs(pad_angle[motion.contact]).max())
+    )
+    _refuse(
+        recording,
+        motion,
+        np.degrees(np.abs(pad_angle)) > edge,
+        f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}",
+    )
+    center = se2.compose(se2.between(motion.object_pose, sensor_pose), np.array([-sensor_unit.radius, 0.0, 0.0]))
+    free = recording.shape.signed_distance(center[:, :2]) - (sensor_unit.radius - depth + contacts.gap)
+    _refuse(
+        recording,
+        motion,
+        free < -1e-4,
+        f"the outline is hollow, and a gel of radius {sensor_unit.radius * 1e3:.0f} mm does not reach the contact",
+    )
     slip = sliding(motion, contacts)
     # Friction and stiffness as in simulated worlds; friction is nearly full at 5 mm/s.
     shear = draws.uniform(0.25, 0.6) * draws.uniform(2600.0, 6500.0) * depth * np.tanh(slip / 0.005)
@@ -151,37 +167,12 @@ def _sensor_pose(motion: RealMotion, contacts: Contacts, pad_angle: Array, depth
     return se2.compose(motion.object_pose, apex)
 
 
-def _check_reach(
-    recording: Recording,
-    motion: RealMotion,
-    contacts: Contacts,
-    pad_angle: Array,
-    depth: Array,
-    sensor_pose: Array,
-    unit: SensorUnit,
-) -> None:
-    """Raise SettingError if the contact is off the pad, or the gel overlaps the outline elsewhere by 0.1 mm."""
-    name = recording.file or "the recording"
-
-    def span(frames: NDArray[np.intp]) -> str:
+def _refuse(recording: Recording, motion: RealMotion, wrong: NDArray[np.bool_], why: str) -> None:
+    """Raise SettingError if any frames in contact are wrong, and name them."""
+    if len(frames := np.flatnonzero(motion.contact & wrong)):
         first, last = frames[0], frames[-1]
-        return f"{first} to {last} of the replay ({motion.time[first]:.2f} to {motion.time[last]:.2f} s)"
-
-    edge = np.arcsin(unit.half_width / unit.radius)
-    if len(off := np.flatnonzero(motion.contact & (np.abs(pad_angle) > edge))):
-        worst = np.degrees(np.abs(pad_angle[off]).max())
-        raise SettingError(
-            f"{name}: frames {span(off)}: the contact would be {worst:.0f} degrees from the middle of the "
-            f"gel, whose pad ends at {np.degrees(edge):.0f}"
-        )
-    center = np.array([-unit.radius, 0.0, 0.0])
-    in_object = se2.between(motion.object_pose, se2.compose(sensor_pose, center))
-    free = recording.shape.signed_distance(in_object[:, :2]) - (unit.radius - depth + contacts.gap)
-    if len(off := np.flatnonzero(motion.contact & (free < -1e-4))):
-        raise SettingError(
-            f"{name}: frames {span(off)}: the outline is hollow, and a gel of radius "
-            f"{unit.radius * 1e3:.0f} mm does not reach the contact of the tip"
-        )
+        span = f"{first} to {last} of the replay ({motion.time[first]:.2f} to {motion.time[last]:.2f} s)"
+        raise SettingError(f"{recording.file or 'the recording'}: frames {span}: {why}")
 
 
 def _source(recording: Recording, motion: RealMotion, seed: int, unit: int) -> str:
@@ -201,12 +192,12 @@ def _source(recording: Recording, motion: RealMotion, seed: int, unit: int) -> s
 
 def _frames(recording: Recording) -> dict[str, str]:
     """Return descriptions of the replay's fields."""
-    given = {name: recording.frames.get(name, "as recorded") for name in ("sensor_pose", "object_pose", "contact")}
+    sensor, truth, contact = (recording.frames.get(n, "as recorded") for n in ("sensor_pose", "object_pose", "contact"))
     return {
         "sensor_pose": "made: a DIGIT with the contact and gap of the real sensor, turned so that it slides no more "
-        f"than that did; the real one is in extra/real_sensor_pose: {given['sensor_pose']}",
-        "object_pose": f"real: {given['object_pose']}; NaN where bridged for rendering",
-        "contact": f"real: {given['contact']}",
+        f"than that did; the real one is in extra/real_sensor_pose: {sensor}",
+        "object_pose": f"real: {truth}; NaN where bridged for rendering",
+        "contact": f"real: {contact}",
         "image": "rendered; the indentation is drawn, friction follows the sliding",
         "extra": f"slip [m/s]: real, towards the sensor's +y, averaged over {SMOOTH} frames; pad_angle [rad]: of the "
         "rendered contact, shown_angle [rad]: as images show it; indentation [m] and tangential_force [N]: drawn",

@@ -35,8 +35,6 @@ class SensorUnit:
 
     profile: SensorProfile
     """Properties that all units share."""
-    seed: int
-    """The seed it was drawn from."""
     radius: float
     """Radius of curvature of the gel across the pad [m]."""
     length_radius: float
@@ -153,7 +151,6 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     illumination = backdrop.draw_illumination(glow, height, width, rng, kind)
     unit = SensorUnit(
         profile=profile,
-        seed=seed,
         radius=profile.radius * (rng.uniform(0.8, 1.3) if flat else rng.uniform(0.93, 1.045)),
         length_radius=rng.uniform(0.3, 2.0) if flat else profile.radius * rng.uniform(4.15, 8.6),
         pitch=2.0 * half_width / width * rng.uniform(0.9, 1.02),
