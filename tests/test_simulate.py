@@ -96,7 +96,8 @@ def test_every_object_is_pushed_and_tracked_by_its_contacts(simulate, name):
         assert made.contact is not None and made.object_pose is not None and made.contact.sum() > 5
         tracker = palpate.Tracker(made.shape, made.sensor, made.object_pose[0], palpate.TrackerSettings("oracle"))
         estimate = [tracker.update(frame) for frame in made][-1]
-        assert np.hypot(*(estimate.pose - made.object_pose[-1])[:2]) < 0.01
+        # Touch may leave several answers, as at a corner.
+        assert min(np.hypot(*(each.pose - made.object_pose[-1])[:2]) for each in estimate.answers) < 0.01
 
 
 def test_resume_keeps_whole_files_of_the_same_options_and_makes_the_rest(simulate):
