@@ -33,9 +33,8 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
 results = train(recordings, folder, TrainSettings(seed=0, steps=steps), progress)
 for why in results["recordings"]["left_out"].values():
     print(f"left out: {why}")
-errors = results["mean_square_of_sine"]
-for name in ("constant", "descriptor pair", "image turn"):
-    print(f"{name}: mean square error of the sine of a turn {errors[name]['combined']:.4f}")
+for name, scores in results["scores"].items():
+    print(f"{name}: {scores['median_deg']:.2f} degrees off in the median")
 
 # A model is a folder of ONNX files and one JSON; it is for sensors like the one it has learned from.
 model = palpate.TouchModel(folder)

@@ -12,7 +12,6 @@ import matplotlib
 import numpy as np
 
 from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
-from palpate.config import RelativePoseSettings
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
 from palpate.graph.contact_geometry import contact_model
@@ -142,7 +141,7 @@ def main() -> None:
     """Draw all of them, and say which statuses came up."""
     learnt = TrackerSettings(tactile="learnt")
     turned = turned_by_hand(math.radians(0.8))
-    noise = NoiseSettings(relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 0.02)))
+    noise = NoiseSettings()
     sure = TrackerSettings("oracle", noise=noise, hypotheses=1)
     calm, shoved = simulated("rectangle", 2), simulated("rectangle", 2, knocks=True)
     moved = simulated("rectangle", 9002, 2, knocks=True)

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from palpate import DIGIT, Calibration
 from palpate.lab.train.scores import coverage
 from palpate.touch.background import Image, background_of
-from palpate.touch.difference import difference, reduced
-from palpate.touch.model import shipped_model
 from palpate.touch.press_calibration import Presses, learn_from_presses
 from palpate.touch.press_files import read_image
+from palpate.touch.touch_model import difference, reduced, shipped_model
 
 Array = NDArray[np.float64]
 CASES = {
@@ -61,7 +60,7 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
 def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
     """Return the scores of images with true angles (N,) [rad]."""
     model, mean = shipped_model(DIGIT.name), reduced(calibration.background.mean)
-    looks = [model.look(difference(calibration.view.of(image), mean)) for image in images]
+    looks = [model.read(difference(calibration.view.of(image), mean)) for image in images]
     direction, variance = np.array([look.direction for look in looks]).T
     direction = np.array([calibration.direction.true(angle) for angle in direction])
     error = direction - true

@@ -16,7 +16,7 @@ from palpate.geometry.objects import SHAPES
 from palpate.lab.simulate.folder import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
 from palpate.lab.train.train import TrainSettings, train
-from palpate.touch.model import SHIPPED_OF
+from palpate.touch.touch_model import SHIPPED_OF
 from palpate.types.sensor import GELSIGHT_MINI
 
 RECORDINGS = 60
@@ -45,7 +45,7 @@ def learn(folder: Path) -> None:
     learned = plan(shapes, RECORDINGS, seed=1, ideal=True, sensor=GELSIGHT_MINI, seconds=6.0)
     with progress_bar("simulating", len(learned)) as progress:
         simulate_folder(folder / "train", learned, workers=2, resume=True, progress=progress)
-    settings = TrainSettings(keypoint=FitSettings(steps=200), touch=FitSettings(steps=2500))
+    settings = TrainSettings(touch=FitSettings(steps=2500))
     train(sorted((folder / "train").glob("*.mcap")), folder / "model", settings, progress_bar)
 
 

@@ -11,15 +11,14 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
 from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import Samples
-from palpate.touch.model import KINDS, ModelSettings, Spread
+from palpate.touch.touch_model import KINDS, ModelSettings, Spread
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT
 
 SENSOR = dataclasses.replace(DIGIT, name="small", image_height=64, image_width=128)
 RECTANGLE, DISC = Rectangle(0.10, 0.06), Disc(0.04)
-SPREAD = {name: Spread(2.0, 3.0) for name in ("direction", "turn", "pair")} | {"linear": Spread(0.01, 3.0)}
-LINEAR = ((1.0, 0.0), (0.0, 2.0), (3.0, 0.0), (0.0, 4.0), (5.0, 6.0))  # for each of KINDS
+SPREAD = {"direction": Spread(2.0, 3.0), "turn": Spread(0.01, 3.0)}
 UNTOUCHED, TOUCHED = 10, 64  # frames before a contact of `pushes`, and in it
 
 
@@ -117,11 +116,10 @@ def samples(lengths: Any, recordings: Any = None, seed: int = 0) -> Samples:
         rng.uniform(-0.3, 0.3, count),
         rng.uniform(-0.01, 0.01, count),
         rng.integers(len(KINDS), size=count),
-        rng.normal(size=(count, 6)),
     )
 
 
 def model_settings(**changes: Any) -> ModelSettings:
     """Settings of a model of SENSOR."""
-    settings = ModelSettings("small", 64, 128, SPREAD, LINEAR, {"seed": 0})
+    settings = ModelSettings("small", 64, 128, SPREAD, {"seed": 0})
     return dataclasses.replace(settings, **changes)

@@ -25,7 +25,7 @@ from .pipeline.track import track as track
 from .touch.background import Background as Background
 from .touch.calibration import Calibration as Calibration
 from .touch.calibration import load_calibration as load_calibration
-from .touch.model import TouchModel as TouchModel
+from .touch.touch_model import TouchModel as TouchModel
 from .tracker import Tracker as Tracker
 from .types.estimate import Estimate as Estimate
 from .types.frame import Frame as Frame
@@ -34,7 +34,6 @@ from .types.measurements import ContactPlace as ContactPlace
 from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
-from .types.measurements import RelativePoses as RelativePoses
 from .types.measurements import Turn as Turn
 from .types.recording import Recording as Recording
 from .types.sensor import DIGIT as DIGIT

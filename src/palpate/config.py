@@ -25,19 +25,13 @@ Normal = tuple[float, float]
 Kernel = float | None
 """Scale of a Cauchy kernel [standard deviations]; None is a plain square."""
 
-Tactile = Literal[
-    "none", "constant", "oracle", "learnt", "learnt-linear", "learnt-pairs", "learnt-turn", "learnt-direction"
-]
+Tactile = Literal["none", "oracle", "learnt", "learnt-turn", "learnt-direction"]
 """Source of the touch measurements.
 
 - none: no touch measurements; pushing and geometry alone.
-- constant: the sensor does not turn on the object, for pairs of frames (the paper's constant model).
-- oracle: true relative yaw of pairs of frames, from ground truth.
+- oracle: true turn of the sensor, from ground truth.
 - learnt: contact direction and turn from the touch model.
-- learnt-linear: relative yaw of pairs, linear in their key points (the paper's best model).
-- learnt-pairs: relative yaw of pairs, each with a predicted variance.
-- learnt-turn: the turn alone.
-- learnt-direction: the contact direction alone.
+- learnt-turn, learnt-direction: one of the two alone.
 """
 TactileChoice = Literal["auto", Tactile]
 """auto is learnt if there are images that fit the touch model, else none."""
@@ -154,19 +148,6 @@ class TurnSettings(Settings):
     contact, and these errors add up."""
     kernel: Kernel = 3.0
     """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
-
-
-@dataclass(frozen=True)
-class RelativePoseSettings(Settings):
-    """Relative pose of the sensor between two frames, if touch states no covariance."""
-
-    oracle: Sigmas = (1.0, 1.0, 8e-2)
-    """One pair of images [m, m, rad]; only yaw counts. An image takes part in some hundred pairs, which are not
-    independent."""
-    constant: Sigmas = (1.0, 1.0, 5.0)
-    """The same for the constant model: all pairs of a step have the same error."""
-    linear: float | None = None
-    """Yaw of a pair from `learnt-linear` [rad]; None is as measured with the model."""
 
 
 @dataclass(frozen=True)
@@ -288,7 +269,6 @@ class NoiseSettings:
     direction: DirectionSettings = DirectionSettings()
     place: PlaceSettings = PlaceSettings()
     turn: TurnSettings = TurnSettings()
-    relative_pose: RelativePoseSettings = RelativePoseSettings()
     sticking: StickingSettings = StickingSettings()
     balance: BalanceSettings = BalanceSettings()
     friction_cone: FrictionConeSettings = FrictionConeSettings()
@@ -298,7 +278,6 @@ class NoiseSettings:
 STICKING = NoiseSettings(
     direction=DirectionSettings(share=0.8),
     turn=TurnSettings(share=20.0),
-    relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 2e-2)),
     sticking=StickingSettings(share=0.05, sliding_share=0.05),
     balance=BalanceSettings(still=1e-6, share=0.5),
     friction_cone=FrictionConeSettings(share=None),
@@ -315,7 +294,6 @@ PUBLISHED = NoiseSettings(
     direction=DirectionSettings(share=1.0, kernel=None),
     place=PlaceSettings(share=1.0, kernel=None),
     turn=TurnSettings(share=1.0, kernel=None),
-    relative_pose=RelativePoseSettings(oracle=(1.0, 1.0, 1e-5), constant=(1.0, 1.0, 1e-5), linear=1e-5),
     sticking=StickingSettings(still=1e-3, share=0.0, sliding_share=0.0, kernel=None),
     balance=BalanceSettings(still=1e-3, share=0.0, load=0.0, kernel=None),
     friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),

@@ -102,7 +102,7 @@ def held_folder(folder: Path, part: str = "") -> Iterator[None]:
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     try:
-        with _locked(folder / f'.{part or "folder"}.lock', folder):
+        with _locked(folder / f".{part or 'folder'}.lock", folder):
             if not part:
                 for unfinished in folder.glob("**/.*.part"):  # of killed processes
                     unfinished.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ from palpate.graph.factors.measured import check_own
 from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
 from palpate.touch.background import Background, first_frames
 from palpate.touch.calibration import Calibration, detector_for, view_of
-from palpate.touch.modes import GREY, lacks_colours
+from palpate.touch.pipeline import GREY, lacks_colours
 from palpate.types.estimate import Status
 from palpate.types.frame import Frame
 from palpate.types.measurements import (
@@ -23,7 +23,6 @@ from palpate.types.measurements import (
     ContactPlace,
     Measurement,
     OwnMeasurement,
-    RelativePoses,
     Turn,
     finite_numbers,
 )
@@ -229,8 +228,6 @@ def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Mea
             raise FrameError(f"{when} has a measurement of type {kind}; allowed are {allowed}")
         if tips > 1 and isinstance(one, ContactDirection | ContactPlace | Turn):
             raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
-        if isinstance(one, RelativePoses) and not (np.linalg.eigvalsh(one.covariance) > 0.0).all():
-            raise FrameError(f"{when} has a measurement RelativePoses whose covariance is not positive definite")
         if isinstance(one, OwnMeasurement):
             try:
                 check_own(one)

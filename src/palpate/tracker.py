@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config import TrackerSettings
+from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.contact_point import contact_point
 from palpate.filter.hypothesis_bank import HypothesisBank
@@ -18,10 +18,8 @@ from palpate.graph.variables import GRIP, IN_OBJECT
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, correction_of
-from palpate.touch.camera_view import unusual_colours
-from palpate.touch.model import TouchModel
-from palpate.touch.modes import Tactile, TactileChoice, chosen, expected, make_touch
-from palpate.touch.relative import Touch
+from palpate.touch.pipeline import Touch, TouchReader
+from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import check_arguments, check_distance, first_pose_of, with_correction
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
@@ -63,24 +61,20 @@ class Tracker:
         settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up()
-        self._sensor, self._settings, self._model = sensor, settings, model
+        self._sensor, self._settings = sensor, settings
         self._gate = InputGate(sensor, calibration, settings.noise.sensor_pose.deviation)
-        self._correction = correction_of(calibration)
         self._contact_model = contact_model(shape, sensor, settings.pressure)
-        self._tactile: TactileChoice = settings.tactile
-        self._tactile_reason = self._unusual_colours = ""
         self._is_touch_given = touch is not None
-        self._is_view_known = calibration is not None and calibration.is_view_known
+        is_view_known = calibration is not None and calibration.is_view_known
         self._bank = HypothesisBank(
             self._contact_model,
-            with_correction(settings.noise, self._correction),
+            with_correction(settings.noise, correction_of(calibration)),
             settings.smoother,
             *self._first,
             settings.hypotheses,
-            may_be_mirrored=not (self._is_view_known or self._is_touch_given),
+            may_be_mirrored=not (is_view_known or self._is_touch_given),
         )
-        # Networks are opened now and not in a robot's loop.
-        self._touch = touch or self._make_touch(expected(settings.tactile, sensor, model))
+        self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
         self._begin()
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
@@ -120,9 +114,10 @@ class Tracker:
         # 1. Refuse implausible input, and decide contact.
         frame = checked_frame(frame, measurements, len(self._sensor.tips))
         clearance = bank.clearance(frame.sensor_pose) if gate.needs_clearance(frame) else None
-        frame = gate.check(frame, clearance, reads_images=self._reads_images, needs_colours=self._model is None)
+        frame = gate.check(frame, clearance, self._touch.reads_images, self._touch.needs_colours)
         if gate.last is None:
-            self._begin_stream(frame)
+            check_distance(self._first, frame.sensor_pose)
+            self._touch.begin(frame.image)
 
         # 2. End a contact that is over.
         if bank.in_contact and (gate.paused or not frame.contact):
@@ -144,12 +139,12 @@ class Tracker:
     @property
     def tactile(self) -> TactileChoice:
         """Source of the touch measurements; auto until the first frame, and if `touch` was given."""
-        return self._tactile
+        return self._touch.tactile
 
     @property
     def tactile_reason(self) -> str:
         """Reason for that choice, in words; empty if the settings named it."""
-        return self._tactile_reason
+        return self._touch.reason
 
     @property
     def unusual_colours(self) -> str:
@@ -158,7 +153,7 @@ class Tracker:
         Channels may be exchanged, or images turned or mirrored. Nothing is asked of a calibrated view or with a touch
         model of your own.
         """
-        return self._unusual_colours
+        return self._touch.question
 
     @property
     def frame(self) -> Frame:
@@ -201,9 +196,9 @@ class Tracker:
 
     def _measure(self, frame: Frame) -> Sequence[Measurement]:
         """Return what touch measures at a frame of contact."""
-        if self._gate.touches_since_start and self._reads_images:
+        if self._gate.touches_since_start and self._touch.reads_images:
             return ()
-        measured = self._touch.measure(frame)
+        measured = self._touch.read(frame, self._gate.background)
         return checked_measurements(frame.time, measured, len(self._sensor.tips)) if self._is_touch_given else measured
 
     def _estimate(self, frame: Frame) -> Estimate:
@@ -233,31 +228,7 @@ class Tracker:
 
     def _unread_images(self, frame: Frame) -> str:
         """Return the reason why images of a contact are not read, if nobody asked for that; else empty."""
-        is_asked = self._tactile != "none" or not self._tactile_reason
+        is_asked = self._touch.tactile != "none" or not self._touch.reason
         if is_asked or not self._bank.in_contact or frame.image is None:
             return ""
-        return f"touch says nothing, by the first frame: {self._tactile_reason}"
-
-    @property
-    def _reads_images(self) -> bool:
-        """True if a touch model reads the images."""
-        return self._tactile.startswith("learnt") and not self._is_touch_given
-
-    def _begin_stream(self, frame: Frame) -> None:
-        """Choose what the settings leave open, and ask about the first frame what looks wrong."""
-        check_distance(self._first, frame.sensor_pose)
-        if self._tactile == "auto" and not self._is_touch_given:
-            self._tactile, self._tactile_reason = chosen(frame.image, self._sensor, self._model)
-            if self._tactile == "none":
-                self._touch = self._make_touch("none")
-        if self._reads_images and frame.image is not None and self._model is None and not self._is_view_known:
-            self._unusual_colours = unusual_colours(frame.image, self._sensor)
-
-    def _make_touch(self, tactile: Tactile) -> Touch:
-        given = self._settings.noise.relative_pose
-        known = self._sensor, given.oracle, given.constant, self._model, self._known_background, self._correction
-        return make_touch(tactile, *known, given.linear)
-
-    def _known_background(self) -> Background:
-        assert self._gate.background is not None  # it is known before the first contact that an image shows
-        return self._gate.background
+        return f"touch says nothing, by the first frame: {self._touch.reason}"

@@ -12,8 +12,8 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry.shapes import Shape
 from palpate.touch.calibration import Calibration, DirectionCorrection
-from palpate.touch.model import TouchModel
-from palpate.touch.relative import Touch
+from palpate.touch.pipeline import Touch
+from palpate.touch.touch_model import TouchModel
 from palpate.types.measurements import finite_numbers
 from palpate.types.units import SPAN, TURNS, check_outline, extent_of
 

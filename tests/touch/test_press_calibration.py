@@ -33,9 +33,9 @@ from palpate.lab.train.presses_of import presses_of
 from palpate.touch.background import background_of
 from palpate.touch.calibration import UNCORRECTED, DirectionCorrection
 from palpate.touch.camera_view import AS_IT_IS, CameraView, views
-from palpate.touch.model import shipped_model
 from palpate.touch.press_calibration import Presses, PressFit, imprint_angle, learn_from_presses
 from palpate.touch.press_files import read_image, read_presses
+from palpate.touch.touch_model import shipped_model
 from palpate.types.images import encode_image
 
 Array = np.ndarray
@@ -76,7 +76,7 @@ class Reader:
     def __init__(self, offset: float = 0.0, scale: float = 1.0) -> None:
         self.offset, self.scale = offset, scale
 
-    def look(self, difference: Array) -> Any:
+    def read(self, difference: Array) -> Any:
         change = np.maximum(np.abs(difference).sum(axis=(0, 2)) - 2.0, 0.0)
         right = ((np.arange(128) + 0.5) / 128.0 - 0.5) @ change / change.sum()
         angle = np.arcsin(right * 2.0 * 0.0092 / 0.021)
@@ -84,7 +84,8 @@ class Reader:
 
 
 def learn(presses: Presses, untouched: Array, model: Any = None) -> PressFit:
-    return learn_from_presses(presses, [untouched], DIGIT, model or Reader())
+    model = model or Reader()
+    return learn_from_presses(presses, [untouched], DIGIT, model)
 
 
 def test_a_view_undoes_what_a_camera_does():
@@ -205,8 +206,9 @@ def test_a_tracker_reads_images_in_the_calibrations_view(unit, presses):
         calibration = Calibration(background_of([unit.no_contact] * 2), mounted, correction)
         how = TrackerSettings(tactile="learnt-direction", hypotheses=1)
         tracker = Tracker(Rectangle(0.1, 0.1), DIGIT, (0.05, 0.0, 0.0), how, calibration=calibration)
-        for step, image in enumerate((unit.no_contact, presses.images[2], presses.images[3])):
-            last = tracker.update(Frame(step / 30.0, np.zeros(3), image=as_camera(image, mounted)))
+        images = unit.no_contact, presses.images[2], presses.images[3]
+        seen = [Frame(k / 30.0, np.zeros(3), image=as_camera(image, mounted)) for k, image in enumerate(images)]
+        last = [tracker.update(frame) for frame in seen][-1]
         assert last.contact
         np.testing.assert_array_equal(tracker.frame.image, presses.images[3])
         estimates.append(last.pose)

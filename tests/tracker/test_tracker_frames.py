@@ -10,10 +10,10 @@ from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, small_frame
 
 from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import EstimationError, FrameError
+from palpate.errors import FrameError
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
-from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement, RelativePoses
+from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement
 from palpate.types.sensor import DIGIT, SensorProfile
 
 SEEN = ObjectPose(np.zeros(3), 1e-4 * np.eye(3))
@@ -57,10 +57,6 @@ BAD: dict[str, tuple[Any, str]] = {
     "truth of text": ({"object_pose": "there"}, "object pose there; it must be three finite numbers or NaN"),
     "one number": ({"measurements": 7}, "measurements of type int; they must be a list"),
     "pose as measurement": ({"measurements": [np.zeros(3)]}, "measurement of type ndarray; allowed are"),
-    "pairs without a covariance": (
-        {"measurements": [RelativePoses(np.array([1]), np.zeros((1, 3)), np.zeros((1, 3, 3)))]},
-        "RelativePoses whose covariance is not positive definite",
-    ),
     "measurement of nothing": ({"measurements": [OfNothing()]}, "variable 'detph' is not known; known are"),
     "measurement of a time of text": ({"measurements": [Late()]}, "Late is of time 'late'; it must be a number"),
 }
@@ -173,12 +169,6 @@ def test_lists_are_taken_where_arrays_are():
         listed: Any = {"sensor_pose": frame.sensor_pose.tolist(), "object_pose": tuple(frame.object_pose)}
         given = dataclasses.replace(frame, **listed)
         assert lists.update(given, seen) == arrays.update(frame, seen)
-    pairs: Any = [1], [[0.0, 0.0, 0.0]], [np.eye(3).tolist()]
-    assert RelativePoses(*pairs).pose.shape == (1, 3)
-    wrongs: Any = (([0], *pairs[1:]), ([1.5], *pairs[1:]), ([1], [[0.0, 0.0]], pairs[2]), ([1, 2], *pairs[1:]))
-    for wrong in wrongs:
-        with pytest.raises(EstimationError, match="relative poses"):
-            RelativePoses(*wrong)
 
 
 def test_a_measurement_may_come_alone():

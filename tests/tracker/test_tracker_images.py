@@ -16,8 +16,7 @@ from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.pipeline.track import Run, track
 from palpate.touch.calibration import Calibration, calibrate
-from palpate.touch.difference import difference, reduced
-from palpate.touch.model import SHIPPED, TouchModel
+from palpate.touch.touch_model import SHIPPED, TouchModel, difference, reduced
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.recording import Recording
@@ -153,7 +152,7 @@ def test_the_model_that_comes_along_tells_where_the_tip_is_touched_and_how_it_tu
     """Without any graph: each image against the geometry of the truth."""
     model, mean = TouchModel(SHIPPED), reduced(calibrate(recording)[0].mean)
     touched = np.flatnonzero(recording.contact)[3:-3:3]
-    looks = [model.look(difference(recording[int(index)].image, mean)) for index in touched]
+    looks = [model.read(difference(recording[int(index)].image, mean)) for index in touched]
     g = se2.between(recording.object_pose, recording.sensor_pose)[touched]
     told = np.array([[look.direction[0], look.turn[0]] for look in looks if look.turn])
     direction = se2.wrap(contact_directions(g, contact_model(recording.shape, recording.sensor)) - told[:, 0])

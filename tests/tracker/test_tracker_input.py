@@ -11,7 +11,6 @@ from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_fram
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, SettingError, ShapeError
 from palpate.geometry.shapes import Disc, Polygon, Rectangle
-from palpate.touch.relative import NoTouch
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 
@@ -108,7 +107,7 @@ def test_an_outline_in_millimetres_is_asked_about(caplog):
         ({"model": "folder"}, "model is 'folder'; it must be a palpate.TouchModel"),
         ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),
         ({"touch": "learnt"}, r"touch is 'learnt'; it must be an object with methods measure\(frame\) and end_contact"),
-        ({"touch": NoTouch}, "touch is <class '.*NoTouch'>; it must be an object"),
+        ({"touch": Tracker}, "touch is <class '.*Tracker'>; it must be an object"),
         ({"settings": TrackerSettings(pressure=40.0)}, "pressure is 40 m, and the object is 0.176 m wide"),
     ],
 )
@@ -124,7 +123,7 @@ def test_fewer_than_one_hypothesis(hypotheses):
 
 
 def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
-    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are auto, none, constant, oracle, learnt"):
+    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are auto, none, oracle, learnt"):
         TrackerSettings(tactile="felt")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, batch"):
         TrackerSettings(smoother="isam")  # pyright: ignore[reportArgumentType]

@@ -129,11 +129,11 @@ def _from_presses(
     from palpate.lab.train.presses_of import presses_of
     from palpate.touch.background import is_grey
     from palpate.touch.calibration import untouched_images
-    from palpate.touch.model import TouchModel, shipped_model
-    from palpate.touch.modes import GREY
+    from palpate.touch.pipeline import GREY
     from palpate.touch.press_calibration import learn_from_presses
     from palpate.touch.press_figure import press_figure
     from palpate.touch.press_files import read_image, read_presses
+    from palpate.touch.touch_model import TouchModel, shipped_model
 
     figure = out.with_suffix(".png")
     check_new(figure, force)

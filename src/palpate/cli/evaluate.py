@@ -91,7 +91,7 @@ def evaluate(
     from palpate.lab.study.study import run_study
     from palpate.lab.study.trial import Method, StudySettings
     from palpate.touch.calibration import load_calibration
-    from palpate.touch.model import TouchModel
+    from palpate.touch.touch_model import TouchModel
 
     given = _given(methods, start, estimator, against=against)
     if faults:
@@ -219,7 +219,7 @@ def _evaluate_faults(folder: Path, out: Path, given: list[str], model: Path | No
     from palpate.files import held_folder
     from palpate.lab.study.fault_bench import rows_of, run_faults, write_table
     from palpate.lab.study.recordings import find_recordings
-    from palpate.touch.model import TouchModel
+    from palpate.touch.touch_model import TouchModel
 
     if given:
         raise SettingError(f"--faults tracks by learnt touch with default settings; remove {', '.join(given)}")

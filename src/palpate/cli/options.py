@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palpate.config import TrackerSettings
     from palpate.io.rosbag_recording import BagReading
     from palpate.touch.calibration import Calibration
-    from palpate.touch.model import TouchModel
+    from palpate.touch.touch_model import TouchModel
     from palpate.types.recording import Recording
 
 # The library's choices, repeated here so that --help need not import it.
@@ -133,7 +133,7 @@ class Touch:
     def load(self) -> "tuple[TouchModel | None, Calibration | None]":
         """Read model and calibration, None where not given. Raises SettingError for a model that is not used."""
         from palpate.touch.calibration import load_calibration
-        from palpate.touch.model import TouchModel
+        from palpate.touch.touch_model import TouchModel
 
         check_model(self.model, [self.tactile])
         return self.model and TouchModel(self.model), self.calibration and load_calibration(self.calibration)

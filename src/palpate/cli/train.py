@@ -62,7 +62,7 @@ def train(
         tyro.conf.arg(
             metavar="N",
             help="Most steps of each descent.",
-            help_behavior_hint="(default: 1000 of key points and 4000 of touch; 300 with --from or presses)",
+            help_behavior_hint="(default: 4000; 300 with --from or presses)",
         ),
     ] = None,
     workers: Annotated[int, tyro.conf.arg(metavar="N", help="Processes that read recordings.")] = 1,
@@ -133,7 +133,7 @@ def _train_on_presses(
     """Train on presses and return what the model is worth."""
     from palpate.cli.console import progress_bar
     from palpate.files import in_file
-    from palpate.lab.train.from_presses import train_on_presses
+    from palpate.lab.train.train import train_on_presses
     from palpate.touch.press_files import read_image, read_presses
 
     at_rest = [read_image(path, grey=True) for path in untouched]
@@ -156,19 +156,12 @@ def _files(folder: Path) -> list[Path]:
 def _report(results: dict[str, Any]) -> None:
     from palpate.cli.console import print_table
 
-    kinds = list(results["pairs"])
-    rows = [
-        [name, *(f"{1e3 * values[kind]:.2f}" for kind in kinds)]
-        for name, values in results["mean_square_of_sine"].items()
-    ]
-    title = "mean square error of sin(yaw) between two images, in thousandths (the published loss is half of it)"
-    print_table(title, ["model", *kinds], rows, numbers=range(1, len(kinds) + 1))
     rows = []
-    for name, values in results["honesty"].items():
+    for name, values in results["scores"].items():
         shares = [f"{100.0 * share:.1f} %" for share in values["coverage"].values()]
         likelihoods = [f"{values[key]:.2f}" for key in ("log_likelihood", "log_likelihood_constant")]
         median, rms = (next(values[key] for key in values if key.startswith(what)) for what in ("median", "rms"))
-        told = f"{name} [mm]" if name == "place" else name
-        rows.append([told, f"{median:.2f}", f"{rms:.2f}", *shares, *likelihoods])
-    columns = ("told", "median deg", "RMS deg", "in 68 %", "in 95 %", "log likelihood", "of constant noise")
-    print_table("how far told distributions are to be believed", columns, rows, numbers=range(1, 7))
+        label = f"{name} [mm]" if name == "place" else name
+        rows.append([label, f"{median:.2f}", f"{rms:.2f}", *shares, *likelihoods])
+    columns = ("output", "median deg", "RMS deg", "in 68 %", "in 95 %", "log likelihood", "of constant noise")
+    print_table("accuracy and calibration on recordings not trained on", columns, rows, numbers=range(1, 7))

@@ -19,7 +19,7 @@ from palpate.pipeline.metrics import summarise
 from palpate.pipeline.truth import known_truth, trusted_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, turned_as
-from palpate.touch.model import TouchModel, shipped_model
+from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.types.estimate import Answers, Estimate
 from palpate.types.frame import Frame

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.config import TrackerSettings
+from palpate.config import Tactile, TrackerSettings
 from palpate.errors import SettingError
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines import load_shape
@@ -21,7 +21,6 @@ from palpate.live.session import LiveEstimate, LiveState, track_live
 from palpate.live.setup import check_size, size_of_images
 from palpate.live.sources import Sources, TouchImage
 from palpate.touch.calibration import load_calibration
-from palpate.touch.modes import Tactile
 from palpate.tracker import Tracker
 from palpate.types.plane import Plane
 from palpate.types.sensor import DIGIT, SensorProfile

@@ -18,8 +18,7 @@ from palpate.touch.background import Image, background_of_stills
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.camera_view import CameraView, unusual_colours, views
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.difference import COLUMNS, Difference, difference, reduced
-from palpate.touch.model import TouchModel
+from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference, reduced
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
@@ -131,7 +130,7 @@ def _fit(
     background = background_of_stills([view.of(image) for image in untouched])
     mean = reduced(background.mean)
     seen = [difference(view.of(image), mean) for image in presses.images]
-    measured, variance = np.array([model.look(each).direction for each in seen]).T
+    measured, variance = np.array([model.read(each).direction for each in seen]).T
     is_measured = presses.is_measured
     angle = presses.angle if is_measured else np.array([imprint_angle(each, sensor) for each in seen])
     variance = variance * model.settings.spread["direction"].scale + (_TRUTH if is_measured else _IMPRINT) ** 2

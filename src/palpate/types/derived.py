@@ -10,6 +10,7 @@ from palpate.types.sensor import SensorProfile
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+
 def gaps(sensor_pose: Array, object_pose: Array, shape: Shape, sensor: SensorProfile) -> Array:
     """Return the distance of the sensor's surface from the outline (N,) [m]; negative is overlap.
 

@@ -20,35 +20,6 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class RelativePoses(Measurement):
-    """Motion of the sensor on the object since P earlier frames of the same contact (paper Eq. 6).
-
-    Raises EstimationError on arrays that cannot be used.
-    """
-
-    back: NDArray[np.int_]
-    """Distance to the earlier frame in frames, (P,) int, at least 1."""
-    pose: NDArray[np.float64]
-    """`g_earlier^-1 g_now`, (P, 3) [m, m, rad], where g is the sensor's pose in the object frame, `object_T_sensor`."""
-    covariance: NDArray[np.float64]
-    """(P, 3, 3), in the tangent space at the pose, order x, y, theta; large in x and y where only yaw is measured."""
-
-    def __post_init__(self) -> None:
-        back = np.asarray(self.back)
-        count = len(back) if back.ndim == 1 else 0
-        pose, covariance = finite_numbers(self.pose, (count, 3)), finite_numbers(self.covariance, (count, 3, 3))
-        if back.ndim != 1 or not np.issubdtype(back.dtype, np.integer) or (back < 1).any():
-            found = _shown(self.back)
-            raise EstimationError(f"relative poses are of {found} frames ago; they must be (P,) integers from 1 on")
-        if pose is None or covariance is None:
-            wanted = f"poses ({count}, 3) and covariances ({count}, 3, 3)"
-            raise EstimationError(f"relative poses of {count} earlier frames must have finite {wanted}")
-        object.__setattr__(self, "back", back)
-        object.__setattr__(self, "pose", pose)
-        object.__setattr__(self, "covariance", covariance)
-
-
-@dataclass(frozen=True)
 class ContactDirection(Measurement):
     """Direction of contact on a round tip: that of the outline's inward normal at the contact point.
 

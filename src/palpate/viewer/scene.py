@@ -19,7 +19,7 @@ from palpate.pipeline.first_release import first_release
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
-from palpate.touch.difference import difference_in_light, reduced
+from palpate.touch.touch_model import difference_in_light, reduced
 from palpate.types.estimate import Answers
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

@@ -20,7 +20,7 @@ from palpate.lab.study.faults import CLEAN, FAULTS, Stream, applies, check_fault
 from palpate.lab.study.results import write_rows
 from palpate.pipeline.metrics import CONTENT, inside_95, is_far, nees, rotation_errors, translation_errors
 from palpate.pipeline.track import quiet
-from palpate.touch.model import TouchModel
+from palpate.touch.touch_model import TouchModel
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 

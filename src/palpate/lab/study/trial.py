@@ -18,7 +18,7 @@ from palpate.lab.study.recordings import group_of
 from palpate.pipeline.metrics import nees, rotation_errors, translation_errors
 from palpate.pipeline.track import Run, quiet, track
 from palpate.touch.calibration import Calibration
-from palpate.touch.model import TouchModel
+from palpate.touch.touch_model import TouchModel
 
 Array = NDArray[np.float64]
 

@@ -1,166 +1,149 @@
-"""Gradient descent: one loop for all networks, with log, early stop, and a checkpoint to go on from."""
+"""Gradient descent with a log, an early stop, and a checkpoint to continue from; and the losses it minimises."""
 
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from palpate.errors import EstimationError, FileError
 from palpate.files import whole_file
 
 Losses = Mapping[str, Tensor]
-Batch = tuple[NDArray[np.int_], Any]
-"""Which samples were drawn, and the tensors that losses take of them."""
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How long and how fast to descend."""
+    """Length and rate of a descent."""
 
     steps: int
     """Most steps."""
     rate: float = 3e-3
-    """Largest learning rate; it rises at the beginning and falls to nothing at the end."""
+    """Largest learning rate; it rises at the beginning and falls to zero at the end."""
     check: int = 100
-    """Steps from one look at the held-out recordings to the next."""
+    """Steps between two evaluations on the held-out recordings."""
     patience: int = 15
-    """Looks without a better loss after which to stop. The loss is restless while the rate is large."""
+    """Evaluations without a better loss before the descent stops: the loss varies while the rate is large."""
 
 
 def fit(
     name: str,
     network: nn.Module,
-    draw: Callable[[np.random.Generator], Batch],
-    losses: Callable[[Batch], Losses],
+    draw: Callable[[np.random.Generator], Any],
+    losses: Callable[[Any], Losses],
     held_out: Callable[[], Losses],
     settings: FitSettings,
     seed: int,
     folder: Path,
     progress: Callable[[int, str], None] | None = None,
 ) -> None:
-    """Make the sum of losses small; the network is left as it was when those of the held-out recordings were least.
+    """Minimise the sum of losses; the network keeps the weights with the smallest sum on the held-out recordings.
 
     `draw` draws a batch, `losses` returns the losses on it, `held_out` those on recordings not trained on. `folder`
-    takes the log `<name>.csv` and the checkpoint `<name>.pt`, from which a run that was cut off goes on. Raises
-    EstimationError where a loss is not finite, with the batch and the network before that step in `<name>-failed.pt`,
-    and FileError on a checkpoint of something else.
+    takes the log `<name>.csv` and the checkpoint `<name>.pt`, from which an interrupted run continues. Raises
+    EstimationError where a loss is not finite, and FileError on a checkpoint of another run.
     """
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=settings.steps)
+    parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
     checkpoint = folder / f"{name}.pt"
-    best, waited, begin = math.inf, 0, 0
-    best_state = {key: value.clone() for key, value in network.state_dict().items()}
+    progressed: dict[str, Any] = {"step": 0, "best": math.inf, "waited": 0, "best_state": _weights(network), "log": []}
+    begun_with = {"seed": seed, "steps": settings.steps}
     if checkpoint.exists():
-        saved = _load(
-            checkpoint, seed, settings.steps, {"network": network, "optimiser": optimiser, "schedule": schedule}
-        )
-        best, waited, begin, best_state = (saved[key] for key in ("best", "waited", "step", "best_state"))
-    with _log(folder / f"{name}.csv", begin) as write:
-        for step in range(begin, settings.steps):
-            if waited >= settings.patience:
-                break
-            network.train()
-            # Each step has a generator of its own, so that a run that goes on draws what it would have drawn.
-            batch = draw(np.random.default_rng([seed, step]))
-            found = losses(batch)
-            total = torch.stack(list(found.values())).sum()
-            if not torch.isfinite(total):
-                _fail(name, step, found, network, batch, folder / f"{name}-failed.pt")
-            optimiser.zero_grad()
-            total.backward()
-            nn.utils.clip_grad_norm_(network.parameters(), 5.0)
-            optimiser.step()
-            schedule.step()
-            if (step + 1) % settings.check == 0 or step + 1 == settings.steps:
-                network.eval()
-                with torch.no_grad():
-                    checked = {key: float(value) for key, value in held_out().items()}
-                write(step + 1, {key: float(value.detach()) for key, value in found.items()}, checked)
-                if not math.isfinite(sum(checked.values())):
-                    held = f"{name} on what was held out"
-                    _fail(held, step, held_out(), network, batch, folder / f"{name}-failed.pt")
-                waited += 1
-                if sum(checked.values()) < best:
-                    best, waited = sum(checked.values()), 0
-                    best_state = {key: value.clone() for key, value in network.state_dict().items()}
-                state = {"network": network.state_dict(), "optimiser": optimiser.state_dict()}
-                state |= {"schedule": schedule.state_dict(), "best": best, "best_state": best_state}
-                _save(state | {"waited": waited, "step": step + 1, "seed": seed}, checkpoint)
-                if progress:
-                    progress(step + 1, ", ".join(f"{key} {value:.3g}" for key, value in checked.items()))
-    network.load_state_dict(best_state)
+        progressed = _load(checkpoint, begun_with, parts)
+    for step in range(progressed["step"], settings.steps):
+        if progressed["waited"] >= settings.patience:
+            break
+        network.train()
+        # Each step has its own generator, so that a continued run draws the same batches.
+        found = losses(draw(np.random.default_rng([seed, step])))
+        _check_finite(f"training of {name} at step {step}", found)
+        optimiser.zero_grad()
+        torch.stack(list(found.values())).sum().backward()
+        nn.utils.clip_grad_norm_(network.parameters(), 5.0)
+        optimiser.step()
+        schedule.step()
+        if (step + 1) % settings.check and step + 1 < settings.steps:
+            continue
+        network.eval()
+        with torch.no_grad():
+            checked = held_out()
+        _check_finite(f"training of {name} at step {step}, on the held-out recordings", checked)
+        total = sum(map(float, checked.values()))
+        progressed["waited"] += 1
+        if total < progressed["best"]:
+            progressed |= {"best": total, "waited": 0, "best_state": _weights(network)}
+        both = {f"batch_{key}": value for key, value in found.items()}
+        both |= {f"held_out_{key}": value for key, value in checked.items()}
+        progressed["log"].append({"step": step + 1} | {key: float(value.detach()) for key, value in both.items()})
+        progressed["step"] = step + 1
+        _save(progressed | begun_with | {key: part.state_dict() for key, part in parts.items()}, checkpoint)
+        _write_log(progressed["log"], folder / f"{name}.csv")
+        if progress:
+            progress(step + 1, ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items()))
+    network.load_state_dict(progressed["best_state"])
     network.eval()
 
 
+def gaussian_nll(error: Tensor, log_variance: Tensor) -> Tensor:
+    """Negative log-likelihood of errors under Gaussians, the mean over all."""
+    return 0.5 * (error**2 * torch.exp(-log_variance) + log_variance + math.log(2.0 * math.pi)).mean()
+
+
+def offset_nll(error: Tensor, log_variance: Tensor) -> Tensor:
+    """Negative log-likelihood per frame of errors (G, F) [rad] that share an unknown offset in each group.
+
+    Gaussians with the offset integrated out under a flat prior: the variance of a `measurements.Turn`.
+    """
+    weight = torch.exp(-log_variance)
+    total = weight.sum(dim=1)
+    offset = (weight * error).sum(dim=1) / total
+    square = (weight * (error - offset[:, None]) ** 2).sum(dim=1)
+    frames = error.shape[1]
+    joint = square + log_variance.sum(dim=1) + torch.log(total) + (frames - 1) * math.log(2.0 * math.pi)
+    return 0.5 * joint.mean() / (frames - 1)
+
+
+def _weights(network: nn.Module) -> dict[str, Tensor]:
+    return {key: value.clone() for key, value in network.state_dict().items()}
+
+
+def _check_finite(what: str, losses: Losses) -> None:
+    if not all(torch.isfinite(value).all() for value in losses.values()):
+        found = ", ".join(f"{key} {float(value.detach()):g}" for key, value in losses.items())
+        raise EstimationError(f"{what}: {found}; losses must be finite")
+
+
 def _save(state: Mapping[str, Any], path: Path) -> None:
-    data = io.BytesIO()  # in memory first: on a full disk torch raises an error that says nothing of it
+    data = io.BytesIO()  # in memory first: on a full disk torch raises an error that does not say so
     torch.save(state, data)
     with whole_file(path, overwrite=True) as part:
         part.write_bytes(data.getvalue())
 
 
-def _load(checkpoint: Path, seed: int, steps: int, states: Mapping[str, Any]) -> dict[str, Any]:
+def _load(checkpoint: Path, begun_with: Mapping[str, int], parts: Mapping[str, Any]) -> dict[str, Any]:
     try:
         saved = torch.load(checkpoint, weights_only=True)
-        begun = {"seed": saved.get("seed", seed), "steps": saved["schedule"]["total_steps"]}
-        for name, what in states.items():
-            what.load_state_dict(saved[name])
+        found = {name: saved[name] for name in begun_with}
+        if found == begun_with:
+            for name, part in parts.items():
+                part.load_state_dict(saved[name])
     except Exception as error:  # torch raises many kinds, from zip files to unpickling and weights that do not fit
-        raise FileError(f"{checkpoint}: is not a checkpoint that can be gone on from ({error})") from error
-    # Which recordings are held out depends on the seed, and how the rate falls on the steps.
-    for what, wanted in (("seed", seed), ("steps", steps)):
-        if begun[what] != wanted:
-            raise FileError(
-                f"{checkpoint}: was begun with {what} {begun[what]}, going on with {what} {wanted} would mix the two"
-            )
+        raise FileError(f"{checkpoint}: is not a checkpoint that can be continued ({error})") from error
+    for name, wanted in begun_with.items():
+        if found[name] != wanted:
+            raise FileError(f"{checkpoint}: was begun with {name} {found[name]}, and cannot continue with {wanted}")
     return saved
 
 
-def _fail(name: str, step: int, found: Losses, network: nn.Module, batch: Batch, path: Path) -> None:
-    chosen, seen = batch
-    seen = asdict(seen) if is_dataclass(seen) and not isinstance(seen, type) else seen
-    _save({"network": network.state_dict(), "step": step, "chosen": torch.from_numpy(chosen), "batch": seen}, path)
-    losses = ", ".join(f"{key} {float(value.detach()):g}" for key, value in found.items())
-    raise EstimationError(
-        f"training of {name} at step {step}: {losses}; losses must be finite. The batch and the network before "
-        f"the step are in {path}"
-    )
-
-
-@contextmanager
-def _log(path: Path, begin: int) -> Iterator[Callable[[int, Mapping[str, float], Mapping[str, float]], None]]:
-    """Open the log: a row for each look, with the losses of its batch and of the held-out recordings.
-
-    Of a run that goes on at a step, the rows up to that step stay.
-    """
-    rows = _rows(path, begin)
+def _write_log(rows: list[dict[str, float]], path: Path) -> None:
     with whole_file(path, overwrite=True) as part, part.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(rows)
-    with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-
-        def write(step: int, batch: Mapping[str, float], held_out: Mapping[str, float]) -> None:
-            if file.tell() == 0:
-                writer.writerow(["step", *(f"batch_{key}" for key in batch), *(f"held_out_{key}" for key in held_out)])
-            writer.writerow([step, *batch.values(), *held_out.values()])
-            file.flush()
-
-        yield write
-
-
-def _rows(path: Path, last: int) -> list[list[str]]:
-    """The head and the rows of a log up to a step; none where the run begins."""
-    if not last or not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        head, *rows = csv.reader(file)
-    return [head, *(row for row in rows if len(row) == len(head) and int(row[0]) <= last)]
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)

@@ -1,4 +1,4 @@
-"""What is learned from: the touched frames of recordings, with what their ground truth says they should tell."""
+"""Training samples: the touched frames of recordings, labelled by their ground truth."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -17,9 +17,7 @@ from palpate.io import load_recording
 from palpate.lab.parallel import spread
 from palpate.touch.background import AnyImage, Background, Image, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
-from palpate.touch.difference import difference, reduced
-from palpate.touch.ellipse import ellipse_features
-from palpate.touch.model import KINDS
+from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
@@ -55,8 +53,6 @@ class Samples:
     """Where along y the pad is touched, (N,) [m]; see `measurements.ContactPlace`."""
     kind: Indices
     """Kind of contact, (N,), place in KINDS."""
-    ellipse: Array
-    """Engineered features, (N, 6), see `touch.ellipse`; NaN where there is no patch."""
 
     def __len__(self) -> int:
         return len(self.yaw)
@@ -141,7 +137,6 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         direction,
         place,
         kind,
-        np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
     )
 
 

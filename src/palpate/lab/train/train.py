@@ -1,4 +1,4 @@
-"""A touch model from recordings: the whole way, from files to a model folder."""
+"""Touch models from recordings or from presses: from files to a model folder."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -10,31 +10,34 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from palpate.errors import FileError, SettingError
 from palpate.files import held_folder, whole_file
-from palpate.lab.train import figures
+from palpate.lab.train.augment import Batch, draw_groups, varied_batch
 from palpate.lab.train.export import exported, restore, width_of
-from palpate.lab.train.features import features_of, fit_pair_models
-from palpate.lab.train.fit import FitSettings
-from palpate.lab.train.learn import KEYPOINT, TOUCH, Keypoints, Touch, learn_keypoints, learn_touch
-from palpate.lab.train.networks import WIDTH
-from palpate.lab.train.pairs import draw_pairs
-from palpate.lab.train.results import judge, measure_spread
+from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
+from palpate.lab.train.networks import WIDTH, TouchNetwork
 from palpate.lab.train.samples import Samples, read_samples
+from palpate.lab.train.scores import calibration_figure, errors_of, judge, measure_spread
 from palpate.touch.calibration import Calibration
-from palpate.touch.model import ModelSettings, TouchModel, write_model
+from palpate.touch.press_calibration import Presses, check_alike, check_spread
+from palpate.touch.touch_model import (
+    NETWORK,
+    OUTPUTS,
+    ModelSettings,
+    Spread,
+    TouchModel,
+    difference,
+    reduced,
+    write_model,
+)
 from palpate.types.sensor import SensorProfile
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
-
-FINE = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
-"""The descent of a model that exists, for another sensor unit."""
-WORK = "training"
-"""Folder in a model's folder that keeps how it came about."""
-
-_HELD_OUT, _TEST = 0.1, 0.15  # shares of the recordings
-_FEWEST = 100  # samples: a contact of three seconds
+Image = NDArray[np.uint8]
+Indices = NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -42,21 +45,37 @@ class TrainSettings:
     """How to train."""
 
     seed: int = 0
-    """Of weights, batches and which recordings are held out."""
-    keypoint: FitSettings = KEYPOINT
-    """The auto-encoder's descent."""
-    touch: FitSettings = TOUCH
-    """The descent of what images and pairs of them say."""
+    """Of weights, batches and the choice of held-out recordings."""
+    touch: FitSettings = FitSettings(steps=4000)
+    """Descent of a new model."""
+    fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
+    """Descent of an existing model, for another sensor unit."""
+    presses: FitSettings = FitSettings(steps=300, check=25)
+    """Descent of a model from presses."""
     steps: int | None = None
-    """Most steps of each descent; None is as many as each is made for."""
+    """Most steps of any of them; None leaves them as they are."""
     workers: int = 1
     """Processes that read recordings."""
+    held_out: float = 0.1
+    """Share of the recordings that ends the descent and calibrates variances."""
+    test: float = 0.15
+    """Share of the recordings that judges the model, unless others are given; of presses both shares are this."""
+    groups: tuple[int, int] = (24, 8)
+    """Contacts in a batch and frames of each: the turn of a contact has an unknown offset, so frames come in groups."""
+    fewest_frames: int = 100
+    """Fewest frames of contact, three seconds."""
+    fewest_presses: int = 50
+    """Fewest presses that directions can be learnt from."""
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; allowed is 0 or more")
         if self.steps is not None and self.steps < 1:
             raise SettingError(f"steps is {self.steps}; allowed is 1 or more")
+
+    def descent(self, settings: FitSettings) -> FitSettings:
+        """Return a descent with at most as many steps as are wanted."""
+        return settings if self.steps is None else replace(settings, steps=self.steps)
 
 
 def train(
@@ -69,136 +88,191 @@ def train(
     resume: bool = False,
     calibration: Calibration | None = None,
 ) -> dict[str, Any]:
-    """Train a touch model on recordings, write its folder and return what it is worth; see `results.judge`.
+    """Train a touch model on recordings, write its folder and return its scores; see `scores.judge`.
 
-    Besides the model, `out` gets the folder `training`: logs, checkpoints, `results.json` and figures. The results are
-    of the recordings `test`, or, where there are none, of a share of `files` that is left out. With `start`, a model
-    folder, its touch network is trained on, and how far that is to be believed is measured anew; its key points stay.
-    With `calibration`, of the unit that all recordings are of, images are seen as it says, and the model goes with it:
-    tracking takes both. With `resume`, a run that was cut off goes on from its checkpoints. `bar` makes progress bars
-    of a title and a total. Raises FileError on files and folders, SettingError where there is too little to learn from.
+    Besides the model, `out` gets the folder `training`: log, checkpoint, `results.json` and a figure. The scores are
+    of the recordings `test`, or, without any, of a held-out share of `files`. With `start`, a model folder, its network
+    is trained further. With `calibration`, of the unit that all recordings are of, images are seen through it, and
+    tracking takes model and calibration together. With `resume`, an interrupted run continues from its checkpoint.
+    `bar` makes progress bars of a title and a total. Raises FileError on files and folders, SettingError where there
+    is too little to learn from.
     """
     with held_folder(out):
-        return _train(files, out, free_folder(out, resume), settings, bar, start, test, calibration)
-
-
-def _train(
-    files: Sequence[Path],
-    out: Path,
-    work: Path,
-    settings: TrainSettings,
-    bar: Bar,
-    start: Path | None,
-    test: Sequence[Path],
-    calibration: Calibration | None,
-) -> dict[str, Any]:
-    base = None if start is None else TouchModel(start)
-    with bar("reading recordings", len(files) + len(test)) as progress:
-        read = partial(read_samples, workers=settings.workers, calibration=calibration)
-        samples, sensor, failed = read(files, progress=progress)
-        tested = read(test, progress=lambda done: progress(len(files) + done)) if test else None
-    if tested is not None:
-        _check_sensor("recordings to judge by", tested[1].name, (tested[1].image_height, tested[1].image_width), sensor)
-        failed |= tested[2]
-    if base is not None:
-        made_for = base.settings
-        _check_sensor(str(start), made_for.sensor, (made_for.image_height, made_for.image_width), sensor)
-    rng = np.random.default_rng(settings.seed)
-    rest, judged = split(samples, _TEST, rng) if tested is None else (samples, tested[0])
-    learned, held_out = split(rest, _HELD_OUT, rng)
-    del samples, rest  # they hold images, a gigabyte for every 40 000
-    for part in (learned, held_out, judged):
-        draw_pairs(part, 1, np.random.default_rng(0))  # raises now what it would after an hour of training
-    work.mkdir(exist_ok=True)
-    torch.manual_seed(settings.seed)
-    width = WIDTH if base is None else width_of(base.networks["touch"])
-    keypoints, touch = Keypoints(width), Touch(tells_place=sensor.flat_width > 0.0, width=width)
-    settings = replace(settings, touch=settings.touch if base is None else FINE)
-    if settings.steps is not None:
-        settings = replace(
-            settings,
-            keypoint=replace(settings.keypoint, steps=settings.steps),
-            touch=replace(settings.touch, steps=settings.steps),
-        )
-    if base is None:
-        with bar("key points", settings.keypoint.steps) as progress:
-            learn_keypoints(keypoints, learned, held_out, sensor, settings.seed, work, settings.keypoint, progress)
-    else:
-        networks = base.networks
-        restore(keypoints.encoder, networks["keypoint"])
-        restore(touch.image, networks["touch"])
-        restore(touch.pair, networks["pair"])
-    with bar("touch", settings.touch.steps) as progress:
-        learn_touch(touch, learned, held_out, sensor, settings.seed, work, settings.touch, progress)
-    with bar("scores", 3) as progress:
-        models = fit_pair_models(learned, features_of(learned, keypoints, touch), touch, settings.seed)
-        progress(1)
-        seen = features_of(held_out, keypoints, touch)
-        spread = measure_spread(held_out, seen, models, touch)
+        work = work_folder(out, resume)
+        base = None if start is None else TouchModel(start)
+        with bar("reading recordings", len(files) + len(test)) as progress:
+            read = partial(read_samples, workers=settings.workers, calibration=calibration)
+            samples, sensor, failed = read(files, progress=progress)
+            tested = read(test, progress=lambda done: progress(len(files) + done)) if test else None
+        if tested is not None:
+            _check_sensor(
+                "recordings to judge by", tested[1].name, (tested[1].image_height, tested[1].image_width), sensor
+            )
+            failed |= tested[2]
         if base is not None:
-            spread["linear"] = base.settings.spread["linear"]  # of its key points, which stay
-        progress(2)
-        seen = features_of(judged, keypoints, touch)
-        results = judge(judged, seen, models, touch, spread)
-        progress(3)
-    results["recordings"] = {
-        "learned_from": len(np.unique(learned.recording)),
-        "held_out": len(np.unique(held_out.recording)),
-        "judged_by": len(np.unique(judged.recording)),
-        "left_out": {str(file): why for file, why in failed.items()},
-    }
-    model = ModelSettings(
-        sensor=sensor.name,
-        image_height=sensor.image_height,
-        image_width=sensor.image_width,
-        spread=spread,
-        linear=base.settings.linear if base else tuple((float(column), float(row)) for column, row in models.linear),
-        training={
-            **asdict(settings),
-            "frames": len(learned),
-            "from": str(start or ""),
-            "calibration": str(calibration.file or "") if calibration else "",
-        },
-    )
-    with whole_file(work / "results.json", overwrite=True) as part:
-        part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    figures.training_figures(judged, seen, models, touch, spread, work)
-    write_model(out, model, exported(keypoints, touch))  # at last: where it is, nothing is left to go on with
+            made_for = base.settings
+            _check_sensor(str(start), made_for.sensor, (made_for.image_height, made_for.image_width), sensor)
+        rng = np.random.default_rng(settings.seed)
+        rest, judged = split(samples, settings.test, rng, settings) if tested is None else (samples, tested[0])
+        learned, held_out = split(rest, settings.held_out, rng, settings)
+        del samples, rest  # they hold images, a gigabyte for every 40 000
+        work.mkdir(exist_ok=True)
+        torch.manual_seed(settings.seed)
+        outputs = OUTPUTS[1] if sensor.flat_width > 0.0 else OUTPUTS[0]
+        network = TouchNetwork(outputs, WIDTH if base is None else width_of(base.network))
+        if base is not None:
+            restore(network, base.network)
+        descent = settings.descent(settings.touch if base is None else settings.fine)
+        with bar("touch", descent.steps) as progress:
+            learn(network, learned, held_out, sensor, settings, descent, work, progress)
+        spread = measure_spread(errors_of(network, held_out), held_out.episode)
+        errors = errors_of(network, judged)
+        results = {
+            "frames": len(judged),
+            "scores": judge(errors, spread),
+            "recordings": {
+                "learned_from": len(np.unique(learned.recording)),
+                "held_out": len(np.unique(held_out.recording)),
+                "judged_by": len(np.unique(judged.recording)),
+                "left_out": {str(file): why for file, why in failed.items()},
+            },
+        }
+        with whole_file(work / "results.json", overwrite=True) as part:
+            part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+        with whole_file(work / "calibration.png", overwrite=True) as part:
+            calibration_figure(errors, spread).savefig(part, format="png", dpi=110)
+        training = {"seed": settings.seed, "touch": asdict(descent), "frames": len(learned), "from": str(start or "")}
+        training["calibration"] = str(calibration.file or "") if calibration else ""
+        model = ModelSettings(sensor.name, sensor.image_height, sensor.image_width, spread, training)
+        write_model(out, model, exported(network))  # last: a folder with a model has no work left
     return results
 
 
-def split(samples: Samples, share: float, rng: np.random.Generator) -> tuple[Samples, Samples]:
+def train_on_presses(
+    presses: Presses,
+    untouched: Sequence[Image],
+    sensor: str,
+    out: Path,
+    bar: Bar,
+    settings: TrainSettings | None = None,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Train a model of directions on presses, write its folder and return its errors on held-out presses.
+
+    One held-out part ends the descent, another judges it, and both calibrate its variances. untouched are images of the
+    gel at rest, as large as the presses', and sensor is the name of the profile that the model is for. Raises FileError
+    on too few presses, on ones too close together and on images of different sizes.
+    """
+    settings = settings or TrainSettings()
+    count, descent = len(presses.images), settings.descent(settings.presses)
+    if count < settings.fewest_presses:
+        raise FileError(f"found {count} presses; at least {settings.fewest_presses} are needed to learn from")
+    check_spread(presses.angle)
+    check_alike(presses, untouched)
+    height, width = untouched[0].shape[:2]
+    with held_folder(out):
+        work = work_folder(out, resume)
+        work.mkdir(exist_ok=True)
+        samples = samples_of_presses(presses, untouched)
+        order, apart = np.random.default_rng(settings.seed).permutation(count), round(settings.test * count)
+        judged, checked, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart, 2 * apart]))
+        held_out = samples.of(np.sort(order[: 2 * apart]))
+        torch.manual_seed(settings.seed)
+        network = TouchNetwork(OUTPUTS[2])
+        profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
+        with bar("direction", descent.steps) as progress:
+            learn(network, learned, checked, profile, settings, descent, work, progress)
+        scale = measure_spread(errors_of(network, held_out), held_out.episode)["direction"].scale
+        spread = {"direction": Spread(scale, together=19.0)}  # as of the DIGIT's model: presses cannot tell
+        training = {"seed": settings.seed, "steps": descent.steps, "presses": count}
+        write_model(out, ModelSettings(sensor, height, width, spread, training), exported(network))
+        scores = judge(errors_of(network, judged), spread)["direction"]
+    return {"presses": count, "held_out": apart} | {name: scores[name] for name in ("rms_deg", "median_deg")}
+
+
+def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:
+    """Return presses as samples, each a contact of its own with a known direction."""
+    mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
+    seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
+    each, unknown = np.arange(len(seen)), np.zeros(len(seen))
+    return Samples(
+        seen, each, each, np.zeros(len(seen), int), unknown, presses.angle, unknown, np.zeros(len(seen), int)
+    )
+
+
+def learn(
+    network: TouchNetwork,
+    learned: Samples,
+    held_out: Samples,
+    sensor: SensorProfile,
+    settings: TrainSettings,
+    descent: FitSettings,
+    folder: Path,
+    progress: Callable[..., None] | None = None,
+) -> None:
+    """Train a network by the likelihood of the distributions that it predicts, all outputs together."""
+    contacts, frames = settings.groups if "turn" in network.outputs else (2 * settings.groups[0], 1)
+
+    def draw(samples: Samples, rng: np.random.Generator) -> tuple[Samples, Indices, Batch]:
+        chosen = draw_groups(samples, contacts, frames, rng)
+        return samples, chosen, varied_batch(samples, chosen, sensor, rng)
+
+    def losses(drawn: tuple[Samples, Indices, Batch]) -> dict[str, Tensor]:
+        samples, chosen, seen = drawn
+        outputs = dict(zip(network.outputs, network(seen.difference), strict=True))
+        found = {}
+        for name, output in outputs.items():
+            if name == "turn":
+                yaw = np.unwrap(samples.yaw[chosen], axis=1)
+                turn = output.unflatten(0, chosen.shape)
+                found[name] = offset_nll(seen.signed(yaw - yaw[:, :1]) - turn[..., 0], turn[..., 1])
+                continue
+            label = seen.direction(samples.direction[chosen]) if name == "direction" else None
+            label = 1e2 * seen.signed(samples.place[chosen]) if label is None else label  # [cm]
+            found[name] = gaussian_nll(output[:, 0] - label.ravel(), output[:, 1])
+        return found
+
+    def judged() -> dict[str, Tensor]:
+        rng = np.random.default_rng(0)  # the same batches at every evaluation
+        found = [losses(draw(held_out, rng)) for _ in range(4)]
+        return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
+
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    fit("touch", network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
+
+
+def split(samples: Samples, share: float, rng: np.random.Generator, settings: TrainSettings) -> tuple[Samples, Samples]:
     """Return samples without and with a share of the recordings; of the contacts, where recordings are fewer than ten.
 
-    Every recording is of a unit of its own when simulated, so that units are held out as well. Raises SettingError
-    where there is too little to part.
+    Every simulated recording is of a unit of its own, so that units are held out as well. Raises SettingError where
+    there is too little to split.
     """
     by = samples.recording if len(np.unique(samples.recording)) >= 10 else samples.episode
     groups = np.unique(by)
-    if len(samples) < _FEWEST or len(groups) < 2:
+    if len(samples) < settings.fewest_frames or len(groups) < 2:
         raise SettingError(
-            f"too few pairs to learn from: {len(samples)} frames of {len(np.unique(samples.episode))} contacts; "
-            f"at least {_FEWEST} frames of 2 contacts are needed"
+            f"too little to learn from: {len(samples)} frames of {len(np.unique(samples.episode))} contacts; "
+            f"at least {settings.fewest_frames} frames of 2 contacts are needed"
         )
     chosen = rng.permutation(groups)[: max(1, round(share * len(groups)))]
     held = np.isin(by, chosen)
     return samples.of(~held), samples.of(held)
 
 
+def work_folder(out: Path, resume: bool) -> Path:
+    """Return the folder for the work in a model's folder; FileError unless a model may be made there."""
+    work = out / "training"
+    if (out / "model.json").exists() or ((out / NETWORK).exists() and not work.exists()):
+        raise FileError(f"{out}: holds a model already; take another folder")
+    if work.exists() and not resume:
+        raise FileError(f"{out}: holds an interrupted training; --resume continues it, or take another folder")
+    return work
+
+
 def _check_sensor(what: str, name: str, size: tuple[int, int], sensor: SensorProfile) -> None:
-    """FileError unless something is for the sensor of the recordings."""
+    """Raise FileError unless something is for the sensor of the recordings."""
     if (name, size) != (sensor.name, (sensor.image_height, sensor.image_width)):
         raise FileError(
             f"{what}: sensor {name!r} with images of {size[0]} x {size[1]} px is not that of the recordings to learn "
             f"from, {sensor.name!r} with {sensor.image_height} x {sensor.image_width} px"
         )
-
-
-def free_folder(out: Path, resume: bool) -> Path:
-    """Return the folder for the work in a model's folder; FileError unless a model may be made there."""
-    work = out / WORK
-    if (out / "model.json").exists():
-        raise FileError(f"{out}: holds a model already; take another folder")
-    if work.exists() and not resume:
-        raise FileError(f"{out}: holds a training that was cut off; --resume goes on with it, or take another folder")
-    return work

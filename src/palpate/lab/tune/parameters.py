@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from palpate.config import TrackerSettings
 from palpate.errors import SettingError
-from palpate.touch.modes import TELL_DIRECTION, TELL_TURN
+from palpate.touch.pipeline import MEASURE_DIRECTION, MEASURE_TURN
 
 
 class Tunable(NamedTuple):
@@ -31,8 +31,6 @@ TUNABLE = {
     "place.kernel": Tunable(0.1, 100.0),
     "turn.share": Tunable(1e-2, 1000.0, by_default=True),
     "turn.kernel": Tunable(0.1, 100.0),
-    "relative_pose.oracle": Tunable(1e-4, 1.0, True, (2,)),
-    "relative_pose.constant": Tunable(1e-3, 10.0, True, (2,)),
     "sticking.still": Tunable(1e-7, 1e-2),
     "sticking.share": Tunable(1e-3, 10.0, by_default=True),
     "sticking.sliding_share": Tunable(1e-3, 100.0, by_default=True),
@@ -60,10 +58,8 @@ TUNABLE = {
 `priors.depth`)."""
 
 _ONLY_IN = {
-    "relative_pose.oracle": ("oracle",),
-    "relative_pose.constant": ("constant",),
-    "direction.share": TELL_DIRECTION,
-    "turn.share": TELL_TURN,
+    "direction.share": MEASURE_DIRECTION,
+    "turn.share": (*MEASURE_TURN, "oracle"),
 }
 """Modes of touch in which a setting matters; the others matter in all."""
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import NoiseSettings, TrackerSettings
+from palpate.config import NoiseSettings, Tactile, TactileChoice, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
@@ -19,7 +19,6 @@ from palpate.lab.study.recordings import group_of
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.pipeline.truth import trusted_truth
-from palpate.touch.background import Background
 from palpate.touch.calibration import (
     UNCORRECTED,
     Calibration,
@@ -29,8 +28,8 @@ from palpate.touch.calibration import (
     turned_as,
     view_of,
 )
-from palpate.touch.model import TouchModel, shipped_model
-from palpate.touch.modes import Tactile, TactileChoice, make_touch
+from palpate.touch.pipeline import TouchReader
+from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.tracker_arguments import with_correction
 from palpate.types.frame import Frame
@@ -172,12 +171,7 @@ def _measured(
     sensor, view = turned_as(recording.sensor, calibration), view_of(calibration)
     detector = detector_for(sensor, calibration)
 
-    def background() -> Background:
-        assert detector.background is not None  # known before any contact is
-        return detector.background
-
-    any_noise = (1.0, 1.0, 1.0)  # of modes without images
-    touch = make_touch(tactile, sensor, any_noise, any_noise, model, background, correction_of(calibration))
+    touch = TouchReader(tactile, sensor, model, calibration)
     touching = False
     for frame in recording:
         assert frame.image is not None
@@ -185,4 +179,5 @@ def _measured(
         was_touching, touching = touching, detector.update(image)
         if was_touching and not touching:
             touch.end_contact()
-        yield touching, tuple(touch.measure(replace(frame, image=image))) if touching and model else ()
+        frame = replace(frame, image=image)
+        yield touching, tuple(touch.read(frame, detector.background)) if touching and model else ()

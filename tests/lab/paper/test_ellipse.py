@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from palpate.errors import SettingError
+from palpate.lab.paper.ellipse import ellipse_features, patch_outline
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import Background
-from palpate.touch.ellipse import ellipse_features, patch_outline
 from palpate.types.sensor import DIGIT
 
 

@@ -15,8 +15,7 @@ from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.camera_view import CameraView
-from palpate.touch.difference import COLUMNS, ROWS
-from palpate.touch.model import KINDS
+from palpate.touch.touch_model import COLUMNS, KINDS, ROWS
 from palpate.types.images import encode_image
 from palpate.types.sensor import DIGIT
 
@@ -100,7 +99,7 @@ def test_frames_and_contacts():
     assert found.frame.tolist() == [*range(7, 13), *range(35, 40)]
     assert found.episode.tolist() == [0] * 6 + [1] * 5
     np.testing.assert_array_equal(found.recording, 7)
-    assert len(found) == 11 and found.ellipse.shape == (11, 6)
+    assert len(found) == 11
 
 
 def test_a_gap_in_the_ground_truth_parts_a_contact():
@@ -158,7 +157,7 @@ def test_a_recording_without_untouched_frames():
 
 def test_a_recording_without_contact_has_no_samples():
     found = samples_of(recording(on_left_side(np.zeros(12), 0.0), np.zeros(12)))
-    assert len(found) == 0 and found.difference.shape == (0, ROWS, COLUMNS, 3) and found.ellipse.shape == (0, 6)
+    assert len(found) == 0 and found.difference.shape == (0, ROWS, COLUMNS, 3)
 
 
 def write(folder: Any, **recordings: Any) -> list[Any]:

@@ -1,0 +1,165 @@
+"""Batches of differences as other sensor units would see them, touched elsewhere."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from palpate.lab.train.samples import Samples
+from palpate.touch.touch_model import COLUMNS
+from palpate.types.sensor import SensorProfile
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Ranges of the random changes of training images."""
+
+    gain: tuple[float, float] = (0.7, 1.4)
+    """Factor on all colours of an image."""
+    colour_gain: tuple[float, float] = (0.75, 1.3)
+    """Factor on each colour of an image."""
+    tint: float = 0.05
+    """Standard deviation of the shift of each colour, and of its slopes over the image [of a difference]."""
+    clouds: tuple[float, float] = (0.12, 0.06)
+    """Most by which smooth clouds change a group of images, and each image by itself [of a difference]."""
+    light: float = 1.0
+    """Most by which the strength of each colour's light varies over the image [logarithm]."""
+    flipped: float = 0.5
+    """Share of groups in another orientation, with other channels."""
+    moved: float = 0.5
+    """Share of groups that are moved over the gel."""
+    reach: float = 0.8
+    """Share of the pad's half width to which contacts are moved."""
+    rise: int = 4
+    """Rows by which contacts are moved up or down."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Images as the networks see them during training, and how their labels have changed with them."""
+
+    difference: Tensor
+    """(G F, 3, ROWS, COLUMNS), of G groups of F frames."""
+    sign: Tensor
+    """Factor on angles and places of each group, (G, 1): -1 where images are mirrored."""
+    moved: Tensor
+    """Increase of the sine of each group's contact directions after that, (G, 1)."""
+
+    def direction(self, label: Array) -> Tensor:
+        """Return the directions (G, F) [rad] that the images show, from the samples' own."""
+        return torch.arcsin(self.sign * torch.from_numpy(np.sin(label).astype(np.float32)) + self.moved)
+
+    def signed(self, label: Array) -> Tensor:
+        """Return the turns or places (G, F) that the images show, from the samples' own."""
+        return self.sign * torch.from_numpy(label.astype(np.float32))
+
+
+def draw_groups(samples: Samples, count: int, size: int, rng: np.random.Generator, longest: int = 50) -> Indices:
+    """Draw groups (count, size) of samples, each of one contact and at most `longest` frames long, in any order.
+
+    All kinds of contact come equally often: true corners are rare, and the hardest to read.
+    """
+    first, last = span_of_contacts(samples)
+    kinds, kind, each = np.unique(samples.kind, return_inverse=True, return_counts=True)
+    place = np.concatenate([[0], np.cumsum(each)[:-1]])[(chosen := rng.integers(len(kinds), size=count))]
+    middle = np.argsort(kind, kind="stable")[place + (rng.random(count) * each[chosen]).astype(int)]
+    begin = np.maximum(first[middle], middle - rng.integers(longest + 1, size=count))
+    length = np.minimum(begin + longest, last[middle]) - begin + 1
+    return begin[:, None] + (rng.random((count, size)) * length[:, None]).astype(int)
+
+
+def span_of_contacts(samples: Samples) -> tuple[Indices, Indices]:
+    """Return the first and the last sample (N,) of the contact of each sample."""
+    starts = np.flatnonzero(np.diff(samples.episode, prepend=-1))
+    ends = np.append(starts[1:], len(samples)) - 1
+    contact = np.searchsorted(starts, np.arange(len(samples)), side="right") - 1
+    return starts[contact], ends[contact]
+
+
+def batch(samples: Samples, chosen: Indices) -> Tensor:
+    """Return differences (B, 3, 32, 128) of chosen samples (B,), as they are."""
+    return _tensor(samples.difference[chosen].astype(np.float32))
+
+
+def varied_batch(
+    samples: Samples, chosen: Indices, sensor: SensorProfile, rng: np.random.Generator, by: Augmentation | None = None
+) -> Batch:
+    """Return differences of groups of samples (G, F) as of other units, touched elsewhere.
+
+    A group is of one unit. Brightness, colours and their slopes differ from those seen, and half of the units are
+    mirrored, upside down or have their lights exchanged. Half of the groups are moved over the gel: turning the contact
+    by an angle moves the imprint, so that its place, and not the light there, has to tell the direction. Clouds lie
+    over the images because the untouched gel is never known exactly, and a gel gives way a little everywhere. Each
+    colour's light is stronger here and weaker there: on real gels a light from the left hardly reaches the right.
+    """
+    by = by or Augmentation()
+    groups, size = chosen.shape
+    difference = samples.difference[chosen].astype(np.float32)
+    mirrored, upturned = ((rng.random(groups) < 0.5) & (rng.random(groups) < 2.0 * by.flipped) for _ in range(2))
+    sign = np.where(mirrored, -1.0, 1.0)[:, None]
+    right, down = _draw_moves(sign * np.sin(samples.direction[chosen]), sensor, rng, by)
+    for g in range(groups):
+        flipped = difference[g][:, :: -1 if upturned[g] else 1, :: -1 if mirrored[g] else 1]
+        channels = rng.permutation(3) if rng.random() < by.flipped else np.arange(3)
+        difference[g] = moved(flipped[..., channels], int(right[g]), int(down[g]))
+    rows, columns = (np.linspace(-1.0, 1.0, count, dtype=np.float32) for count in difference.shape[2:4])
+    each = (groups * size, 1, 1, 3)
+    gain = rng.uniform(*by.gain, (*each[:3], 1)) * rng.uniform(*by.colour_gain, each)
+    tint, across, along = rng.normal(0.0, by.tint, (3, *each)).astype(np.float32)
+    shift = tint + across * columns[:, None] + along * rows[:, None, None]
+    difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
+    shape = difference.shape[1:3]
+    lasting, passing = _clouds(groups, by.clouds[0], shape, rng), _clouds(groups * size, by.clouds[1], shape, rng)
+    light = _clouds(groups, by.light, shape, rng).exp()
+    seen = (_tensor(difference) + lasting.repeat_interleave(size, dim=0) + passing) * light.repeat_interleave(size, 0)
+    sine = (right * _sine_per_column(sensor))[:, None].astype(np.float32)
+    return Batch(seen, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(sine))
+
+
+def moved(images: NDArray[np.float32], right: int, down: int) -> NDArray[np.float32]:
+    """Return images (F, R, C, 3) moved by columns and rows, zero where they came from."""
+    out = np.roll(images, (down, right), axis=(1, 2))
+    out[:, slice(0, down) if down >= 0 else slice(down, None)] = 0.0
+    out[:, :, slice(0, right) if right >= 0 else slice(right, None)] = 0.0
+    return out
+
+
+def _sine_per_column(sensor: SensorProfile) -> float:
+    """Increase of the sine of a contact's direction from one column of a difference to the next.
+
+    0 on a flat pad, whose imprints of a side belong to its edges.
+    """
+    if sensor.flat_width or not (sensor.half_width and sensor.radius):
+        return 0.0
+    return 2.0 * sensor.half_width / sensor.radius / COLUMNS
+
+
+def _draw_moves(
+    sine: Array, sensor: SensorProfile, rng: np.random.Generator, by: Augmentation
+) -> tuple[Indices, Indices]:
+    """Draw columns and rows (G,) to move groups by, such that contacts of this sine (G, F) stay on the pad."""
+    groups, step = len(sine), _sine_per_column(sensor)
+    moving = rng.random(groups) < by.moved
+    down = np.where(moving, rng.integers(-by.rise, by.rise + 1, groups), 0)
+    if not step:
+        return np.zeros(groups, int), down
+    most = by.reach * COLUMNS / 2.0
+    first, last = sine.min(axis=1) / step, sine.max(axis=1) / step
+    right = np.round(-most - first + rng.random(groups) * (2.0 * most - last + first))
+    moving &= np.maximum(-first, last) < most  # contacts beyond the reach already stay there
+    return np.where(moving, right, 0.0).astype(int), down
+
+
+def _clouds(count: int, most: float, size: tuple[int, ...], rng: np.random.Generator) -> Tensor:
+    """Draw smooth images (count, 3, *size), each of any strength up to `most`."""
+    cells = rng.uniform(0.0, most, (count, 1, 1, 1)) * rng.normal(size=(count, 3, 4, 8))
+    return nn.functional.interpolate(torch.from_numpy(cells.astype(np.float32)), size, mode="bicubic")
+
+
+def _tensor(difference: NDArray[np.float32]) -> Tensor:
+    return torch.from_numpy(difference).permute(0, 3, 1, 2)  # channels last in memory, which is faster here

@@ -1,0 +1,227 @@
+"""Touch model: a folder with an ONNX network and a JSON of settings; opening one runs no code.
+
+The network `touch.onnx` takes a difference from the untouched gel (1, 3, 32, 128) and gives direction (1, 2) and turn
+(1, 2), each mean [rad] and log variance. That of a flat gel gives place (1, 2) [cm] as well, one trained on presses the
+direction alone.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.checks import FARTHEST
+from palpate.errors import FileError
+from palpate.files import existing_file, read_json, whole_file
+from palpate.printable import one_line
+from palpate.touch.cells import area_means, light_of, lit
+
+Difference = NDArray[np.float32]
+
+FORMAT, VERSION, NETWORK = "palpate-touch-model", 3, "touch.onnx"
+LARGEST = 100 * 10**6  # [bytes] of a network; the shipped ones have less than a million
+ROWS, COLUMNS = 32, 128
+"""Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
+to the shading beside a corner's line of a millimetre: so columns are finer."""
+_LIGHT_COLUMNS = 32  # enough to find the light
+_LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
+
+KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
+"""Kinds of contact that training tells apart."""
+OUTPUTS = (("direction", "turn"), ("direction", "turn", "place"), ("direction",))
+"""Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
+_DATA = Path(__file__).resolve().parents[1] / "data"
+SHIPPED = _DATA / "digit"
+SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
+"""Models that come with palpate, by sensor profile."""
+
+
+def reduced(image: NDArray[np.uint8] | Difference) -> NDArray[np.float32]:
+    """Return an image or a background's mean (height, width, 3) as (ROWS, COLUMNS, 3) [grey levels]."""
+    means = area_means(image, ROWS, COLUMNS)
+    return np.rint(means) if image.dtype == np.uint8 else means  # rounded as in training
+
+
+def difference(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
+    """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean."""
+    return (reduced(image) - reduced_mean) / np.float32(_LEVELS)
+
+
+def difference_in_light(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
+    """Return the same with the background in the light of the image, which may have changed."""
+    seen = reduced(image)
+    cells, untouched = (area_means(each, ROWS, _LIGHT_COLUMNS) for each in (seen, reduced_mean))
+    return (seen - lit(reduced_mean, light_of(cells, untouched))) / np.float32(_LEVELS)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Corrections of predicted variances, measured on units that were not trained on.
+
+    For a model trained on presses: on other presses of the same unit, with `together` as for the DIGIT's model.
+    """
+
+    scale: float
+    """Factor that makes predicted variances right for one image."""
+    together: float
+    """Number of frames in a row with the same error: so many measurements are worth one."""
+
+    @property
+    def factor(self) -> float:
+        """Factor on a predicted variance if every frame gives a measurement."""
+        return self.scale * self.together
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """Properties of a model."""
+
+    sensor: str
+    """Name of the sensor profile."""
+    image_height: int
+    """Rows of its images [px]."""
+    image_width: int
+    """Columns of its images [px]."""
+    spread: Mapping[str, Spread]
+    """For each output, one of OUTPUTS."""
+    training: Mapping[str, Any]
+    """Data, seed and settings of the training, for people."""
+
+
+@dataclass(frozen=True, eq=False)
+class TouchReading:
+    """Outputs of a model for one image, each a mean and a variance."""
+
+    direction: tuple[float, float]
+    """Angle of the contact on the tip [rad], [rad^2]."""
+    turn: tuple[float, float] | None = None
+    """Yaw of the sensor up to an offset of the contact [rad], [rad^2]; None if the model has none."""
+    place: tuple[float, float] | None = None
+    """Contact place along y of a flat pad [m], [m^2]; None on a round tip."""
+
+
+class TouchModel:
+    """Touch model in a folder; raises FileError if it is incomplete, of another version or altered."""
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = folder = Path(folder)
+        if not folder.is_dir():
+            raise FileError(f"{folder}: no such folder; a touch model is a folder with model.json in it")
+        path = folder / "model.json"
+        written = read_json(path)
+        if (found := written.get("format")) != FORMAT:
+            raise FileError(f"{path}: format is {found!r}, expected {FORMAT!r}")
+        if (found := written.get("version")) != VERSION:
+            raise FileError(f"{path}: version is {found!r}, expected {VERSION}; train the model anew")
+        self.network = _read_network(folder / NETWORK)
+        self.hash = fingerprint(written.get("settings"), self.network)
+        if self.hash != (stated := written.get("hash")):
+            raise FileError(f"{folder}: hash is {self.hash[:12]}, model.json says {str(stated)[:12]}: altered")
+        self.settings = _settings(path, written["settings"])
+        self._session: Any = None
+
+    def read(self, difference: Difference) -> TouchReading:
+        """Return the reading of a difference (ROWS, COLUMNS, 3)."""
+        batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
+        path, outputs = self.folder / NETWORK, list(self.settings.spread)
+        self._session = self._session or self._open(path)
+        try:
+            found = dict(zip(outputs, self._session.run(outputs, {"difference": batch}), strict=True))
+        except Exception as error:  # a damaged network raises many kinds
+            raise FileError(f"{path}: cannot be run ({one_line(error)})") from error
+        for name, values in found.items():
+            if np.shape(values) != (1, 2):
+                raise FileError(f"{path}: gives {name} of shape {np.shape(values)}, expected (1, 2)")
+        place = _gaussian(found["place"]) if "place" in found else None
+        return TouchReading(
+            _gaussian(found["direction"]),
+            _gaussian(found["turn"]) if "turn" in found else None,
+            place and (1e-2 * place[0], 1e-4 * place[1]),
+        )
+
+    def _open(self, path: Path) -> Any:
+        expected = {"difference"}, set(self.settings.spread)
+        try:
+            found = session(self.network)
+            arrays = {each.name for each in found.get_inputs()}, {each.name for each in found.get_outputs()}
+        except Exception as error:  # damaged bytes raise many kinds
+            raise FileError(f"{path}: is no network that can be run ({one_line(error)})") from error
+        if arrays != expected:
+            raise FileError(f"{path}: takes and gives {arrays}, expected {expected}")
+        return found
+
+
+def shipped_model(sensor: str = "DIGIT") -> TouchModel:
+    """Return the model that comes with palpate for a sensor profile, by default the DIGIT's; opened once."""
+    return _opened(SHIPPED_OF.get(sensor, SHIPPED))
+
+
+@cache
+def _opened(folder: Path) -> TouchModel:
+    return TouchModel(folder)
+
+
+def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
+    """Write a model into an existing folder; `model.json` comes last, so a folder with one is complete."""
+    plain = json.loads(json.dumps(asdict(settings)))
+    with whole_file(folder / NETWORK, overwrite=True) as part:
+        part.write_bytes(network)
+    written = {"format": FORMAT, "version": VERSION, "hash": fingerprint(plain, network), "settings": plain}
+    with whole_file(folder / "model.json", overwrite=True) as part:
+        part.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
+
+
+def fingerprint(settings: Any, network: bytes) -> str:
+    """Return the hash of a model's settings and network."""
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+    digest.update(hashlib.sha256(network).digest())
+    return digest.hexdigest()
+
+
+def session(network: bytes) -> Any:
+    """Return an ONNX Runtime session of a network."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors; a constant that cannot be folded is none
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # one image gains nothing from more
+    return onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
+
+
+def _read_network(path: Path) -> bytes:
+    size = existing_file(path).stat().st_size
+    if size > LARGEST:
+        raise FileError(f"{path}: has {size} bytes, allowed are {LARGEST}")
+    data = path.read_bytes()
+    # A tensor in another file has its name under this key; ONNX Runtime would open that file.
+    if b"location" in data:
+        raise FileError(f"{path}: keeps its numbers in another file, which is not opened")
+    return data
+
+
+def _settings(path: Path, plain: Mapping[str, Any]) -> ModelSettings:
+    try:
+        spread = {name: Spread(**value) for name, value in plain["spread"].items()}
+        settings = ModelSettings(**{**plain, "spread": spread})
+        numbers = [number for each in spread.values() for number in (each.scale, each.together)]
+        numbers += [settings.image_height, settings.image_width]
+        in_range = all(isinstance(number, int | float) and 0.0 < number < FARTHEST for number in numbers)
+        if set(spread) not in map(set, OUTPUTS) or not in_range:
+            raise TypeError("spread or image size is no set of numbers above 0")
+        if not isinstance(settings.sensor, str):
+            raise TypeError("sensor is no name")
+        return settings
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
+        raise FileError(f"{path}: settings do not fit this version ({error})") from error
+
+
+def _gaussian(output: NDArray[np.float32]) -> tuple[float, float]:
+    """Return mean and variance of an output (1, 2)."""
+    with np.errstate(over="ignore"):  # a foreign network may give any log variance
+        return float(output[0, 0]), float(np.exp(np.float64(output[0, 1])))
