@@ -44,7 +44,7 @@ def test_a_run_without_truth_shows_sigma(tracked):
     blind = replace(tracked.recording, object_pose=None)
     figure = run_figure(palpate.track(blind, first_pose=tracked.first_pose))
     assert figure.axes[1].get_ylabel() == "translation 1 sigma [mm]"
-    assert "no ground truth" in figure.get_suptitle() and not {"truth", "error", "truth unknown"} & legend(figure)
+    assert "no ground truth" in figure.get_suptitle() and not {"truth", "error"} & legend(figure)
 
 
 def test_the_title_has_the_final_pose_with_its_sigma_along_the_axes_of_the_world(tracked):
@@ -56,17 +56,13 @@ def test_the_title_has_the_final_pose_with_its_sigma_along_the_axes_of_the_world
     assert f"final pose {pose} (1 sigma)" in run_figure(tracked).get_suptitle()
 
 
-def test_unknown_truth_and_missing_frames_are_left_blank(tracked):
-    recording = tracked.recording
-    truth = recording.object_pose.copy()
+def test_unknown_truth_is_left_blank(tracked):
+    truth = tracked.recording.object_pose.copy()
     truth[8:12] = np.nan
-    time = 1.7e9 + recording.time + (np.arange(40) >= 25) * 2.0
-    figure = run_figure(palpate.track(replace(recording, object_pose=truth, time=time)))
-    assert "truth unknown" in legend(figure)
-    assert figure.axes[1].get_xlim() == pytest.approx((0.0, 39 / 30 + 2.0), abs=1e-6)  # since the first frame
-    error = lines(figure.axes[1])["error"]
-    assert np.isnan(error[8:12, 1]).all()
-    assert len(error) == 41 and np.isnan(error[25, 1])  # one more, in the gap after frame 24
+    time = 1.7e9 + tracked.recording.time
+    figure = run_figure(palpate.track(replace(tracked.recording, object_pose=truth, time=time)))
+    assert figure.axes[1].get_xlim() == pytest.approx((0.0, 39 / 30), abs=1e-6)  # since the first frame
+    assert np.isnan(lines(figure.axes[1])["error"][8:12, 1]).all()
 
 
 def test_names_and_lengths_at_the_edge(tracked, tmp_path):

@@ -70,5 +70,5 @@ def test_ground_truth_before_a_contact_stands_for_a_first_pose():
 def test_where_nothing_tells():
     away = se2.compose(REST, [0.5, 0.0, 0.0])
     for recording, pose in ((approach(0.1), away), (approach(0.1), None), (approach(0.1, frames=30), REST)):
-        with pytest.raises(SettingError, match="no contact tells the time offset"):
+        with pytest.raises(SettingError, match="no contact shows the time offset"):
             offset(recording, pose)

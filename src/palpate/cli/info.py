@@ -48,52 +48,53 @@ def _show_recording(file: Path, kind: str | None, json: bool) -> None:
     from palpate import io as formats
     from palpate.cli.console import busy, number, print_json, print_line, print_table
     from palpate.geometry.shapes import shape_to_dict
-    from palpate.pipeline.check_recording import counted, inspect_recording
+    from palpate.pipeline.check_recording import check_recording, counted
     from palpate.types.sensor import sensor_to_dict
 
     with busy(f"inspecting {file.name}"):
         recording = formats.load_recording(file)
-        found = inspect_recording(recording)
+        found = check_recording(recording)
     shape = shape_to_dict(recording.shape)
     if json:
         about = {"file": str(file), "format": kind, "source": recording.source, "shape": shape}
         sources = {"sensor": sensor_to_dict(recording.sensor), "pose_sources": recording.frames}
-        print_json({**about, **sources, **found.to_dict()})
+        print_json({**about, **sources, **found})
         return
     begin = recording.time[0]
     sizes = ", ".join(
         f"{name.replace('_', ' ')} {value * 1e3:g} mm" for name, value in shape.items() if isinstance(value, float)
     )
     corners = f"{len(shape['vertices'])} corners" if "vertices" in shape else sizes
-    size, grey = found.image_size, ", grey" if found.is_grey else ""
+    size, grey = found["image_size"], ", grey" if found["is_grey"] else ""
+    jitter, contact_share = found["jitter"], found["contact_share"]
     rows = [
         ("source", recording.source or "-", ""),
         ("object", f"{shape['type']}, {corners}", ""),
         ("sensor", recording.sensor.name, ""),
-        ("frames", str(found.frames), ""),
-        ("duration", number(found.duration, 2), "s"),
-        ("rate, median", number(found.rate), "Hz"),
-        ("jitter", number(None if found.jitter is None else found.jitter * 1e3, 2), "ms"),
-        ("contact", found.contact, ""),
-        ("contact share", number(None if found.contact_share is None else found.contact_share * 100, 0), "%"),
-        ("ground truth share", number(found.truth_share * 100, 0), "%"),
-        ("images", f"{found.images} of {size[0]} x {size[1]} px{grey}" if size else "none", ""),
+        ("frames", str(found["frames"]), ""),
+        ("duration", number(found["duration"], 2), "s"),
+        ("rate, median", number(found["rate"]), "Hz"),
+        ("jitter", number(jitter and jitter * 1e3, 2), "ms"),
+        ("contact", found["contact"], ""),
+        ("contact share", number(contact_share and contact_share * 100, 0), "%"),
+        ("ground truth share", number(found["truth_share"] * 100, 0), "%"),
+        ("images", f"{found['images']} of {size[0]} x {size[1]} px{grey}" if size else "none", ""),
         *((f"{name} is", words, "") for name, words in recording.frames.items()),
     ]
     print_table(str(file), ("property", "value", "unit"), rows)
-    contacts = (
-        (str(index), number(contact.start - begin, 2), number(contact.end - begin, 2), number(contact.seconds, 2))
-        for index, contact in enumerate(found.contacts)
-    )
-    if found.contacts:
+    if found["contacts"]:
+        contacts = (
+            (str(index), *(number(one[key] - begin, 2) for key in ("start", "end")), number(one["seconds"], 2))
+            for index, one in enumerate(found["contacts"])
+        )
         print_table("Contacts", ("no.", "start [s]", "end [s]", "seconds"), contacts, numbers=(0, 1, 2, 3))
-    if found.findings:
+    if found["findings"]:
         findings = (
-            (f"{number(finding.start - begin, 2)} - {number(finding.end - begin, 2)}", finding.kind, finding.sentence)
-            for finding in counted(found.findings)
+            (f"{number(one['start'] - begin, 2)} - {number(one['end'] - begin, 2)}", one["kind"], one["sentence"])
+            for one in counted(found["findings"])
         )
         print_table("Findings", ("time [s]", "kind", "description"), findings)
-    print_line(found.verdict)
+    print_line(found["verdict"])
 
 
 def _show_bag(path: Path, json: bool) -> None:

@@ -5,9 +5,9 @@ Limits follow from physics and from how well robot and motion capture agree in u
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,80 +69,54 @@ class Finding:
     """True if motion capture or contact is broken by it."""
 
 
-@dataclass(frozen=True)
-class Contact:
-    """One unbroken stretch of contact."""
+def check_recording(recording: Recording) -> dict[str, Any]:
+    """Return the contents of a recording and everything that is wrong with it. Decodes every image.
 
-    start: float
-    """Time of its first frame [s]."""
-    end: float
-    """Time of its last frame [s]."""
-    seconds: float
-    """Duration [s]."""
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """Contents of a recording, and what is wrong with it."""
-
-    frames: int
-    duration: float
-    """From the first to the last frame [s]."""
-    rate: float | None
-    """Frames per second by the median interval [Hz]; None for a single frame."""
-    jitter: float | None
-    """Standard deviation of the intervals without time gaps [s]."""
-    contact: Literal["measured", "derived", "absent"]
-    """Source of contact flags: a sensor, or ground truth and geometry."""
-    contacts: tuple[Contact, ...]
-    contact_share: float | None
-    """Share of the frames in contact."""
-    truth_share: float
-    """Share of the frames with ground truth."""
-    images: int
-    """Number of frames with an image."""
-    image_size: tuple[int, int] | None
-    """Rows and columns [px]."""
-    is_grey: bool
-    """True if the first image is grey, which the shipped touch models do not read."""
-    findings: tuple[Finding, ...]
-    unbroken: bool
-    """True if motion capture and contact hold throughout: no finding that breaks them. A knock does not."""
-    knocked: bool
-    """True if something other than the sensor moved the object in contact."""
-    verdict: str
-    """The last two in a sentence."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; times in seconds."""
-        return asdict(self)
-
-
-def inspect_recording(recording: Recording) -> Inspection:
-    """Return the contents of a recording and everything that is wrong with it. Decodes every image."""
+    - frames, duration [s], rate [Hz] by the median interval, jitter [s]: standard deviation of intervals without gaps.
+    - contact: measured, derived (from ground truth and geometry) or absent; contact_share, truth_share: of the frames.
+    - contacts: start, end and seconds [s] of each unbroken contact.
+    - images: number of frames with an image; image_size: rows and columns [px]; is_grey: the first one is grey, which
+      the shipped touch models do not read.
+    - findings: see `Finding`; unbroken: none of them breaks motion capture or contact; knocked: something other than
+      the sensor moved the object in contact; verdict: both in a sentence.
+    """
     time, contact, truth = recording.time, recording.contact, recording.object_pose
     step = np.diff(time)
     regular = np.delete(step, time_gaps(time))
     searches = (_rate, _units, _time_gaps, _images, _drop_outs, _jumps, _knocks, _untouched, _contact_lost, _misfits)
-    findings = tuple(sorted((finding for search in searches for finding in search(recording)), key=_when))
-    seconds = [(float(time[first]), float(time[last])) for first, last in contact_runs(recording)]
-    return Inspection(
-        frames=len(recording),
-        duration=float(time[-1] - time[0]),
-        rate=float(1.0 / np.median(step)) if len(step) else None,
-        jitter=float(np.std(regular)) if len(regular) else None,
-        contact="absent" if contact is None else "derived" if recording.contact_derived else "measured",
-        contacts=tuple(Contact(start, end, end - start) for start, end in seconds),
-        contact_share=None if contact is None else float(np.mean(contact)),
-        truth_share=0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
-        images=0 if recording.image is None else sum(map(bool, recording.image)),
-        image_size=None if recording.image is None else (recording.sensor.image_height, recording.sensor.image_width),
-        is_grey=_begins_grey(recording),
-        findings=findings,
-        unbroken=not any(finding.breaks for finding in findings),
-        knocked=any(finding.kind == "knock" for finding in findings),
-        verdict=_verdict(recording, findings),
-    )
+    findings = sorted((finding for search in searches for finding in search(recording)), key=_when)
+    runs = [(float(time[first]), float(time[last])) for first, last in contact_runs(recording)]
+    return {
+        "frames": len(recording),
+        "duration": float(time[-1] - time[0]),
+        "rate": float(1.0 / np.median(step)) if len(step) else None,
+        "jitter": float(np.std(regular)) if len(regular) else None,
+        "contact": "absent" if contact is None else "derived" if recording.contact_derived else "measured",
+        "contacts": [{"start": start, "end": end, "seconds": end - start} for start, end in runs],
+        "contact_share": None if contact is None else float(np.mean(contact)),
+        "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
+        "images": 0 if recording.image is None else sum(map(bool, recording.image)),
+        "image_size": None
+        if recording.image is None
+        else [recording.sensor.image_height, recording.sensor.image_width],
+        "is_grey": _begins_grey(recording),
+        "findings": [asdict(finding) for finding in findings],
+        "unbroken": not any(finding.breaks for finding in findings),
+        "knocked": any(finding.kind == "knock" for finding in findings),
+        "verdict": _verdict(recording, findings),
+    }
+
+
+def counted(findings: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return findings for people: where there are more of a kind than `listed`, one that counts them."""
+    shown: list[dict[str, Any]] = []
+    for kind, number in Counter(finding["kind"] for finding in findings).items():
+        several = [finding for finding in findings if finding["kind"] == kind]
+        if number > LIMITS.listed:
+            end = max(finding["end"] for finding in several)
+            several = [{**several[0], "end": end, "sentence": f"{number} times; first: {several[0]['sentence']}"}]
+        shown += several
+    return sorted(shown, key=lambda finding: (finding["start"], finding["end"]))
 
 
 def contact_runs(recording: Recording) -> list[tuple[int, int]]:
@@ -156,20 +130,6 @@ def contact_runs(recording: Recording) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(first, last, strict=True) if recording.contact[a]]
 
 
-def counted(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings for people: where there are more of a kind than `listed`, one that counts them."""
-    shown: list[Finding] = []
-    for kind, number in Counter(finding.kind for finding in findings).items():
-        several = [finding for finding in findings if finding.kind == kind]
-        if number > LIMITS.listed:
-            end = max(finding.end for finding in several)
-            sentence = f"{number} times; first: {several[0].sentence}"
-            breaks = any(finding.breaks for finding in several)
-            several = [replace(several[0], end=end, sentence=sentence, breaks=breaks)]
-        shown += several
-    return sorted(shown, key=_when)
-
-
 def _begins_grey(recording: Recording) -> bool:
     try:
         image = recording[0].image
@@ -178,7 +138,7 @@ def _begins_grey(recording: Recording) -> bool:
     return image is not None and is_grey(image)
 
 
-def _verdict(recording: Recording, findings: tuple[Finding, ...]) -> str:
+def _verdict(recording: Recording, findings: Sequence[Finding]) -> str:
     broken = Counter(finding.kind for finding in findings if finding.breaks)
     knocks = sum(finding.kind == "knock" for finding in findings)
     held = {"motion capture": recording.object_pose is not None, "contact": recording.contact is not None}

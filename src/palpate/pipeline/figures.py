@@ -1,7 +1,6 @@
 """The figure of a run: the push from above, touch images, and errors over time, in mm and degrees."""
 
 import textwrap
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from palpate.geometry import se2
 from palpate.geometry.lines import closed_outline, ellipses_95
 from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
-from palpate.pipeline.truth import flag_runs, time_gaps
+from palpate.pipeline.truth import flag_runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 
 # The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
 TRUTH, ESTIMATE, SENSOR, START = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA"
-CONTACT, UNKNOWN = "#E69F00", "#999999"
+CONTACT = "#E69F00"
 
 
 def run_figure(run: Run) -> "Figure":
@@ -166,48 +165,26 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[
         draw_number(translation, number, (_seconds(run)[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
     translation.set(ylabel=f"translation {kind} [mm]")
     translation.tick_params(labelbottom=False)
-    rotation.axhline(0.0, color=UNKNOWN, lw=0.8)
+    rotation.axhline(0.0, color=START, lw=0.8)
     rotation.set(ylabel=f"rotation {kind} [°]", xlabel="time [s]")
 
 
 def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
     time = _seconds(run)
-    after = time_gaps(time) + 1
-    _shade(axes, run, after)
-
-    def with_gaps(column: Array) -> Array:
-        """Return a column (N,) with a NaN at each gap in time, so that its line ends there."""
-        return np.insert(column, after, np.nan)
-
-    times = np.insert(time, after, time[after - 1])
+    if run.online.contact is not None:
+        shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
+        for first, last in flag_runs(run.online.contact):
+            axes.axvspan(time[first], time[min(last + 1, len(time) - 1)], **shade)
     band: Any = {"color": ESTIMATE, "alpha": 0.3, "lw": 0, "label": "1 sigma of the estimate"}
-    axes.fill_between(times, with_gaps(below), with_gaps(above), **band)
+    axes.fill_between(time, below, above, **band)
     top = float(np.percentile(above, 99)) * 1.1
     if error is not None:
-        axes.plot(times, with_gaps(error), color="black", lw=1.3, label="error")
+        axes.plot(time, error, color="black", lw=1.3, label="error")
         worst = float(np.nanmax(np.abs(error)))
         top = max(1.1 * worst, min(top, 4.0 * worst))  # as much of the band as leaves the error readable
     top = top or 1.0
     axes.set(xlim=(time[0], time[-1] if len(time) > 1 else time[0] + 1.0), ylim=(-top if below.any() else 0.0, top))
     axes.grid(alpha=0.25)
-
-
-def _shade(axes: "Axes", run: Run, after_gaps: NDArray[np.intp]) -> None:
-    """Shade contact, and hatch frames without truth. A frame lasts until the next one, except before a gap."""
-    time, gaps = _seconds(run), after_gaps - 1
-    spans: list[tuple[NDArray[np.bool_], Any]] = []
-    if run.online.contact is not None:
-        spans.append((run.online.contact, {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}))
-    if run.truth is not None and np.isfinite(run.truth).any():
-        hatch = {"facecolor": "none", "edgecolor": UNKNOWN, "hatch": "////", "lw": 0, "label": "truth unknown"}
-        spans.append((np.isnan(run.truth[:, 0]), hatch))
-    ends = np.append(time[1:], time[-1])
-    ends[gaps] = time[gaps]
-    for flags, style in spans:
-        for first, last in flag_runs(flags):
-            cuts = [first, *(gaps[(gaps >= first) & (gaps < last)] + 1), last + 1]
-            for start, end in pairwise(cuts):
-                axes.axvspan(float(time[start]), float(ends[end - 1]), **style)
 
 
 def _title(run: Run) -> str:
