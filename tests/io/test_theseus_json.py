@@ -63,7 +63,7 @@ def test_theseus_episodes_may_be_empty(tmp_path):
     [
         (lambda d: d.pop("contact_flag"), "lacks contact_flag"),
         (lambda d: d.update(params={"block_size_x": 1}), "block_size_x and block_size_y; found block_size_x"),
-        (lambda d: d.pop("params"), "params tells no shape: expected obj_radius.*found nothing"),
+        (lambda d: d.pop("params"), "params has no shape: expected obj_radius.*found nothing"),
         (lambda d: d.update(params={"obj_radius": "big"}), "params.obj_radius: found text, expected numbers"),
         (lambda d: d.update(obj_poses_2d=[]), "obj_poses_2d: found no frames"),
         (lambda d: d.update(ee_poses_2d=[[0, 0, 0]]), "lengths differ: obj_poses_2d 6, ee_poses_2d 1"),

@@ -1,5 +1,7 @@
 """Trajectories on disk: TUM and estimates.csv."""
 
+from typing import Any
+
 import numpy as np
 import planar as se2
 import pytest
@@ -35,14 +37,15 @@ def test_tum_lines_are_as_the_format_has_them(tmp_path):
     line = "1.500000000 1.000000000 -2.000000000 0.000000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
     assert path.read_text() == line
     path.write_text("# a comment\n\n  " + line.replace(" 0.707106781", " -0.707106781"))
-    found = formats.read(path, "tum")
+    found: Any = formats.read(path, "tum")
     np.testing.assert_allclose(found.pose[0, 2], np.pi / 2)  # -q turns as q does
 
 
 def test_tum_of_a_recording_is_its_truth(tmp_path):
     made = pushed()
     formats.write(made, tmp_path / "a.tum")
-    np.testing.assert_allclose(formats.read(tmp_path / "a.tum").pose[:, :2], made.object_pose[:, :2], atol=1e-9)
+    back: Any = formats.read(tmp_path / "a.tum")
+    np.testing.assert_allclose(back.pose[:, :2], made.object_pose[:, :2], atol=1e-9)
     with pytest.raises(FileError, match="no object poses"):
         formats.write(Recording(made.time, made.sensor_pose, Disc(0.1), POINT), tmp_path / "b.tum")
 
@@ -72,7 +75,7 @@ def test_csv_round_trip_is_exact(tmp_path, changes):
     made = trajectory(**changes)
     formats.write(made, path)
     assert formats.detect_format(path) == "estimates-csv"
-    found = formats.read(path, "estimates-csv")
+    found: Any = formats.read(path, "estimates-csv")
     for name in ("time", "pose", "contact"):
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
     if made.covariance is None:

@@ -109,7 +109,7 @@ class DistanceField:
         """
         points = np.asarray(points, dtype=np.float64)
         if not np.isfinite(points).all():
-            raise EstimationError(f"distance was asked for at {_first_bad(points)}; points must be finite")
+            raise EstimationError(f"distance was queried at {_first_bad(points)}; points must be finite")
         place = (points - self.origin) / self.cell
         rows, columns = self.values.shape
         clamped = np.minimum(np.maximum(place, 0.0), (columns - 1.0, rows - 1.0))

@@ -60,9 +60,9 @@ def area_and_centroid(corners: Array) -> tuple[float, Array]:
 
 
 def checked_count(count: int) -> int:
-    """Return the number of outline points asked for; raise SettingError if that is no outline."""
+    """Return the number of outline points; raise SettingError on fewer than 3."""
     if count < 3:
-        raise SettingError(f"an outline of {count} points was asked for; it needs 3 or more")
+        raise SettingError(f"an outline has {count} points; it needs 3 or more")
     return count
 
 

@@ -79,8 +79,8 @@ def read(path: Path) -> Recording:
     number = 0
     # The hand lets go between actions, so no flag is carried from one into the next.
     # The action id may change one row before the hand is in its new place; the clock jumps with the hand.
-    anew = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
-    bounds = np.concatenate([[0], np.flatnonzero(anew) + 1, [len(time)]])
+    is_new = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
+    bounds = np.concatenate([[0], np.flatnonzero(is_new) + 1, [len(time)]])
     for start, end in pairwise(bounds):
         travel = np.hypot(*(sensor_pose[start:end, :2] - sensor_pose[start, :2]).T)
         clear = np.maximum.accumulate(travel) < 1e-3  # an action starts clear of the object

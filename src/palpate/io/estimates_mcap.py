@@ -17,12 +17,13 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.io.estimates_csv import trajectory_from_text, trajectory_to_text
 from palpate.io.mcap_file import front_matter, is_mcap, nanoseconds, new_mcap
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
 from palpate.types.estimate import Answer, Answers
 from palpate.types.plane import Plane, flat, out_of_plane, spatial_covariance
+from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -62,9 +63,9 @@ def add_estimates(
     stamps: Sequence[int],
     plane: Plane,
     answers: Answers | None = None,
-    said: Mapping[str, str] = NOTHING,
+    values: Mapping[str, str] = NOTHING,
 ) -> None:
-    """Add the messages of estimates with their stamps [ns]; `said` is added to each diagnosis.
+    """Add the messages of estimates with their stamps [ns]; `values` are added to each diagnosis.
 
     Where answers are given, estimates have covariances.
     """
@@ -78,13 +79,13 @@ def add_estimates(
         if spatial is not None:
             both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36))
             sink.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
-        values = _values(trajectory, index)
+        found = _values(trajectory, index)
         if answers is not None:
             several = answers[index] or (_only_answer(trajectory, index),)
             _add_answers(sink, several, stamp, plane)
-            values |= _values_of_answers(several)
+            found |= _values_of_answers(several)
         if trajectory.status is not None:
-            _add_diagnostics(sink, trajectory.status[index], {**values, **said}, stamp, plane.frame)
+            _add_diagnostics(sink, trajectory.status[index], {**found, **values}, stamp, plane.frame)
 
 
 def detect(path: Path) -> bool:
@@ -100,8 +101,10 @@ def read(path: Path) -> Trajectory:
     return trajectory_from_text(text.decode("utf-8", errors="replace"), path)
 
 
-def write(data: Trajectory, path: Path, overwrite: bool = False) -> None:
+def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
     """Write estimates in the plane z = 0 of the frame "world". Raises FileError."""
+    if not isinstance(data, Trajectory):
+        raise SettingError(f"{path}: an {NAME} file holds a trajectory, not a recording")
     write_estimates_mcap(data, path, overwrite)
 
 
@@ -131,7 +134,7 @@ def _values_of_answers(answers: Sequence[Answer]) -> dict[str, str]:
 
 
 def _sigmas(name: str, covariance: Array) -> dict[str, str]:
-    """Standard deviations of covariances (N, 3, 3), N numbers each."""
+    """Return the standard deviations of covariances (N, 3, 3), N numbers each."""
     x, y, yaw = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     units = {"x [mm]": 1e3 * x, "y [mm]": 1e3 * y, "yaw [deg]": np.degrees(yaw)}
     return {f"{name} {unit}": " ".join(f"{one:.2f}" for one in sigma) for unit, sigma in units.items()}

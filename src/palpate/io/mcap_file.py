@@ -33,7 +33,7 @@ class MessageWriter(MessageSink):
         self._flushed = clock.monotonic()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Attach a file; it stands at this place among the messages."""
+        """Attach a file, at this place among the messages."""
         self._writer.add_attachment(0, 0, name, media_type, data)
 
     def describe(self, name: str, values: dict[str, str]) -> None:

@@ -138,7 +138,7 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
         metres = INCH / pixels
     else:
         raise ShapeError(
-            f"the drawing does not say how large it is, its width is {width!r}: give the unit of its numbers, as "
+            f"the drawing has no size, its width is {width!r}: give the unit of its numbers, as "
             "unit='mm' (--shape-unit mm)"
         )
     outline = _outline_of_lines(str(path), [line * (metres, -metres) for line in lines])
@@ -169,7 +169,7 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
         drawing = readfile(path)
         metres = scale or DXF_UNITS.get(drawing.units)
         if metres is None:
-            raise ShapeError("the drawing does not say its unit ($INSUNITS): give it, as unit='mm' (--shape-unit mm)")
+            raise ShapeError("the drawing has no unit ($INSUNITS): give it, as unit='mm' (--shape-unit mm)")
         for entity in drawing.modelspace():
             try:
                 drawn = make_path(entity)

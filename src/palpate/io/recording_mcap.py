@@ -225,6 +225,6 @@ def _from_messages(path: Path, about: Mapping[str, str]) -> Recording:
     from palpate.io.rosbag_recording import BagChoices, read_bag
 
     shape, sensor = shape_from_dict(_json(about, "shape")), sensor_from_dict(_json(about, "sensor"))
-    # By the time of recording, which equals the headers': a replay may begin at 0 s, a stamp that stands for none.
+    # By the time of recording, which equals the headers': a replay may begin at 0 s, which in a header means no stamp.
     choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
     return read_bag(path, shape, choices, sensor).recording

@@ -1,6 +1,6 @@
 """Bags of ROS messages, read by `rosbags` and `mcap`: MCAP, ROS 2 (.db3 or its folder) and ROS 1 (.bag).
 
-`bag_messages` yields what is in a bag, `contents` summarises it: topics, rates, gaps, clocks and frames. Bags tell no
+`bag_messages` yields what is in a bag, `contents` summarises it: topics, rates, gaps, clocks and frames. Bags hold no
 outline of the object, so `rosbag_recording.read_bag` makes a recording of one together with an outline.
 """
 
@@ -44,7 +44,7 @@ def detect(path: Path) -> bool:
 def read(path: Path) -> Recording:
     """Raise FileError: a bag alone is no recording."""
     raise FileError(
-        f"{existing_bag(path)}: is a bag of ROS messages, which tell no outline of the object; palpate track and "
+        f"{existing_bag(path)}: is a bag of ROS messages without an outline of the object; palpate track and "
         "convert take it by --shape, in Python palpate.read_bag"
     )
 

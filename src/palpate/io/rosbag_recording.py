@@ -179,7 +179,7 @@ def _only_source(found: Contents, leave_out: PoseSource | None) -> PoseSource:
     frames = single_chain(found.parents)
     sources = [source for source in (*topics, *([frames] if frames else [])) if source != leave_out]
     if not sources and found.parents:
-        raise FileError(f"{found.path}: {_frames(found)}; say which are the sensor's: --sensor-poses PARENT:CHILD")
+        raise FileError(f"{found.path}: {_frames(found)}; name those of the sensor: --sensor-poses PARENT:CHILD")
     names = [written(source) for source in sources]
     option = "--sensor-poses, and --object-poses if one is ground truth"
     return sources[names.index(_only(found.path, "source of poses", names, option))]

@@ -89,7 +89,7 @@ def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> 
 def lost(data: Recording | Trajectory) -> list[str]:
     """Return the names of data that the file does not hold."""
     if not isinstance(data, Recording) or data.object_pose is None or data.contact is None:
-        return []  # `write` says that it cannot be written at all
+        return []  # `write` refuses it
     _, keep = _episodes(data.object_pose, data.contact, data.episode)
     count = int(np.count_nonzero(~keep))
     frames = [f"{count} of {len(keep)} frames (out of contact or without ground truth)"] if count else []
@@ -120,18 +120,18 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
         check_rows(name, rows, is_near(rows).all(axis=1), f"three numbers up to {FARTHEST:g}")
     sensor = se2.compose(hand, QUARTER_TURN[None])
 
-    anew = number[1:] != number[:-1]
+    is_new = number[1:] != number[:-1]
     if nested:
         ends = np.cumsum([len(episode) for episode in data["obj_poses_2d"]])
-        anew[ends[ends < len(number)] - 1] = True  # the last one, and empty ones after it, end with the frames
-    bounds = [0, *(np.flatnonzero(anew) + 1).tolist(), len(number)]
+        is_new[ends[ends < len(number)] - 1] = True  # the last one, and empty ones after it, end with the frames
+    bounds = [0, *(np.flatnonzero(is_new) + 1).tolist(), len(number)]
     for start, end in pairwise(bounds[1:]):
         move = se2.compose(truth[start - 1], se2.inverse(truth[start]))
         truth[start:end] = se2.compose(move[None], truth[start:end])
         sensor[start:end] = se2.compose(move[None], sensor[start:end])
-    episode = np.append(0, np.cumsum(anew))
+    episode = np.append(0, np.cumsum(is_new))
     contact = flag > 0.5
-    step = np.where(anew, 1.0, 1.0 / 30.0)  # [s]
+    step = np.where(is_new, 1.0, 1.0 / 30.0)  # [s]
     return Recording(
         time=np.append(0.0, np.cumsum(step)),
         sensor_pose=sensor,
@@ -177,7 +177,7 @@ def _shape(params: Any) -> Shape:
     if "block_size_x" in params and "block_size_y" in params:
         return Rectangle(_size(params, "block_size_x"), _size(params, "block_size_y"))
     raise FileError(
-        "params tells no shape: expected obj_radius, or block_size_x and block_size_y; "
+        "params has no shape: expected obj_radius, or block_size_x and block_size_y; "
         f"found {', '.join(params) or 'nothing'}"
     )
 
