@@ -1,4 +1,4 @@
-"""What commands print: tables or one JSON object on standard output, all else on standard error."""
+"""Output of commands: tables or one JSON object on standard output, progress and errors on standard error."""
 
 import json
 import sys
@@ -15,7 +15,7 @@ from rich.table import Table
 from palpate.printable import printable
 
 LINE_EVERY = 30.0
-"""[s] between lines of progress in a log."""
+"""Time between lines of progress in a log [s]."""
 
 
 def print_json(data: dict[str, Any]) -> None:
@@ -24,10 +24,7 @@ def print_json(data: dict[str, Any]) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> None:
-    """Print a table.
-
-    The columns of `numbers` are set to the right. Nothing is cut off: what is long is wrapped.
-    """
+    """Print a table, with the columns of `numbers` aligned to the right. Long cells are wrapped, not cut off."""
     table = Table(title=printable(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
     for index, column in enumerate(columns):
         right = index in numbers
@@ -36,7 +33,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
         table.add_row(*(printable(cell) for cell in row))
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = max(console.width, 160)  # nobody's window to wrap for
+        console.width = max(console.width, 160)  # there is no window to wrap for
     console.print(table)
 
 
@@ -52,13 +49,13 @@ def complain(error: Exception | str) -> None:
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """A bar on standard error; where that is no terminal, a plain line every LINE_EVERY seconds.
+    """Yield a function that shows the number done, and maybe a note.
 
-    Call what it yields with the number done, and maybe a note.
+    It draws a bar, or prints a line every LINE_EVERY seconds if standard error is no terminal.
     """
     console = _terminal()
     if console is None:
-        yield _lines(title, total)
+        yield _progress_lines(title, total)
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
@@ -67,34 +64,34 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
 
 
 def busy(title: str) -> AbstractContextManager[Any]:
-    """A spinner on standard error, where that is a terminal, while its block runs."""
+    """Show a spinner on standard error, if it is a terminal, while the block runs."""
     console = _terminal()
     return nullcontext() if console is None else console.status(title)
 
 
-def _terminal() -> Console | None:
-    """The terminal that standard error is, None where it is a file, whatever FORCE_COLOR says: bars spoil a log."""
-    console = Console(stderr=True, force_terminal=sys.stderr.isatty())
-    return console if console.is_terminal and not console.is_dumb_terminal else None
-
-
-def _lines(title: str, total: int) -> Callable[..., None]:
-    said = time.monotonic()
-
-    def show(done: int, note: str = "") -> None:
-        nonlocal said
-        if time.monotonic() - said >= LINE_EVERY:
-            said = time.monotonic()
-            complain(f"{title}: {done} of {total}{f', {note}' if note else ''}")
-
-    return show
-
-
 def number(value: float | None, digits: int = 1) -> str:
-    """A number for a table, or a dash."""
+    """Return a number for a table, or a dash."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 
 def percent(share: float | None) -> str:
-    """A share for a table in %, or a dash."""
+    """Return a share in % for a table, or a dash."""
     return "-" if share is None else f"{100.0 * share:.0f}"
+
+
+def _terminal() -> Console | None:
+    """Return the terminal of standard error, None for a file even with FORCE_COLOR: bars do not belong in a log."""
+    console = Console(stderr=True, force_terminal=sys.stderr.isatty())
+    return console if console.is_terminal and not console.is_dumb_terminal else None
+
+
+def _progress_lines(title: str, total: int) -> Callable[..., None]:
+    last = time.monotonic()
+
+    def show(done: int, note: str = "") -> None:
+        nonlocal last
+        if time.monotonic() - last >= LINE_EVERY:
+            last = time.monotonic()
+            complain(f"{title}: {done} of {total}{f', {note}' if note else ''}")
+
+    return show

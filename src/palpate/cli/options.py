@@ -115,7 +115,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Touch:
-    """What is measured by touch, and with which model of the sensor."""
+    """Touch measurements, and the model and calibration of the sensor."""
 
     tactile: Annotated[
         TactileChoice,
