@@ -160,3 +160,29 @@ def frames(o: Array, e: Array, contact: Array | bool = True, start: float = 0.0)
 
 def noisy(poses: Array, sigmas: tuple[float, float, float], rng: np.random.Generator) -> Array:
     return se2.compose(poses, se2.exp(rng.normal(size=poses.shape) * sigmas))
+
+
+def draw_residuals(
+    model: ContactModel,
+    noise: NoiseSettings,
+    speed: float,
+    outward: float,
+    steps: int,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[Array, Array, Array]:
+    """Draw the noise of count pushes on a straight side whose outward normal points to outward [rad].
+
+    Returns the first gap between tip and side (count,) [m], and the slip (steps, count, 2) [m] and torque
+    (steps, count) [m^2] that `push` takes. The graph has two Gaussians on the same gaps, one on each (contact) and one
+    on their differences (the normal part of sticking), so they are drawn from the product of both.
+    """
+    slip_sigma = np.hypot(noise.sticking.still, noise.sticking.share * speed)
+    torque_sigma = np.hypot(noise.balance.still, noise.balance.share * speed * model.friction_radius)
+    differences = np.diff(np.eye(steps + 1), axis=0)
+    information = np.eye(steps + 1) / noise.contact.deviation**2 + differences.T @ differences / slip_sigma**2
+    gaps = np.linalg.solve(np.linalg.cholesky(information).T, rng.normal(size=(steps + 1, count)))
+    along_normal, along_side = -np.diff(gaps, axis=0), rng.normal(0.0, slip_sigma, (steps, count))
+    normal, side = np.array([np.cos(outward), np.sin(outward)]), np.array([-np.sin(outward), np.cos(outward)])
+    slip = along_normal[..., None] * normal + along_side[..., None] * side
+    return gaps[0], slip, rng.normal(0.0, torque_sigma, (steps, count))

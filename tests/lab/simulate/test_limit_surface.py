@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, gaps, model_of, pushing_residuals, sensor, touching
+from push_samples import SHAPES, draw_residuals, gaps, model_of, pushing_residuals, sensor, touching
 
 from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
-from palpate.lab.simulate.limit_surface import Steering, draw_residuals, push
+from palpate.lab.simulate.limit_surface import Steering, push
 
 STRAIGHT = Steering(speed=1e-3, aim=0.0, sway=0.0)
 

@@ -32,7 +32,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.knocks import PAUSE, Knocks
 from palpate.lab.simulate.paths import Surroundings, Touch, draw_touch, kinds, unit_vector
-from palpate.lab.simulate.scene import WorldSettings, draw_settings
+from palpate.lab.simulate.scene import draw_settings
 from palpate.lab.simulate.world import Motion, World, concatenated
 from palpate.types.sensor import SensorProfile
 
@@ -54,8 +54,6 @@ class Sequence:
     """world_T_sensor, (N, 3) [m, m, rad]."""
     motion: Motion
     """Motion of the object, and the contact."""
-    settings: WorldSettings
-    """The world of the sequence."""
 
 
 def draw_sequence(
@@ -102,7 +100,7 @@ def draw_sequence(
             robot.go(around.travel(world.sensor_pose, start, world.object_pose))
     sensor_pose = np.concatenate(robot.poses)
     sensor_pose[:, 2] = se2.wrap(sensor_pose[:, 2])
-    return Sequence(np.arange(len(sensor_pose)) / sensor.rate, sensor_pose, concatenated(robot.motions), settings)
+    return Sequence(np.arange(len(sensor_pose)) / sensor.rate, sensor_pose, concatenated(robot.motions))
 
 
 def measured(poses: ArrayLike, rng: np.random.Generator) -> Array:
