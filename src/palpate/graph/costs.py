@@ -2,13 +2,10 @@
 
 import math
 
-from palpate.graph.compiled import Array, Integers, Records, compiled
+from palpate.graph.compiled import Array, Integers, compiled
 from palpate.graph.factors.factor import Linear
-from palpate.graph.se2_kernels import dot, position, rotation
 
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
-_SHORT = 5e-4  # [m] path of the sensor that counts half: the direction of shorter ones is mostly noise
-_SOFT = 0.1  # cosine below which all directions past the object cost the same
 
 
 @compiled
@@ -43,25 +40,3 @@ def add_costs(linear: Linear, step: Integers, costs: Array) -> None:
                     square *= -left / (1.0 - left) * math.log(left)
                 costs[b, step[t]] += 0.5 * square
 
-
-@compiled
-def add_headings(g: Array, e: Array, touching: Records, reach: int, costs: Array) -> None:
-    """Add a cost for a sensor that moves past the object instead of into it to each step's cost (B, N).
-
-    It is minus the logarithm of the cosine between the sensor's path and the outline's inward normal: a sensor that
-    moves at random stays in contact with a side only while it moves into it. No other cost speaks against a hypothesis
-    in which the sensor glides along an object at rest. The path is that of the contact point over `reach` steps before
-    and after.
-    """
-    rows, steps = costs.shape
-    for b in range(rows):
-        for k in range(1, steps):
-            first, last = e[b, max(k - reach, 0)], e[b, min(k + reach - 1, steps - 1)]
-            touch = touching[b, k]
-            way = position(last) - position(first) + (rotation(last[2]) - rotation(first[2])) * touch.material
-            length = abs(way)
-            if length > 0.0:
-                inward = -touch.normal * rotation(e[b, k, 2] - g[b, k, 2])
-                cosine = dot(inward, way) / length
-                into = 0.5 * (cosine + math.sqrt(cosine * cosine + _SOFT * _SOFT))
-                costs[b, k] -= math.log(min(into, 1.0)) / (1.0 + (_SHORT / length) ** 2)

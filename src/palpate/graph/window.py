@@ -23,7 +23,7 @@ from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.block_tridiagonal import Equations, Gaussian
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.costs import add_costs, add_headings, mean_squares
+from palpate.graph.costs import add_costs, mean_squares
 from palpate.graph.factors.factor import Factor, Linear, Step, Terms
 from palpate.graph.factors.first_pose import FirstPose
 from palpate.graph.values import ANGLE_STEPS, Values
@@ -225,8 +225,6 @@ class Window:
             for factor, terms, linear in self._each():
                 if not isinstance(factor, FirstPose):  # a belief from before is no evidence for measurements
                     add_costs(linear, terms.step, costs[..., int(factor.is_of_pushing)])
-            at = self._at
-            add_headings(at.sensor_in_object, at.sensor, at.contact, ANGLE_STEPS, costs[..., 1])
             self._costs = np.concatenate([self._left_costs, costs], axis=1)
         return self._costs
 
