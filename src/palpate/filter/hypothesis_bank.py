@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import NoiseSettings, Normal, SmootherName
+from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
 from palpate.filter.answers import LIKELY, POOR, ambiguity_in_words, answers_of, is_ambiguous, joint_covariance
 from palpate.filter.consistency import Consistency, ConsistencyMonitor
@@ -51,7 +51,7 @@ from palpate.graph.belief import Belief, Indices, RowArrays
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factor_list import make_factors
 from palpate.graph.factors.factor import Step
-from palpate.graph.variables import GRIP, IN_OBJECT, LAG
+from palpate.graph.variables import LAG
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Status
 from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
@@ -61,7 +61,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
-_SLIPPERY: Normal = (0.15, 0.05)  # prior on GRIP of a smooth tip
 _BRIEF = 0.48  # [s] duration up to which a contact may have been none: 15 frames at 30 Hz
 _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0
@@ -91,8 +90,6 @@ class Hypotheses(RowArrays):
     """(B,) -1.0 if touch images are taken as mirrored."""
     is_mirror: Flags
     """True for the second group of hypotheses that takes images as mirrored, until this is decided, (B,)."""
-    is_slippery: Flags
-    """True if the contact is more slippery than believed, (B,)."""
     age: Counts
     """Frames of contact since it was added, (B,)."""
     disturbed_steps_left: Counts
@@ -127,7 +124,6 @@ class Hypotheses(RowArrays):
             weight=np.ones(1),
             sign=np.full(1, sign),
             is_mirror=no,
-            is_slippery=no,
             age=none,
             disturbed_steps_left=none,
             next_alarm=none,
@@ -185,10 +181,6 @@ class HypothesisBank:
         self._lag = LAG if smoother == "fixed-lag" else 2**62
         self._monitor = ConsistencyMonitor(model, settings)
         self._images = MirroredImages(may_be_mirrored)
-        self._usual = settings.priors.mean, settings.priors.deviation
-        self._slippery = settings.priors.mean, settings.priors.deviation
-        for part, value in zip(self._slippery, _SLIPPERY, strict=True):
-            part[IN_OBJECT[GRIP]] = value
         outline_places(model)  # computed now, not when a contact begins
         self.begin(first_pose, first_covariance)
 
@@ -501,30 +493,25 @@ class HypothesisBank:
     def _branch(self, row: int) -> None:
         """Add the hypotheses that something else moved the object, sliding it by several lengths, to one row."""
         assert self._window is not None
-        before, priors = len(self._rows), self._settings.priors
+        before = len(self._rows)
         first = max(self._steps - BACK, 1)
-        can_slip = not self._rows.is_slippery[row] and priors.grip[1] > _SLIPPERY[1]
-        slides = np.tile(SLIDES, 2 if can_slip else 1)
-        slippery = np.arange(len(slides)) >= len(SLIDES)
-        new = np.arange(before, before + len(slides))
-        self._take(np.concatenate([np.arange(before), np.full(len(slides), row)]))
-        self._window.disturb(new, self._steps - first, slides, SPREAD, slippery, (priors.grip, _SLIPPERY))
+        new = np.arange(before, before + len(SLIDES))
+        self._take(np.concatenate([np.arange(before), np.full(len(SLIDES), row)]))
+        self._window.disturb(new, self._steps - first, SLIDES, SPREAD)
         rows, belief = self._rows, self._window.belief()
         is_new = np.arange(len(rows)) >= before
         ignored = rows.ignored_motion.copy()
         ignored[before:, ignored.shape[1] - (self._steps - first) :] = True
         next_alarm = np.where(is_new, self._steps + BACK + AHEAD, rows.next_alarm)
         next_alarm[row] = self._steps + BACK + AHEAD
-        less_likely = LOG_UNLIKELY + math.log(len(slides) / len(SLIDES))
         self._rows = replace(
             rows,
             belief=rows.belief.take(~is_new).joined(belief.take(is_new)),
             consistency=replace(
                 rows.consistency, squares=np.where(is_new[:, None, None], 0.0, rows.consistency.squares)
             ),
-            log_prior=np.where(is_new, rows.log_prior - less_likely, rows.log_prior),
+            log_prior=np.where(is_new, rows.log_prior - LOG_UNLIKELY, rows.log_prior),
             weight=np.where(is_new, 1.0, rows.weight),
-            is_slippery=rows.is_slippery | np.isin(np.arange(len(rows)), new[slippery]),
             age=np.where(is_new, 0, rows.age),
             disturbed_steps_left=np.where(is_new, AHEAD, rows.disturbed_steps_left),
             next_alarm=next_alarm,
@@ -589,10 +576,8 @@ class HypothesisBank:
 
     def _cost_of_variables(self, rows: Hypotheses) -> Array:
         """Return the cost of friction and other variables that are unlike their prior, (B,)."""
-        (mean, deviation), (slippery_mean, slippery_deviation) = self._usual, self._slippery
-        mean = np.where(rows.is_slippery[:, None], slippery_mean, mean)
-        deviation = np.where(rows.is_slippery[:, None], slippery_deviation, deviation)
-        return 0.5 * _PRIOR_SHARE * np.sum(np.square((rows.belief.values - mean) / deviation), axis=1)
+        unusual = (rows.belief.values - self._settings.priors.mean) / self._settings.priors.deviation
+        return 0.5 * _PRIOR_SHARE * np.sum(np.square(unusual), axis=1)
 
     def _decide_mirrored(self, time: float) -> None:
         """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses."""

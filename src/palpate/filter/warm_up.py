@@ -35,7 +35,7 @@ def warm_up() -> None:
     for step in range(1, 5):
         window.add(sensor_pose + 1e-4 * step, touch, 0.1 * step)
     window.take([0, 0])
-    window.disturb([1], 2, np.array([1e-3]), 0.01, np.array([True]), (settings.priors.grip, (0.15, 0.05)))
+    window.disturb([1], 2, np.array([1e-3]), 0.01)
     window.mean_squares("sticking", 3)
     window.costs()
     window.last_errors()

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import Normal
-from palpate.graph.belief import Indices, RowArrays
+from palpate.graph.belief import RowArrays
 from palpate.graph.compiled import Array, Integers, compiled
 from palpate.graph.factors.factor import Columns, Linear
 from palpate.graph.variables import SHARED_SIZE, STEP_SIZE
@@ -48,20 +47,6 @@ class Gaussian(RowArrays):
         gradient = np.empty_like(self.gradient)
         _move_gradient(self.information, self.gradient, change, gradient)
         return Gaussian(self.information, gradient)
-
-    def with_prior(self, rows: Indices, shared: int, value: Array, before: Normal, now: Normal) -> "Gaussian":
-        """Return the Gaussian with another, tighter prior on one shared number in some rows.
-
-        `value` (len(rows),) is the number's value at which the Gaussian is given.
-        """
-        place = STEP_SIZE + shared
-        (mean_before, deviation_before), (mean, deviation) = before, now
-        more = deviation**-2.0 - deviation_before**-2.0
-        target = (mean * deviation**-2.0 - mean_before * deviation_before**-2.0) / more
-        information, gradient = self.information.copy(), self.gradient.copy()
-        information[rows, place, place] += more
-        gradient[rows, place] += more * (target - value)
-        return Gaussian(information, gradient)
 
     def inflated(self, variance: Array) -> "Gaussian":
         """Return the Gaussian after the shared variables changed at random, with variances (SHARED_SIZE,)."""

@@ -39,4 +39,3 @@ def add_costs(linear: Linear, step: Integers, costs: Array) -> None:
                 if left < _FULL_WEIGHT:
                     square *= -left / (1.0 - left) * math.log(left)
                 costs[b, step[t]] += 0.5 * square
-

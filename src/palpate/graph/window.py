@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import Normal, Priors
+from palpate.config import Priors
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
@@ -29,7 +29,6 @@ from palpate.graph.factors.first_pose import FirstPose
 from palpate.graph.values import ANGLE_STEPS, Values
 from palpate.graph.variables import (
     CONTACT_SIZE,
-    GRIP,
     IN_SHARED,
     LAG,
     OBJECT_SIZE,
@@ -142,26 +141,17 @@ class Window:
         self.is_lost = self.is_lost[rows]
         self._costs = None if self._costs is None else self._costs[rows]
 
-    def disturb(
-        self, rows: Indices, steps: int, slide: Array, spread: float, slippery: Flags, grips: tuple[Normal, Normal]
-    ) -> None:
-        """Let something else have moved the object in the last steps, in some rows.
+    def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
+        """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
 
         `slide` (len(rows),) is the slide of the object over the sensor in all these steps, counter-clockwise along the
-        outline, and `spread` its standard deviation, both [m]. In rows that are `slippery` (len(rows),) the first of
-        `grips`, the prior on GRIP, becomes the second, which is tighter. Rows without a solution are lost.
+        outline, and `spread` its standard deviation, both [m].
         """
-        chosen = np.arange(self.rows)[rows]
         first = max(self._values.steps - steps, 1)
         count = max(self._values.steps - first, 1)
-        self._values = self._values.disturbed(chosen, first, slide / count, spread / math.sqrt(count))
-        if (changed := chosen[slippery]).size:
-            prior, now = grips
-            grip = IN_SHARED[GRIP].start
-            self._past = self._past.with_prior(changed, grip, self._past_at.shared[changed, grip], prior, now)
-            self._values = self._values.with_shared(changed, GRIP, now[0])
+        self._values = self._values.disturbed(rows, first, slide / count, spread / math.sqrt(count))
         changing = np.zeros(self.rows, np.bool_)
-        changing[chosen] = True
+        changing[rows] = True
         self._solve(changing, np.arange(self.rows))
 
     @property
