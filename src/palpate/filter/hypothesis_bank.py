@@ -4,7 +4,6 @@ While nothing is doubtful there is one hypothesis. Others are added, and the one
 
 - if touch and pushing contradict each other: something else may have moved the object (`disturbance`);
 - if a contact begins with a rough belief: the sensor may have met the object at several places (`contact_hypotheses`);
-- if a brief contact began where the object should not be: it may have been none;
 - until it is known how touch images lie: they may be mirrored (`mirrored_images`).
 
 During a contact all hypotheses are rows of one `Window`. To branch, prune and reorder them is to take rows, of the
@@ -32,7 +31,6 @@ from palpate.filter.contact_hypotheses import (
     contact_hypotheses,
     is_rough,
     is_round,
-    log_sum,
     outline_places,
 )
 from palpate.filter.disturbance import (
@@ -61,7 +59,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
-_BRIEF = 0.48  # [s] duration up to which a contact may have been none: 15 frames at 30 Hz
 _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0
 """Share of the costs that counts, since errors of neighbouring steps are much the same, and the most that one step may
@@ -192,10 +189,8 @@ class HypothesisBank:
         belief = Belief(pose[None], priors.mean[None], joint[None])
         self._rows = Hypotheses.one(belief, sign=-1.0 if self._images.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)  # once there was one hypothesis that is sure
-        self._untouched: Hypotheses | None = None  # hypotheses before the contact, if nothing was displaced then
         self._window: Window | None = None
         self._steps = 0  # of this contact
-        self._began_at = 0.0  # [s]
         self._times: list[float] = []  # of this contact's last frames [s]
         self._sensor_pose: Array | None = None  # at the last frame
         self._is_indeterminate = False
@@ -320,7 +315,7 @@ class HypothesisBank:
         )
         logger.warning("%s; starting a new graph from the last pose", reason)
         left = poses_of(self._rows.online[0], min(self._steps, self._lag))
-        self._untouched, self._window, self._steps, self._began_at = None, None, 1, time
+        self._window, self._steps = None, 1
         rows = self._rows.take([0])
         before = sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
@@ -352,7 +347,6 @@ class HypothesisBank:
         if self._window is None:
             return
         self._take(~self._rows.is_mirror)
-        may_be_none = bool(self._rows.consistency.is_displaced[0]) and self._times[-1] - self._began_at <= _BRIEF
         if not (lost := self._rows.is_lost).all():
             self._take(~lost)
         rows = self._rows
@@ -372,22 +366,17 @@ class HypothesisBank:
         )
         self._window = None
         self._images.end_contact()
-        if may_be_none and self._untouched is not None:
-            self._doubt_contact(self._untouched)
-        self._untouched = None
 
     # Steps of a contact
 
     def _begin_contact(self, contact: FirstContact, time: float) -> None:
         """Take the first frame of a contact in all hypotheses with which it may begin."""
-        self._steps, self._began_at, self._times = 0, time, []
-        rows, untouched = self._rows, self._rows
+        self._steps, self._times = 0, []
+        rows = self._rows
         touch = contact.measurements[: contact.from_touch]
         is_sure = self._is_found and len(rows) == 1
         if self._images.is_open and is_sure and any(isinstance(one, ContactDirection) for one in touch):
             rows = rows.joined(replace(rows, sign=-rows.sign, is_mirror=~rows.is_mirror))
-        is_displaced = bool(rows.consistency.is_displaced[0])
-        self._untouched = None if is_displaced or self._most == 1 else untouched
         consistency = self._monitor.test_first_contact(
             rows.consistency, rows.belief, contact.sensor_pose, contact.measurements, rows.sign, contact.from_touch
         )
@@ -598,11 +587,9 @@ class HypothesisBank:
         self._take(rows.is_mirror == self._images.is_mirrored)
         self._rows = replace(self._rows, is_mirror=np.zeros(len(self._rows), np.bool_))
         if self._images.is_mirrored:
-            if self._untouched is not None:
-                self._untouched = replace(self._untouched, sign=-self._untouched.sign)
             logger.warning("frame at %.3f s: %s", time, MIRRORED)
 
-    # Rest and doubt
+    # Rest
 
     def _measured_at_rest(self, measurements: Sequence[Measurement], time: float) -> Hypotheses:
         """Return the hypotheses that have a solution with measurements of the resting object."""
@@ -650,20 +637,6 @@ class HypothesisBank:
         less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
         belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
         return replace(rows, belief=belief, unobservable_yaw=held_out)
-
-    def _doubt_contact(self, untouched: Hypotheses) -> None:
-        """Add the hypotheses before the contact to those after it, with the same probability in all."""
-        after, before = log_sum(self._rows.log_prior), log_sum(untouched.log_prior)
-        stayed = np.repeat(untouched.belief.pose[:, None], self._steps, axis=1)
-        untouched = replace(
-            untouched, log_prior=untouched.log_prior + after - before, path=extended(untouched.path, stayed)
-        )
-        rows = untouched.joined(self._rows)
-        order = np.argsort(-rows.log_prior, kind="stable")
-        most = self._most if self._is_found or self._most == 1 else max(self._most, MOST_YOUNG)
-        rows = rows.take(order[:most])
-        likely = np.exp(rows.log_prior - rows.log_prior[0])
-        self._rows = replace(rows, weight=likely / likely.sum())
 
     # Rows
 
