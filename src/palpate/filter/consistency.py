@@ -192,7 +192,7 @@ class ConsistencyMonitor:
 
     def test_outline(self, state: Consistency, belief: Belief, sensor_pose: Array, is_measured: bool) -> Consistency:
         """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
-        tested = state.outline_apart.any(axis=1) | is_measured
+        tested = np.asarray(is_measured | (state.outline_apart > 0.0).any(axis=1))
         if not tested.any():
             return state
         gap, deviation = self.clearance(belief.inflated(self._calibration), sensor_pose)

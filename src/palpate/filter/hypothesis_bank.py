@@ -573,8 +573,7 @@ class HypothesisBank:
         rows, window = self._rows, self._window
         if not rows.is_mirror.any() or window is None:
             return
-        detected = detects_disturbance(window, self._steps)
-        undisturbed = ~rows.ignored_motion.any(axis=1)
+        detected, undisturbed = detects_disturbance(window, self._steps), rows.ignored_motion.sum(axis=1) == 0
         contradicted = []
         for mirror in (False, True):
             group = np.flatnonzero(rows.is_mirror == mirror)
