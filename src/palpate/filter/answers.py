@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.filter.hypotheses import POOR
 from palpate.geometry import se2
 from palpate.types.estimate import Answer
 
@@ -10,8 +11,6 @@ Array = NDArray[np.float64]
 
 LIKELY = 0.1
 """Weight from which a hypothesis makes an estimate ambiguous, and is watched for disturbances."""
-POOR = 1e-3
-"""Weight, relative to the best hypothesis, below which one hardly counts."""
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad] distance between ambiguous poses
 
 

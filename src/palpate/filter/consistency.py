@@ -120,21 +120,20 @@ class ConsistencyMonitor:
         return replace(state, displacement=np.maximum(state.displacement, inside))
 
     def test_release(
-        self, state: Consistency, belief: Belief, touched_from: Array, sensor_pose: Array, since: Array
+        self, state: Consistency, belief: Belief, touched_from: Array, sensor_pose: Array, since: float
     ) -> Consistency:
-        """Test that a sensor released the object by moving away, from its last pose in contact (B, 3), since (B,) [s].
+        """Test that a sensor released the object by moving away from its last pose in contact (3,), since a time [s].
 
-        If it moved on into the object without touching it, the object was taken away. NaN is no contact before.
+        If it moved on into the object without touching it, the object was taken away.
         """
-        known = np.isfinite(since)
-        before, by_before = self._gap(belief, np.where(known[:, None], touched_from, sensor_pose))
+        before, by_before = self._gap(belief, touched_from)
         now, by_now = self._gap(belief, sensor_pose)
         apart = by_now - by_before
         variance = np.einsum("bi,bij,bj->b", apart, belief.covariance, apart)
         deviation = np.sqrt(state.inconsistency * variance + _STILL**2)
-        is_gone = known & (now < before - _SURPRISE * deviation)
-        by_hand = np.minimum(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * np.where(known, since, 0.0))
-        return replace(state, displacement=np.maximum(state.displacement, np.where(is_gone, by_hand, 0.0)))
+        by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * since)
+        gone = np.where(now < before - _SURPRISE * deviation, by_hand, 0.0)
+        return replace(state, displacement=np.maximum(state.displacement, gone))
 
     def test_first_contact(
         self,

@@ -10,10 +10,11 @@ During a contact all hypotheses are rows of one `Window`. To branch, prune and r
 window and of all other arrays alike; the best hypothesis is the first row.
 """
 
+import functools
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,13 +22,12 @@ from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
-from palpate.filter.answers import LIKELY, POOR, ambiguity_in_words, answers_of, is_ambiguous, joint_covariance
-from palpate.filter.consistency import Consistency, ConsistencyMonitor
+from palpate.filter.answers import LIKELY, ambiguity_in_words, answers_of, is_ambiguous, joint_covariance
+from palpate.filter.consistency import ConsistencyMonitor
 from palpate.filter.contact_hypotheses import (
     LOG_UNLIKELY,
     MOST_YOUNG,
     FirstContact,
-    are_near,
     contact_hypotheses,
     is_rough,
     is_round,
@@ -42,10 +42,11 @@ from palpate.filter.disturbance import (
     detects_disturbance,
     suspects_disturbance,
 )
+from palpate.filter.hypotheses import Hypotheses, costs_of_contact, worth_keeping
 from palpate.filter.mirrored_images import MIRRORED, MirroredImages
-from palpate.filter.paths import Paths, extended, no_paths, poses_of
+from palpate.filter.paths import extended, no_paths, poses_of
 from palpate.filter.rest import measured_at_rest
-from palpate.graph.belief import Belief, Indices, RowArrays
+from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factor_list import make_factors
 from palpate.graph.factors.factor import Step
@@ -59,89 +60,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
-_GRACE = 25  # frames after which a poor hypothesis goes
-_COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0
-"""Share of the costs that counts, since errors of neighbouring steps are much the same, and the most that one step may
-cost a hypothesis more than the best."""
-_PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
-_NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
-_LOST = 2.0  # [m] standard deviation at which a solution has diverged
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
-
-
-@dataclass(frozen=True, eq=False)
-class Hypotheses(RowArrays):
-    """State of B hypotheses, the best first."""
-
-    belief: Belief
-    """Belief about the object at the last frame, without its `unobservable_yaw`."""
-    unobservable_yaw: Array
-    """Variance of a round object's yaw that is kept out of the graph, (B,) [rad^2]."""
-    consistency: Consistency
-    """State of the consistency tests."""
-    log_prior: Array
-    """Log probability without the current contact, (B,)."""
-    weight: Array
-    """Probability among all hypotheses, (B,)."""
-    sign: Array
-    """(B,) -1.0 if touch images are taken as mirrored."""
-    is_mirror: Flags
-    """True for the second group of hypotheses that takes images as mirrored, until this is decided, (B,)."""
-    age: Counts
-    """Frames of contact since it was added, (B,)."""
-    disturbed_steps_left: Counts
-    """Steps for which something else may still move the object, (B,)."""
-    next_alarm: Counts
-    """First step of the contact at which an alarm is of something new, (B,)."""
-    ignored_motion: Flags
-    """True in steps of the contact in which pushing is ignored, (B, N) for the steps of `Window.costs`."""
-    path: Paths
-    """Poses up to the current window, (B,)."""
-    online: Paths
-    """Poses in the current contact as they were estimated at their frames, (B,)."""
-    touched_from: Array
-    """Sensor pose at the last frame of contact, (B, 3); NaN if there was none."""
-    touched_at: Array
-    """Time of the last frame of contact, (B,) [s]; NaN if there was none."""
-    resting_since: Array
-    """Time of the first frame at rest, (B,) [s]; NaN in contact."""
-
-    def __len__(self) -> int:
-        return len(self.weight)
-
-    @staticmethod
-    def one(belief: Belief, sign: float) -> "Hypotheses":
-        """Return a single hypothesis."""
-        no, none, nan = np.zeros(1, np.bool_), np.zeros(1, np.int64), np.full(1, math.nan)
-        return Hypotheses(
-            belief,
-            unobservable_yaw=np.zeros(1),
-            consistency=Consistency.begin(1),
-            log_prior=np.zeros(1),
-            weight=np.ones(1),
-            sign=np.full(1, sign),
-            is_mirror=no,
-            age=none,
-            disturbed_steps_left=none,
-            next_alarm=none,
-            ignored_motion=np.zeros((1, 0), np.bool_),
-            path=no_paths(1),
-            online=no_paths(1),
-            touched_from=np.full((1, 3), math.nan),
-            touched_at=nan,
-            resting_since=nan,
-        )
-
-    @property
-    def whole_belief(self) -> Belief:
-        """Belief with the unobservable yaw."""
-        return self.belief.inflated(_yaw_variance(self.unobservable_yaw))
-
-    @property
-    def is_lost(self) -> Flags:
-        """True where the solution has diverged, (B,)."""
-        variances = np.diagonal(self.belief.pose_covariance, axis1=1, axis2=2)
-        return np.any(variances[:, :2] > _LOST**2, axis=1)
 
 
 class Report(NamedTuple):
@@ -193,6 +112,8 @@ class HypothesisBank:
         self._steps = 0  # of this contact
         self._times: list[float] = []  # of this contact's last frames [s]
         self._sensor_pose: Array | None = None  # at the last frame
+        self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
+        self._resting_since: float | None = None  # [s]
         self._is_indeterminate = False
         self._images.end_contact()
 
@@ -265,14 +186,12 @@ class HypothesisBank:
         """
         rows = self._measured_at_rest(measurements, time) if measurements else self._rows
         consistency = self._monitor.test_clearance(rows.consistency, rows.belief, sensor_pose)
-        since = time - rows.touched_at
-        consistency = self._monitor.test_release(consistency, rows.belief, rows.touched_from, sensor_pose, since)
-        self._rows = replace(
-            rows,
-            consistency=consistency,
-            path=extended(rows.path, rows.belief.pose[:, None]),
-            resting_since=np.where(np.isnan(rows.resting_since), time, rows.resting_since),
-        )
+        if self._touched is not None:
+            touched_from, at = self._touched
+            consistency = self._monitor.test_release(consistency, rows.belief, touched_from, sensor_pose, time - at)
+        path = extended(rows.path, rows.belief.pose[:, None])
+        self._rows = replace(rows, consistency=consistency, path=path)
+        self._resting_since = time if self._resting_since is None else self._resting_since
         self._sensor_pose, self._is_indeterminate = sensor_pose, False
 
     def contact_step(
@@ -315,7 +234,7 @@ class HypothesisBank:
         )
         logger.warning("%s; starting a new graph from the last pose", reason)
         left = poses_of(self._rows.online[0], min(self._steps, self._lag))
-        self._window, self._steps = None, 1
+        self._window, self._steps, self._resting_since = None, 1, None
         rows = self._rows.take([0])
         before = sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = float(np.hypot(*(sensor_pose - before)[:2]))
@@ -332,7 +251,6 @@ class HypothesisBank:
             ignored_motion=np.zeros((1, 1), np.bool_),
             path=extended(rows.path, left[None]),
             online=anew.online,
-            resting_since=anew.resting_since,
         )
         try:
             self._window = self._new_window(self._rows, FirstContact(sensor_pose, measurements, from_touch), time)
@@ -356,15 +274,14 @@ class HypothesisBank:
             rows,
             belief=belief.inflated(self._monitor.covariance_of_motion(moved_by)),
             consistency=rows.consistency.without_errors().found(),
-            log_prior=rows.log_prior - _COST_SHARE * self._total_costs(np.arange(len(rows))),
+            log_prior=rows.log_prior - costs_of_contact(rows, self._window.costs()),
             disturbed_steps_left=np.zeros_like(rows.age),
             next_alarm=np.zeros_like(rows.age),
             ignored_motion=np.zeros((len(rows), 0), np.bool_),
             path=extended(rows.path, self._window.object_path()),
             online=no_paths(len(rows)),
-            resting_since=np.full(len(rows), math.nan),
         )
-        self._window = None
+        self._window = self._resting_since = None
         self._images.end_contact()
 
     # Steps of a contact
@@ -449,12 +366,7 @@ class HypothesisBank:
         self._update_belief(sensor_pose, time, tested)
         rows = self._rows
         consistency = self._monitor.test_outline(rows.consistency, rows.belief, sensor_pose, bool(measured))
-        self._rows = replace(
-            rows,
-            consistency=consistency,
-            touched_from=np.tile(sensor_pose, (len(rows), 1)),
-            touched_at=np.full(len(rows), time),
-        )
+        self._rows, self._touched = replace(rows, consistency=consistency), (sensor_pose, time)
 
     def _update_belief(self, sensor_pose: Array, time: float, tested: Flags | None = None) -> None:
         """Take the window's beliefs, and test its errors in some rows, by default in all."""
@@ -512,9 +424,19 @@ class HypothesisBank:
 
     def _reweight_and_prune(self) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
+        assert self._window is not None
         groups = [np.flatnonzero(self._rows.is_mirror == mirror) for mirror in (False, True)]
-        kept, weights = zip(*(self._kept(group) for group in groups if len(group)), strict=True)
-        order = np.concatenate(kept)
+        order, weights = [], []
+        for group in groups:
+            if not len(group):
+                continue
+            is_sure = self._is_found or self._rows.is_mirror[group[0]]
+            most = self._most if is_sure else max(self._most, MOST_YOUNG)
+            costs = self._window.costs()[group]
+            kept, weight = worth_keeping(self._rows.take(group), costs, self._settings.priors, most)
+            order.append(group[kept])
+            weights.append(weight)
+        order = np.concatenate(order)
         if not np.array_equal(order, np.arange(len(self._rows))):
             self._take(order)
         is_single = np.array([len(group) == 1 for group in groups])[self._rows.is_mirror.astype(np.int64)]
@@ -526,47 +448,6 @@ class HypothesisBank:
         )
         if is_single[0]:
             self._is_found |= not is_rough(self.belief, self._model)
-
-    def _kept(self, group: Counts) -> tuple[Counts, Array]:
-        """Return the rows of a group that are worth keeping, the best first, and their weights.
-
-        None of them is poor, the same as a better one, or one too many. While all are young there may be as many as at
-        the beginning of a contact.
-        """
-        if len(group) == 1:
-            return group, np.ones(1)
-        rows = self._rows.take(group)
-        scores = rows.log_prior - _COST_SHARE * self._total_costs(group) - self._cost_of_variables(rows)
-        if not (lost := rows.is_lost).all():
-            scores[lost] = -np.inf  # they may come back
-        relative = np.exp(scores - scores.max())
-        is_poor = (rows.age > _GRACE) & (relative < POOR)
-        is_settled = rows.disturbed_steps_left == 0
-        is_compared = is_settled & (rows.age >= _NEW)
-        near = are_near(rows.belief.pose[:, None], rows.belief.pose[None])
-        kept: list[int] = []
-        for row in np.argsort(-scores):
-            is_same = is_compared[row] and any(near[row, better] and is_settled[better] for better in kept)
-            if not is_poor[row] and not is_same:
-                kept.append(int(row))
-        most = self._most if self._is_found or rows.is_mirror[0] else max(self._most, MOST_YOUNG)
-        if (rows.age[kept] <= _YOUNG).all():
-            most = max(most, MOST_YOUNG)
-        kept = kept[:most]
-        return group[kept], relative[kept] / sum(relative[kept])
-
-    def _total_costs(self, group: Counts) -> Array:
-        """Return the total cost of the contact in some rows; pushing is left out in steps in which any ignores it."""
-        assert self._window is not None
-        costs = self._window.costs()[group]
-        costs[:, self._rows.ignored_motion[group].any(axis=0), 1] = 0.0
-        costs = costs.sum(axis=2)
-        return np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
-
-    def _cost_of_variables(self, rows: Hypotheses) -> Array:
-        """Return the cost of friction and other variables that are unlike their prior, (B,)."""
-        unusual = (rows.belief.values - self._settings.priors.mean) / self._settings.priors.deviation
-        return 0.5 * _PRIOR_SHARE * np.sum(np.square(unusual), axis=1)
 
     def _decide_mirrored(self, time: float) -> None:
         """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses."""
@@ -592,35 +473,27 @@ class HypothesisBank:
 
     def _measured_at_rest(self, measurements: Sequence[Measurement], time: float) -> Hypotheses:
         """Return the hypotheses that have a solution with measurements of the resting object."""
-        monitor, solved, left = self._monitor, [], []
+        monitor, since = self._monitor, time if self._resting_since is None else self._resting_since
+        solved: list[Hypotheses] = []
         for row in range(len(self._rows)):
             rows = self._rows.take([row])
             whole, state = rows.whole_belief, rows.consistency
             prior = whole.inflated(monitor.displacement_covariance(state))
             doubted = prior.inflated(monitor.contradiction_covariance(state))
-            since = time if np.isnan(rows.resting_since[0]) else float(rows.resting_since[0])
+            given = measurements, self._factors, self._model, since, time
             try:
-                belief, is_of_pose = measured_at_rest(
-                    whole, doubted, measurements, self._factors, self._model, since, time
-                )
-            except EstimationError as error:
-                logger.debug("frame at %.3f s: a hypothesis is dropped: %s", time, error)
-                if row == len(self._rows) - 1 and not left:
+                belief, is_of_pose = measured_at_rest(whole, doubted, *given)
+            except EstimationError:
+                if row == len(self._rows) - 1 and not solved:
                     raise
                 continue
             step = Step(prior.pose[0], None, measurements, [since, time], at_rest=True)
             measured = [one for one in measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
             state = monitor.test_object_poses(state, prior, [prior.pose] * len(measured), measured, moved=0.0)
-            rows = replace(rows, belief=belief, unobservable_yaw=np.zeros(1), consistency=state)
-            if is_of_pose:  # it may have been found elsewhere
-                nan = np.full(1, math.nan)
-                rows = replace(rows, consistency=state.found(), touched_at=nan)
-            left.append(row)
-            solved.append(rows)
-        found = solved[0]
-        for rows in solved[1:]:
-            found = found.joined(rows)
-        return found
+            if is_of_pose:  # the object may have been found elsewhere
+                state, self._touched = state.found(), None
+            solved.append(replace(rows, belief=belief, unobservable_yaw=np.zeros(1), consistency=state))
+        return functools.reduce(Hypotheses.joined, solved)
 
     def _without_unobservable_yaw(self, rows: Hypotheses, measurements: Sequence[Measurement]) -> Hypotheses:
         """Return hypotheses for the graph of a contact, with the large variance of a round object's yaw held out.
@@ -656,11 +529,6 @@ class HypothesisBank:
         assert self._window is not None
         if (lost := self._window.is_lost).any():
             self._take(~lost)
-
-
-def _yaw_variance(variance: Array) -> Array:
-    """Return covariances (B, 3, 3) of a pose with a variance (B,) of yaw."""
-    return variance[:, None, None] * np.diag([0.0, 0.0, 1.0])
 
 
 def _begun(
