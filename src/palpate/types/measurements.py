@@ -10,10 +10,6 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 
-FARTHEST_BACK = 39
-"""How many frames ago the earliest frame is that touch compares a frame with, as in the published system. A sliding
-window holds so many steps and the last one."""
-
 
 class Measurement:
     """Base of all measurements of one frame; each type has its factor in `palpate.graph`."""
