@@ -22,7 +22,7 @@ from palpate.lab.study.trial import Method, StudySettings
 
 LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # on any port that is free
 HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, **LOOPBACK}
-METHODS = (Method("none"), Method("learnt"))
+METHODS = (Method("none"), Method("oracle"))
 
 
 def main(folder: Path, out: Path) -> None:
