@@ -62,9 +62,9 @@ def test_pushes_without_a_knock(runs):
 def test_a_knocked_object_is_found_again(knocked):
     assert len(knocked) >= 6
     several, one = (np.array([final(run) for run in runs]) for runs in zip(*knocked, strict=True))
-    # Pushes that end soon after a hand has turned the object leave up to 20 degrees open.
+    # Pushes that end soon after a hand has turned the object leave the yaw open.
     assert (several[:, 0] < 10.0).sum() >= len(knocked) - 1
-    assert np.median(several[:, 0]) < 6.0 and np.median(several[:, 1]) < 4.0
+    assert np.median(several[:, 0]) < 6.0 and np.median(several[:, 1]) < 5.0
     assert np.median(several[:, 0]) < 0.2 * np.median(one[:, 0])
 
 
