@@ -75,7 +75,7 @@ class InputGate:
         """Return a frame with its image in the profile's view, and contact as the image shows.
 
         `frame` comes from `checked_frame`. `clearance` is the predicted distance between sensor and object and its
-        standard deviation [m]. `reads_images` and `needs_colours` are what the source of touch measurements needs.
+        standard deviation [m]. `reads_images` and `needs_colours` are the needs of the touch reader.
         Raises FrameError if the frame cannot be used; see `Tracker.update`.
         """
         when = f"frame at {frame.time:.3f} s"
@@ -158,7 +158,7 @@ class InputGate:
 
     @property
     def weakness(self) -> str:
-        """Sentence on what is wrong with the stream; empty if all is well."""
+        """Sentence on a weakness of the stream; empty if all is well."""
         return self._quality.weakness
 
 

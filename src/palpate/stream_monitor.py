@@ -189,7 +189,7 @@ def _speed(earlier: _Pose, later: _Pose) -> float:
 
 _LATELY = 15  # intervals, half a second at 30 Hz
 _SELDOM, _LONGEST = 1.5, 3.0  # nominal intervals: mean from which the rate is too low; a single gap counts no more
-_BEST_RATE, _HIGH_RATE = 60.0, 90.0  # [Hz] up to which the estimate gains; from which a stream is told to be thinned
+_BEST_RATE, _HIGH_RATE = 60.0, 90.0  # [Hz] up to which the estimate gains; from which a stream should be thinned
 _NOISY = 3.0  # times the stated standard deviation of a position
 _RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two standard normal numbers
 _OTHER_LIGHT = 0.25  # relative change of brightness; presses on real gels change it by 0.03

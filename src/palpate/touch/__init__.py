@@ -1,1 +1,1 @@
-"""What images say: from frames to measurements. Knows nothing of the graph."""
+"""Touch: contact and measurements from images."""

@@ -3,7 +3,7 @@
 A ball, rod or edge is pressed on the gel at angles known from the robot or the place. The model is asked in every view
 of the right size; in the right one, measured angles lie on a line over the true ones. Of presses by hand the order from
 one side to the other is enough: in the right view imprints lie in this order, and their places give the angles. That
-shows the view and says nothing of the errors.
+shows the view, and none of the errors.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The picture of a calibration by presses: the images in the view found, and what they tell."""
+"""Figure of a calibration by presses: images in the view found, and measured over true angles."""
 
 from typing import TYPE_CHECKING
 
