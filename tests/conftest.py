@@ -53,7 +53,7 @@ def run_palpate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, 
 
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs get an empty picture at once; what they would show is tested in tests/tracking/test_figures.py."""
+    """Runs get an empty picture at once; what they would show is tested in tests/pipeline/test_figures.py."""
     blank = SimpleNamespace(savefig=lambda path, dpi: path.write_bytes(b""))
     monkeypatch.setattr("palpate.pipeline.run_folder.run_figure", lambda run: blank)
 
