@@ -4,9 +4,10 @@ python scripts/make_status_pictures.py
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -24,11 +25,8 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import Patch
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs/pictures"
-SECONDS = 15.0
-ABSURD = 268
-"""A frame in the middle of a contact."""
 FLOOR = 0.1
-"""[mm], degrees: what is less is drawn here."""
+"""Smaller errors [mm], [deg] are drawn here."""
 COLOURS = {
     "resting": "#cccccc",
     "tracking": "#009E73",
@@ -40,21 +38,9 @@ COLOURS = {
 }
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A run that is shown."""
-
-    status: str
-    """The status that it is shown for."""
-    recording: Recording
-    """What was tracked."""
-    estimates: Sequence[Estimate]
-    """What came out."""
-
-
 def simulated(shape: str, seed: int, index: int = 0, knocks: bool = False) -> Recording:
     """Return one of the recordings that `palpate simulate` makes of a shape and seed."""
-    return list(plan({shape: SHAPES[shape]}, index + 1, seed, knocks=knocks, seconds=SECONDS).values())[index].run()
+    return list(plan({shape: SHAPES[shape]}, index + 1, seed, knocks=knocks, seconds=15.0).values())[index].run()
 
 
 def turned_by_hand(angle: float) -> Recording:
@@ -93,13 +79,12 @@ def tracked(
     return [tracker.update(frame, [far] if k == absurd else []) for k, frame in enumerate(recording)]
 
 
-def draw(shown: Shown) -> None:
-    """Draw errors with twice what is stated, over a strip of statuses."""
-    time = shown.recording.time
-    truth = shown.recording.object_pose
+def draw(status: str, recording: Recording, estimates: Sequence[Estimate]) -> None:
+    """Draw errors with twice their standard deviation, over a strip of statuses."""
+    time, truth = recording.time, recording.object_pose
     assert truth is not None
-    pose = np.array([estimate.pose for estimate in shown.estimates])
-    sigma, turn_sigma = deviations(np.array([estimate.covariance for estimate in shown.estimates]))
+    pose = np.array([estimate.pose for estimate in estimates])
+    sigma, turn_sigma = deviations(np.array([estimate.covariance for estimate in estimates]))
     off = 1e3 * np.hypot(*(pose - truth)[:, :2].T)
     turn = np.degrees(np.abs(se2.wrap(pose[:, 2] - truth[:, 2])))
     figure, axes = plt.subplots(3, sharex=True, figsize=(7.4, 3.6), height_ratios=(4, 4, 1), layout="constrained")
@@ -107,20 +92,13 @@ def draw(shown: Shown) -> None:
         (axes[0], off, 2e3 * sigma, "mm"),
         (axes[1], turn, 2 * np.degrees(turn_sigma), "°"),
     ):
-        panel.fill_between(
-            time,
-            FLOOR,
-            np.maximum(band, FLOOR),
-            color="#0072B2",
-            alpha=0.2,
-            lw=0,
-            label="two standard deviations, stated",
-        )
+        style = {"color": "#0072B2", "alpha": 0.2, "lw": 0, "label": "two standard deviations"}
+        panel.fill_between(time, FLOOR, np.maximum(band, FLOOR), **style)
         panel.plot(time, np.maximum(error, FLOOR), color="#0072B2", lw=1.8, label="error")
         panel.set(ylabel=unit, yscale="log", ylim=(FLOOR, 1.3 * max(np.max(np.maximum(error, band)), 10.0)))
         panel.yaxis.set_major_formatter("{x:g}")
     axes[0].legend(loc="lower right", fontsize=8)
-    statuses = [estimate.status for estimate in shown.estimates]
+    statuses = [estimate.status for estimate in estimates]
     step = float(np.median(np.diff(time)))
     axes[2].bar(time, 1.0, width=1.05 * step, align="edge", color=[COLOURS[status] for status in statuses])
     axes[2].set(yticks=[], xlabel="time [s]", xlim=(time[0], time[-1]), ylabel="status")
@@ -133,7 +111,7 @@ def draw(shown: Shown) -> None:
         frameon=False,
         fontsize=9,
     )
-    figure.savefig(PICTURES / f"status_{shown.status}.png", dpi=100)
+    figure.savefig(PICTURES / f"status_{status}.png", dpi=100)
     plt.close(figure)
 
 
@@ -145,18 +123,18 @@ def main() -> None:
     sure = TrackerSettings("oracle", noise=noise, hypotheses=1)
     calm, shoved = simulated("rectangle", 2), simulated("rectangle", 2, knocks=True)
     moved = simulated("rectangle", 9002, 2, knocks=True)
-    runs = [
-        Shown("tracking", calm, tracked(calm, learnt)),
-        Shown("ambiguous", shoved, tracked(shoved, learnt)),
-        Shown("strained", turned, tracked(turned, sure)),
-        Shown("uncertain", calm, tracked(calm, learnt, off=(0.02, 0.02, 0.2), sigma=(0.03, 0.03, 0.3))),
-        Shown("displaced", moved, tracked(moved, learnt)),
-        Shown("indeterminate", calm, tracked(calm, learnt, absurd=ABSURD)),
-    ]
-    for shown in runs:
-        draw(shown)
-        names, counts = np.unique([estimate.status for estimate in shown.estimates], return_counts=True)
-        print(shown.status, dict(zip(names.tolist(), counts.tolist(), strict=True)))
+    rough: dict[str, Any] = {"off": (0.02, 0.02, 0.2), "sigma": (0.03, 0.03, 0.3)}
+    runs = {
+        "tracking": (calm, tracked(calm, learnt)),
+        "ambiguous": (shoved, tracked(shoved, learnt)),
+        "strained": (turned, tracked(turned, sure)),
+        "uncertain": (calm, tracked(calm, learnt, **rough)),
+        "displaced": (moved, tracked(moved, learnt)),
+        "indeterminate": (calm, tracked(calm, learnt, absurd=268)),  # in the middle of a contact
+    }
+    for status, (recording, estimates) in runs.items():
+        draw(status, recording, estimates)
+        print(status, Counter(estimate.status for estimate in estimates))
 
 
 if __name__ == "__main__":
