@@ -9,42 +9,53 @@ from palpate.cli.options import Bag, Force, Json, Start, Touch, arg, check_new, 
 
 if TYPE_CHECKING:
     from palpate.live.session import LiveState
-    from palpate.live.setup import SetUp
+    from palpate.live.sources import Sources
     from palpate.touch.calibration import Calibration
+    from palpate.types.recording import Recording
 
 
 @dataclass(frozen=True)
 class Source:
-    """The source of images and sensor poses: a camera with poses, or a replay."""
+    """Images and sensor poses: of a camera, or of a recording."""
 
-    camera: Annotated[str | None, arg("SERIAL|PATH|N", "none; this or --replay is required")] = None
-    """The camera of a DIGIT."""
-    poses: Annotated[str | None, arg("udp:PORT|ros2:TOPIC|NAME", "none; required with --camera")] = None
+    camera: Annotated[str | None, arg("SERIAL|PATH|N", "none; or --replay")] = None
+    """Camera of a DIGIT."""
+    poses: Annotated[str | None, arg("udp:PORT|ros2:TOPIC|NAME", "none; --camera needs it")] = None
     """Sensor poses: JSON by UDP on this machine, a ROS 2 topic, or an entry point of palpate.poses."""
-    replay: Annotated[Path | None, arg("FILE", "none")] = None
+    replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None
     """A recording or a bag, played in real time."""
 
-    def set_up(self, bag: Bag, start: Start, calibration: "Calibration | None") -> "SetUp":
-        """Open the source; SettingError if options do not go together."""
+    def open(self, bag: Bag, start: Start, calibration: "Calibration | None") -> "tuple[Sources, Recording, Start]":
+        """Return the sources, a recording that says what is tracked, and the start. Raises SettingError."""
+        import numpy as np
+
+        from palpate.config import NoiseSettings
         from palpate.errors import SettingError
         from palpate.io.outlines import load_shape
-        from palpate.live.setup import camera_set_up, replay_set_up
+        from palpate.live.camera import camera_sources
+        from palpate.live.sources import replayed
+        from palpate.pipeline.track import first_pose_of
         from palpate.types.recording import Recording
+        from palpate.types.sensor import DIGIT
 
-        first_pose, sigma = start.pose_and_sigma()
+        first, sigma = start.pose_and_sigma()
         if (self.camera is None) == (self.replay is None) or (self.camera is None) != (self.poses is None):
             raise SettingError("live takes either --camera with --poses, or --replay FILE")
         if self.replay is not None:
             reading = bag.read(self.replay)
             recording = reading if isinstance(reading, Recording) else reading.recording
-            return replay_set_up(recording, self.replay.name, first_pose, sigma)
+            sources = replayed(recording)
+            pose, deviation = first_pose_of(recording, NoiseSettings(), first, sigma)
+            return sources, recording, Start(tuple(pose.tolist()), tuple(deviation.tolist()))
         assert self.camera is not None and self.poses is not None
-        if bag.shape is None or first_pose is None:
+        if bag.shape is None or first is None:
             raise SettingError("--camera needs --shape NAME|FILE, and --first-pose X Y THETA or --first-pose-unknown")
         if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit):
             raise SettingError("--camera: of the options for bags, only --shape and --shape-unit can be used")
         shape = load_shape(bag.shape, bag.shape_unit)
-        return camera_set_up(self.camera, self.poses, shape, first_pose, sigma, calibration)
+        sources = camera_sources(self.camera, self.poses, DIGIT, calibration)
+        scene = Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",))
+        return sources, scene, Start(first, sigma)
 
 
 def live(
@@ -61,22 +72,21 @@ def live(
 ) -> int:
     """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
 
-    A table shows rate, latency, contact, status and pose; images that arrive faster than they are tracked are dropped
-    and counted.
+    A table shows rate, latency, contact, status and pose; images that arrive faster than they are tracked are dropped and
+    counted.
 
-    Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
+    Example: palpate live --replay push.mcap --record live.mcap
 
     Args:
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
-        view: Show it in Rerun too.
+        view: Show the session in Rerun too.
         seconds: End after this time [s].
     """
     from palpate.cli.console import busy, complain, print_json
     from palpate.config import TrackerSettings
     from palpate.errors import SettingError
     from palpate.live.recorder import recorder
-    from palpate.live.session import LiveState, track_live
-    from palpate.live.setup import stop_on_signals
+    from palpate.live.session import LiveState, stop_on_signals, track_live
     from palpate.live.table import live_table
     from palpate.tracker import Tracker
 
@@ -89,25 +99,28 @@ def live(
     if record:
         check_new(record, force)
     model, calibration = touch.load()
+    name = source.replay.name if source.replay else f"camera {source.camera}"
     with ExitStack() as stack:
-        sources_if_unused = stack.enter_context(ExitStack())
+        unused = stack.enter_context(ExitStack())
         with busy("looking for images and poses"):
-            set_up = source.set_up(bag, start, calibration)
-            sources_if_unused.callback(set_up.close)
-        shape, first = set_up.scene.shape, set_up.first_pose
-        settings, sigma = TrackerSettings(touch.tactile), set_up.first_pose_sigma
-        tracker = Tracker(shape, set_up.sensor, first, settings, model, calibration, first_pose_sigma=sigma)
-        taking = stack.enter_context(recorder(record, shape, set_up.recorded_sensor, force)) if record else None
-        log = None
+            sources, scene, placed = source.open(bag, start, calibration)
+            unused.callback(sources.close)
+        first, sigma = placed.pose_and_sigma()
+        assert first is not None
+        settings = TrackerSettings(touch.tactile)
+        tracker = Tracker(scene.shape, sources.sensor, first, settings, model, calibration, first_pose_sigma=sigma)
+        listen = watch = None
+        if record:
+            listen = stack.enter_context(recorder(record, scene.shape, sources.recorded_sensor, force))
         if view:
             from palpate.viewer.rerun_view import live_view
 
-            log = stack.enter_context(live_view(set_up.scene, set_up.name, None, force, window=True))
+            watch = stack.enter_context(live_view(scene, name, None, force, window=True)).show
         stop = stack.enter_context(stop_on_signals())
         state = LiveState(complain)
-        stack.enter_context(live_table(f"palpate live: {set_up.name}", state))
-        sources_if_unused.pop_all()  # from here on the session's threads close them
-        track_live(tracker, set_up.start(), state, stop, taking, log.show if log else None, seconds)
+        stack.enter_context(live_table(f"palpate live: {name}", state))
+        unused.pop_all()  # from here on the session's threads close the sources
+        track_live(tracker, sources, state, stop, listen or (lambda item: None), watch, seconds)
     if json:
         print_json(state.summary())
     else:
@@ -118,21 +131,18 @@ def live(
 def _report(state: "LiveState", record: Path | None) -> None:
     from palpate.cli.console import number, print_line, print_table
 
-    latency = state.latency_ms()
+    latency, statuses = state.latency_ms(), state.statuses.items()
     rows = [
-        ("images", str(state.images), ""),
-        ("tracked", str(state.tracked), ""),
-        ("dropped", str(state.dropped), ""),
-        ("without a sensor pose", str(state.without_pose), ""),
-        ("left out", str(state.left_out), ""),
-        ("sensor poses", str(state.poses), ""),
-        ("refused poses", str(state.refused), ""),
+        *(
+            (name.replace("without_pose", "without a sensor pose").replace("_", " "), str(count), "")
+            for name, count in state.counts.items()
+        ),
         ("rate", number(state.rate), "Hz"),
         ("latency, median", number(latency["p50"]), "ms"),
         ("latency, 99 %", number(latency["p99"]), "ms"),
         ("latency, largest", number(latency["max"]), "ms"),
         ("in contact", str(state.contact_frames), "frames"),
-        ("status", ", ".join(f"{count} {status}" for status, count in state.statuses.items()), "frames"),
+        ("status", ", ".join(f"{count} {status}" for status, count in statuses), "frames"),
     ]
     print_table("live", ("quantity", "value", "unit"), rows, numbers=(1,))
     if record:

@@ -2,16 +2,18 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Image, TouchImage
+from palpate.live.sources import Clock, Size, Sources, TouchImage, pose_source
+from palpate.touch.calibration import Calibration, view_of
+from palpate.types.sensor import SensorProfile
 
 BY_ID = Path("/dev/v4l/by-id")
 """Folder in which Linux lists cameras by serial."""
@@ -39,72 +41,28 @@ class CameraTiming:
 TIMING = CameraTiming()
 
 
-class Device(Protocol):
-    """An open camera."""
-
-    def grab(self) -> bool:
-        """Wait for the next image; return False if none arrives, as from a camera that was unplugged."""
-        ...
-
-    def image(self) -> Image | None:
-        """Return the grabbed image (height, width, 3) RGB; None if it is damaged."""
-        ...
-
-    def close(self) -> None:
-        """Release the camera."""
-        ...
-
-
-class V4l2Device:
-    """A camera read by OpenCV through V4L2."""
-
-    def __init__(self, path: Path, size: tuple[int, int]) -> None:
-        """Open the camera and ask for images of `size` (rows, columns); SettingError if it cannot be opened."""
-        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")  # [s] instead of 10
-        import cv2
-
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it in one sentence
-        self._path = path
-        self._capture: Any = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
-        if not self._capture.isOpened():
-            raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
-        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[0])
-        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[1])
-        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-
-    def grab(self) -> bool:
-        """See Device."""
-        return self._path.exists() and bool(self._capture.grab())  # OpenCV goes on grabbing from an unplugged camera
-
-    def image(self) -> Image | None:
-        """See Device."""
-        import cv2
-
-        done, pixels = self._capture.retrieve()
-        if not done or pixels is None or pixels.ndim != 3:
-            return None
-        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
-
-    def close(self) -> None:
-        """See Device."""
-        self._capture.release()
-
-
 class Camera:
-    """A camera that survives being unplugged and plugged in again."""
+    """A camera read through V4L2 by OpenCV, that survives being unplugged and plugged in again."""
 
-    def __init__(self, open_device: Callable[[], Device], clock: Clock) -> None:
-        """Open the camera, let its exposure settle and measure its rate; SettingError if it gives no images."""
-        self._open, self._clock = open_device, clock
-        self._device: Device | None = open_device()
+    def __init__(self, path: Path, size: Size, clock: Clock) -> None:
+        """Open the camera, let its exposure settle and measure its rate.
+
+        Raises SettingError if it cannot be opened, gives no images, or images of another size.
+        """
+        self._path, self._size, self._clock = path, size, clock
+        self._capture: Any = None
+        if not self._open():
+            raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
         images = list(self._settling(threading.Event()))
         if len(images) < 2:
             self.close()
-            raise SettingError("the camera is open, but gives no images")
-        self.size: tuple[int, int] = images[-1].pixels().shape[:2]
-        """Rows and columns of its images."""
+            raise SettingError(f"camera {path} is open, but gives no images")
         self.rate: float = (len(images) - 1) / (images[-1].time - images[0].time)
         """Measured rate [Hz]."""
+        found = images[-1].pixels(size).shape[:2]
+        if found != size:
+            self.close()
+        check_size(f"camera {path}", found, size)
 
     def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
         """Yield each image with the time of its arrival and, as text, notes for the user; ends at the event."""
@@ -113,58 +71,90 @@ class Camera:
                 self._read()
             while not stop.is_set():
                 image = self._read()
-                size = None if image is None else image.pixels().shape[:2]
-                if image is not None and size == self.size:
+                found = None if image is None else image.pixels(self._size).shape[:2]
+                if image is not None and found == self._size:
                     yield image
                     continue
                 if image is not None:
-                    yield f"the camera gives images of {size} rows and columns, not {self.size}"
-                yield from self._reopen(stop)
+                    yield f"the camera gives images of {found} rows and columns, not {self._size}"
+                lost = self._clock.now()
+                yield "the camera is lost, and is opened again as soon as it is there"
+                if self._reopen(stop):
+                    yield f"the camera is back after {self._clock.now() - lost:.1f} s"
         finally:
             self.close()
 
     def close(self) -> None:
         """Release the camera."""
-        if self._device is not None:
-            self._device.close()
-        self._device = None
+        if self._capture is not None:
+            self._capture.release()
+        self._capture = None
 
-    def _reopen(self, stop: threading.Event) -> Iterator[str]:
-        lost = self._clock.now()
-        yield "the camera is lost, and is opened again as soon as it is there"
+    def _open(self) -> bool:
+        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")  # [s] instead of 10
+        import cv2
+
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported in one sentence
+        capture = cv2.VideoCapture(str(self._path), cv2.CAP_V4L2)
+        if not capture.isOpened():
+            return False
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[0])
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[1])
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self._capture = capture
+        return True
+
+    def _reopen(self, stop: threading.Event) -> bool:
+        """Open the camera again and let it settle; return False if the event comes first."""
         self.close()
-        while self._device is None:
-            if stop.wait(TIMING.reopen_every):
-                return
-            with suppress(SettingError):
-                self._device = self._open()
-            if self._device is not None and not list(self._settling(stop)):
+        while not stop.wait(TIMING.reopen_every):
+            if self._open():
+                if list(self._settling(stop)):
+                    return True
                 self.close()
-        yield f"the camera is back after {self._clock.now() - lost:.1f} s"
+        return False
 
     def _settling(self, stop: threading.Event) -> Iterator[TouchImage]:
         """Yield images until the exposure has settled or the time for it is over."""
         means: list[float] = []
-        begin = self._clock.now()
+        begin, last = self._clock.now(), TIMING.settled_images
         while not stop.is_set() and self._clock.now() - begin < TIMING.longest_settling:
             image = self._read()
             if image is None:
                 return
             yield image
-            means.append(float(image.pixels().mean()))
-            if len(means) >= TIMING.settled_images and np.ptp(means[-TIMING.settled_images :]) <= TIMING.settled_range:
+            means.append(float(image.pixels(self._size).mean()))
+            if len(means) >= last and np.ptp(means[-last:]) <= TIMING.settled_range:
                 return
 
     def _read(self) -> TouchImage | None:
         """Return the next image with the time of its arrival; None if the camera gives none."""
+        import cv2
+
         for _ in range(TIMING.damaged_images):
-            if self._device is None or not self._device.grab():
+            # OpenCV goes on grabbing from an unplugged camera.
+            if not self._path.exists() or not self._capture.grab():
                 return None
             time = self._clock.now()
-            pixels = self._device.image()
-            if pixels is not None:
-                return TouchImage(time, pixels)
+            is_whole, pixels = self._capture.retrieve()
+            if is_whole and pixels is not None and pixels.ndim == 3:
+                return TouchImage(time, np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8))
         return None
+
+
+def camera_sources(name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None) -> Sources:
+    """Open a camera (number, path or serial) and a source of poses (see `pose_source`).
+
+    Raises SettingError if one of them is missing or images have another size than the calibration's.
+    """
+    size, clock, path = size_of_images(sensor, calibration), Clock(), camera_path(name)
+    with ExitStack() as opened:
+        camera = Camera(path, size, clock)
+        opened.callback(camera.close)
+        source, close_source = pose_source(poses, clock)
+        opened.callback(close_source)
+        close = opened.pop_all().close
+    return Sources(camera.images, source, clock, replace(sensor, rate=camera.rate), size, close)
 
 
 def camera_path(name: str) -> Path:
@@ -186,3 +176,19 @@ def camera_path(name: str) -> Path:
         return found[0]
     fault = f"fits {len(found)} cameras" if found else "is no number, path or serial of a camera"
     raise SettingError(f"camera {name!r} {fault}; {listed}")
+
+
+def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> Size:
+    """Return the size of a sensor's images as they arrive, before a calibration turns them."""
+    height, width = sensor.image_height, sensor.image_width
+    return (width, height) if view_of(calibration).quarter_turns % 2 else (height, width)
+
+
+def check_size(source: str, found: Size, expected: Size) -> None:
+    """Raise SettingError if images of a source have another size than expected."""
+    if found != expected:
+        turned = "; palpate calibrate --presses finds how they are turned" if found == expected[::-1] else ""
+        raise SettingError(
+            f"{source}: its images have {found[0]} rows and {found[1]} columns, expected {expected[0]} and "
+            f"{expected[1]}{turned}"
+        )

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from palpate.errors import SettingError
 from palpate.io.ros_messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
 from palpate.io.rosbag_recording import BagChoices
-from palpate.live.poses import PoseSource, Refused, TimedPose, on_clock
-from palpate.live.sources import Clock, TouchImage
+from palpate.live.sources import Clock, PoseSource, Refused, TimedPose, TouchImage, checked_pose
 from palpate.types.plane import STEEPEST, Plane, into_plane, plane_across
 
 POLL = 0.05
@@ -29,7 +28,7 @@ class Ros2Node:
     """A ROS 2 node, served by a thread of its own; it keeps to this machine unless the environment says otherwise."""
 
     def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
-        """Join ROS under a name, with ROS arguments (--ros-args ...); SettingError without rclpy."""
+        """Join ROS under a name, with ROS arguments (--ros-args ...). Raises SettingError without rclpy."""
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         rclpy = _rclpy()
         self._context = rclpy.Context()
@@ -54,7 +53,7 @@ class Ros2Node:
     def messages(self, topic: str, types: Collection[str], stop: threading.Event) -> Iterator[Any]:
         """Yield the messages of a topic as they arrive and, as text, notes for the user; ends at the event.
 
-        Type and reliability are those of the first publisher; SettingError if its type is none of `types`.
+        Type and reliability are those of the first publisher. Raises SettingError if its type is none of `types`.
         """
         try:
             topic = self.node.resolve_topic_name(topic)
@@ -82,22 +81,16 @@ class Ros2Node:
     def _first_publisher(self, topic: str, types: Collection[str], stop: threading.Event) -> Generator[str, None, Any]:
         """Return the first publisher of a topic, None at the event; yield a note after two seconds without one."""
         begin, is_noted = time.monotonic(), False
-        while not stop.is_set():
+        while not stop.wait(POLL):
             for publisher in self.node.get_publishers_info_by_topic(topic):
-                if publisher.topic_type not in types:
-                    found = f"topic {topic} has messages of type {publisher.topic_type}"
-                    raise SettingError(f"{found}, allowed are {', '.join(types)}")
-                return publisher
+                if publisher.topic_type in types:
+                    return publisher
+                found = f"topic {topic} has messages of type {publisher.topic_type}"
+                raise SettingError(f"{found}, allowed are {', '.join(types)}")
             if not is_noted and time.monotonic() - begin > 2.0:
                 is_noted = True
-                yield f"nobody publishes {topic} yet; {self._topics_of(types)}"
-            stop.wait(POLL)
+                yield f"nobody publishes {topic} yet, of type {' or '.join(types)}"
         return None
-
-    def _topics_of(self, types: Collection[str]) -> str:
-        found = [topic for topic, those in self.node.get_topic_names_and_types() if set(those) & set(types)]
-        topics = [topic for topic in found if self.node.count_publishers(topic)]
-        return f"topics of its types are {', '.join(sorted(topics))}" if topics else "no topic of its types is there"
 
     def _count_lost(self, status: Any) -> None:
         self.lost = status.total_count
@@ -113,32 +106,30 @@ class Ros2Clock(Clock):
         """Stamp of 0 s [ns]; times after it are small enough to resolve nanoseconds."""
 
     def now(self) -> float:
-        """See Clock."""
+        """Return the time [s]."""
         return (self._clock.now().nanoseconds - self.epoch) * 1e-9
 
 
-class Ros2Images:
-    """Touch images of a topic."""
+def ros2_images(
+    ros: Ros2Node, topic: str, clock: Clock, epoch: int, stop: threading.Event
+) -> Iterator[TouchImage | str]:
+    """Yield touch images of a topic with the time of their stamp after an epoch [ns], or of arrival without a stamp.
 
-    def __init__(self, ros: Ros2Node, topic: str, clock: Clock, epoch: int = 0) -> None:
-        """Take times from the headers, relative to an epoch [ns], or from the clock where there is no stamp."""
-        self._ros, self._topic, self._clock, self._epoch = ros, topic, clock, epoch
-
-    def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
-        """See ImageSource. Raises FileError if they are no colour images."""
-        is_noted = False
-        for message in self._ros.messages(self._topic, IMAGE_TYPES, stop):
-            if isinstance(message, str):
-                yield message
-                continue
-            if not (is_noted or stamp_of(message)):
-                is_noted = True
-                yield "the images have no stamps, so each gets the time of its arrival"
-            time = _time(message, self._clock, self._epoch)
-            if hasattr(message, "format"):
-                yield TouchImage(time, *compressed_image(message))
-            else:
-                yield TouchImage(time, raw_image(message))
+    Raises FileError if they are no colour images.
+    """
+    is_noted = False
+    for message in ros.messages(topic, IMAGE_TYPES, stop):
+        if isinstance(message, str):
+            yield message
+            continue
+        if not (is_noted or stamp_of(message)):
+            is_noted = True
+            yield "the images have no stamps, so each gets the time of its arrival"
+        time = _time(message, clock, epoch)
+        if hasattr(message, "format"):
+            yield TouchImage(time, *compressed_image(message))
+        else:
+            yield TouchImage(time, raw_image(message))
 
 
 class Ros2Poses:
@@ -147,20 +138,19 @@ class Ros2Poses:
     def __init__(
         self, ros: Ros2Node, topic: str, clock: Clock, epoch: int = 0, normal: ArrayLike = (0.0, 0.0, 1.0)
     ) -> None:
-        """Take times as Ros2Images does; the plane's normal (3,) is in the frame of the poses."""
+        """Take times as `ros2_images` does; the plane's normal (3,) is in the frame of the poses."""
         self._ros, self._topic, self._clock, self._epoch = ros, topic, clock, epoch
         self._normal = np.asarray(normal, np.float64)
         self.plane: Plane | None = None
         """The plane; known from the first pose on."""
 
     def poses(self, stop: threading.Event) -> Iterator[TimedPose | Refused | str]:
-        """See PoseSource."""
+        """Yield poses as they arrive, with refusals and notes for the user; ends at the event."""
         for message in self._ros.messages(self._topic, POSE_TYPES, stop):
             if isinstance(message, str):
                 yield message
             else:
-                pose = self._planar(poses_of(message)[0], _time(message, self._clock, self._epoch))
-                yield on_clock(pose, self._clock.now())
+                yield self._planar(poses_of(message)[0], _time(message, self._clock, self._epoch))
 
     def _planar(self, pose: Pose, time: float) -> TimedPose | Refused:
         position, rotation = np.array([pose.numbers[:3]]), np.array([pose.numbers[3:]])
@@ -177,7 +167,7 @@ class Ros2Poses:
         if abs(angle[0]) > STEEPEST:
             found = f"its x axis is {np.degrees(angle[0]):.1f} degrees out of the plane"
             return Refused(f"{found}, allowed are {np.degrees(STEEPEST):.0f}")
-        return TimedPose(time, placed[0])
+        return checked_pose(time, placed[0], self._clock.now())
 
 
 def ros2_poses(topic: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
@@ -195,7 +185,7 @@ def ros2_poses(topic: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]
 
 @cache
 def message_type(name: str) -> Any:
-    """Return the class of a message type such as geometry_msgs/msg/Pose; SettingError if it is not installed."""
+    """Return the class of a message type such as geometry_msgs/msg/Pose. Raises SettingError if it is not installed."""
     package, _, type_ = name.split("/")
     try:
         return getattr(import_module(f"{package}.msg"), type_)

@@ -1,12 +1,17 @@
-"""Sources of a live session: images and sensor poses as they arrive, with times on one clock."""
+"""Sources of a live session: images and sensor poses as they arrive, with times on one clock.
+
+A source is a generator that the session runs in a thread. It yields what arrives and, as text, notes for the user, and
+ends when the event is set.
+"""
 
 import json
+import math
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
@@ -14,24 +19,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.live.poses import PoseSource, Refused, TimedPose, checked_pose, on_clock
 from palpate.types.images import Codec, decode_image, encode_image
 from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
 
 Image = NDArray[np.uint8]
+Size = tuple[int, int]
+"""Rows and columns of an image."""
 OWN_POSES = "palpate.poses"
 """Group of entry points: functions without arguments that yield time [s since 1970], x [m], y [m], theta [rad]."""
+LARGEST_CLOCK_ERROR = 1.0
+"""Difference between a pose's time and the clock from which the pose is refused [s]: its sender has another clock."""
 
 
 class Clock:
-    """A clock that starts at a given time and runs evenly, even if the computer's clock is set."""
+    """A clock that runs evenly, even if the computer's clock is set."""
 
-    def __init__(self, start: float) -> None:
-        """Start at a time [s], now."""
-        self._offset = start - time.monotonic()
+    def __init__(self, start: float | None = None) -> None:
+        """Show the time since 1970 [s] or, if given, a time that starts when the clock is first read."""
+        self._start = start
+        self._offset = time.time() - time.monotonic() if start is None else None
 
     def now(self) -> float:
         """Return the time [s]."""
+        if self._offset is None:
+            assert self._start is not None
+            self._offset = self._start - time.monotonic()
         return time.monotonic() + self._offset
 
 
@@ -45,20 +58,33 @@ class TouchImage(NamedTuple):
     codec: Codec = "jpeg"
     """Encoding of the bytes, or the one to record pixels with."""
 
-    def pixels(self, size: tuple[int, int] | None = None) -> Image:
-        """Return the pixels; FileError if the bytes are damaged or hold an image of another size (rows, columns)."""
-        if isinstance(self.data, bytes):
-            assert size is not None
-            return decode_image(self.data, self.codec, size)
-        return self.data
+    def pixels(self, size: Size) -> Image:
+        """Return the pixels. Raises FileError if the bytes are damaged or hold an image of another size."""
+        return decode_image(self.data, self.codec, size) if isinstance(self.data, bytes) else self.data
 
     def encoded(self) -> bytes:
         """Return the bytes to record."""
         return self.data if isinstance(self.data, bytes) else encode_image(self.data, self.codec)
 
 
+class TimedPose(NamedTuple):
+    """Sensor pose at one time."""
+
+    time: float
+    """Time on the session's clock [s]."""
+    pose: NDArray[np.float64]
+    """world_T_sensor, (3,) [m, m, rad]."""
+
+
+class Refused(NamedTuple):
+    """A message or value that is no usable pose."""
+
+    reason: str
+    """The fault, in words."""
+
+
 ImageSource = Callable[[threading.Event], Iterator[TouchImage | str]]
-"""Yields images as they arrive and, as text, notes for the user; ends when the event is set."""
+PoseSource = Callable[[threading.Event], Iterator[TimedPose | Refused | str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +97,29 @@ class Sources:
     """Sensor poses."""
     clock: Clock
     """Clock of all times."""
-    size: tuple[int, int]
-    """Rows and columns of the images as they arrive."""
+    sensor: SensorProfile
+    """The sensor, with the measured rate of its images."""
+    size: Size
+    """Size of the images as they arrive, before a calibration turns them."""
+    close: Callable[[], None] = lambda: None
+    """Closes sources that no session reads; a session's threads close them at its end."""
+
+    @property
+    def recorded_sensor(self) -> SensorProfile:
+        """The sensor with the size of images as they arrive."""
+        return replace(self.sensor, image_height=self.size[0], image_width=self.size[1])
 
 
 def replayed(recording: Recording) -> Sources:
-    """Return sources that play a recording with images in real time, from shortly after now, with its own times."""
+    """Return sources that play a recording in real time, with its own times, from the start of the session.
+
+    Raises SettingError if it has no images, FileError if the first one is damaged.
+    """
     images = recording.image
-    assert images is not None
-    clock = Clock(float(recording.time[0]) - 0.05)
+    if images is None:
+        raise SettingError(f"{recording.file or 'the recording'}: has no images, and live tracking needs them")
+    recording[0]  # loads OpenCV and finds damaged images before the session, not in its first step
+    clock = Clock(float(recording.time[0]) - 0.05)  # a moment for the threads to start
 
     def due(stop: threading.Event) -> Iterator[tuple[int, float]]:
         for index, when in enumerate(recording.time.tolist()):
@@ -94,45 +134,47 @@ def replayed(recording: Recording) -> Sources:
         return (TimedPose(time, recording.sensor_pose[index]) for index, time in due(stop))
 
     sensor = recording.sensor
-    return Sources(play_images, play_poses, clock, (sensor.image_height, sensor.image_width))
+    return Sources(play_images, play_poses, clock, sensor, (sensor.image_height, sensor.image_width))
 
 
-class UdpPoses:
-    """Sensor poses as JSON by UDP from this machine: {"time": s since 1970, "pose": [x, y, theta]}.
+def pose_source(name: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
+    """Return the source udp:PORT, ros2:TOPIC or an entry point of OWN_POSES, and a function that closes it."""
+    kind, _, where = name.partition(":")
+    if kind == "ros2":
+        from palpate.live.ros2_topics import ros2_poses
 
-    A pose without a time gets that of its arrival.
+        return ros2_poses(where, clock)
+    if kind != "udp":
+        return own_poses(name, clock), lambda: None
+    if not (where.isdecimal() and 0 < int(where) < 65536):
+        raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
+    return udp_poses(int(where), clock)
+
+
+def udp_poses(port: int, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
+    """Return sensor poses as JSON by UDP from this machine, {"time": s since 1970, "pose": [x, y, theta]}, and `close`.
+
+    A pose without a time gets that of its arrival. Raises SettingError if the port is in use.
     """
+    listening = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        listening.bind(("127.0.0.1", port))
+    except OSError as error:
+        listening.close()
+        raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
 
-    def __init__(self, port: int, clock: Clock) -> None:
-        """Listen on a port of 127.0.0.1, 0 for any that is free; SettingError if it is in use."""
-        self._clock = clock
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind(("127.0.0.1", port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
-        self.port: int = self._socket.getsockname()[1]
-        """Port that it listens on."""
-
-    def poses(self, stop: threading.Event) -> Iterator[TimedPose | Refused]:
-        """See PoseSource."""
-        with self._socket:
-            self._socket.setblocking(False)
+    def poses(stop: threading.Event) -> Iterator[TimedPose | Refused]:
+        with listening:
+            listening.setblocking(False)
             with suppress(BlockingIOError):
                 while True:  # drop what arrived before the session
-                    self._socket.recv(65536)
-            self._socket.settimeout(0.1)
+                    listening.recv(65536)
+            listening.settimeout(0.1)
             while not stop.is_set():
-                try:
-                    data = self._socket.recv(65536)
-                except TimeoutError:
-                    continue
-                yield pose_in_packet(data, self._clock.now())
+                with suppress(TimeoutError):
+                    yield pose_in_packet(listening.recv(65536), clock.now())
 
-    def close(self) -> None:
-        """Stop listening."""
-        self._socket.close()
+    return poses, listening.close
 
 
 def pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:
@@ -144,11 +186,11 @@ def pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:
         return Refused(f"{shown} is no JSON")
     if not isinstance(content, dict) or "pose" not in content:
         return Refused(f"{shown} is not of the form {{'time': s, 'pose': [x, y, theta]}}")
-    return on_clock(checked_pose(content.get("time", now), content["pose"]), now)
+    return checked_pose(content.get("time", now), content["pose"], now)
 
 
 def own_poses(name: str, clock: Clock) -> PoseSource:
-    """Return the pose source of an entry point of OWN_POSES; SettingError if there is none or it cannot be loaded."""
+    """Return the pose source of an entry point of OWN_POSES. Raises SettingError if it is not there or cannot load."""
     found = {one.name: one for one in entry_points(group=OWN_POSES)}
     if name not in found:
         known = f"known are {', '.join(sorted(found))}" if found else "none is installed"
@@ -165,31 +207,29 @@ def own_poses(name: str, clock: Clock) -> PoseSource:
             for item in function():
                 if stop.is_set():
                     return
-                yield on_clock(_pose_of_item(item), clock.now())
+                yield _pose_of_item(item, clock.now())
         except Exception as error:
             raise SettingError(f"{entry} ended with {type(error).__name__}: {error}") from error
 
     return poses
 
 
-def _pose_of_item(item: Any) -> TimedPose | Refused:
+def _pose_of_item(item: Any, now: float) -> TimedPose | Refused:
     try:
         time, *numbers = item
     except TypeError:
         return Refused(f"{item!r} is not time, x, y, theta")
-    return checked_pose(time, numbers)
+    return checked_pose(time, numbers, now)
 
 
-def pose_source(name: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
-    """Return the pose source udp:PORT, ros2:TOPIC or an entry point of OWN_POSES, and a function that closes it."""
-    if name.startswith("ros2:"):
-        from palpate.live.ros2_topics import ros2_poses
-
-        return ros2_poses(name.removeprefix("ros2:"), clock)
-    if not name.startswith("udp:"):
-        return own_poses(name, clock), lambda: None
-    port = name.removeprefix("udp:")
-    if not (port.isdecimal() and 0 < int(port) < 65536):
-        raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
-    listening = UdpPoses(int(port), clock)
-    return listening.poses, listening.close
+def checked_pose(time: Any, numbers: Any, now: float) -> TimedPose | Refused:
+    """Return the pose x [m], y [m], theta [rad] at a time [s], or the reason why it is refused at the time `now`."""
+    try:
+        when, pose = float(time), np.array(numbers, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return Refused(f"time {time!r} and pose {numbers!r} are not numbers")
+    if pose.shape != (3,) or not np.isfinite(pose).all() or not math.isfinite(when):
+        return Refused(f"time {time!r}, pose {numbers!r}; allowed are finite numbers: time, and x, y, theta")
+    if abs(when - now) > LARGEST_CLOCK_ERROR:
+        return Refused(f"its time {when:.3f} s is {when - now:+.1f} s off this computer's clock")
+    return TimedPose(when, pose)

@@ -1,4 +1,4 @@
-"""A table in the terminal that shows how a live session goes."""
+"""A table in the terminal that shows the state of a live session."""
 
 import sys
 from collections.abc import Iterator
@@ -29,25 +29,19 @@ def table_of(title: str, state: LiveState) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, show_header=False)
     table.add_column(style="dim")
     table.add_column(min_width=60, overflow="fold")
-    for row in _rows(state):
-        table.add_row(*row)
-    return table
-
-
-def _rows(state: LiveState) -> list[tuple[str, str]]:
-    last, rate, latency = state.last, state.rate, state.latency_ms(600)
-    counts = f"{state.tracked} tracked, {state.dropped} dropped, {state.without_pose} without a pose"
+    last, rate, counts = state.last, state.rate, state.counts
+    seen = f"{counts['tracked']} tracked, {counts['dropped']} dropped, {counts['without_pose']} without a pose"
+    table.add_row("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {seen}")
+    latency = contact = status = pose = "-"
+    if last:
+        one, recent = last.estimate, state.latency_ms(600)
+        latency = f"{recent['p50']:.1f} ms, 99 %: {recent['p99']:.1f} ms"
+        contact = "yes" if one.contact else "no"
+        status = f"{one.status}{one.reason and f': {one.reason}'}"
+        pose = pose_words(one.pose, world_sigma(one.pose, one.covariance))
+    for name, words in (("latency", latency), ("contact", contact), ("status", status), ("object", pose)):
+        table.add_row(name, words)
     age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"
-    rows = [("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {counts}")]
-    if last is None:
-        rows += [(name, "-") for name in ("latency", "contact", "status", "object")]
-    else:
-        one = last.estimate
-        rows += [
-            ("latency", f"{latency['p50']:.1f} ms, 99 %: {latency['p99']:.1f} ms"),
-            ("contact", "yes" if one.contact else "no"),
-            ("status", f"{one.status}{one.reason and f': {one.reason}'}"),
-            ("object", pose_words(one.pose, world_sigma(one.pose, one.covariance))),
-        ]
-    rows.append(("sensor pose", f"{age}, {last.place.how if last else '-'}; {state.refused} refused"))
-    return [*rows, ("", "\n".join(state.notes))]
+    table.add_row("sensor pose", f"{age}, {last.place.how if last else '-'}; {counts['refused_poses']} refused")
+    table.add_row("", "\n".join(state.notes))
+    return table

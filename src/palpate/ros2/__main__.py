@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from palpate.cli.console import complain
 from palpate.errors import PalpateError
 from palpate.live.ros2_topics import Ros2Node
-from palpate.live.setup import stop_on_signals
+from palpate.live.session import stop_on_signals
 from palpate.ros2.node import run
 
 
@@ -25,8 +25,9 @@ def main(arguments: Sequence[str]) -> int:
         logger.error(str(error))
         return 2
     else:
-        counts = f"{state.images} images, {state.tracked} tracked, {state.dropped} dropped"
-        logger.info(f"{counts}, {state.without_pose} without a sensor pose, {ros.lost} lost by ROS")
+        one = state.counts
+        counts = f"{one['images']} images, {one['tracked']} tracked, {one['dropped']} dropped"
+        logger.info(f"{counts}, {one['without_pose']} without a sensor pose, {ros.lost} lost by ROS")
         return 0
     finally:
         ros.close()

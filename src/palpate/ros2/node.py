@@ -2,24 +2,23 @@
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate.config import Tactile, TrackerSettings
 from palpate.errors import SettingError
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines import load_shape
-from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
-from palpate.live.poses import TimedPose
+from palpate.io.ros_messages import BOOL, POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
+from palpate.live.camera import check_size, size_of_images
 from palpate.live.recorder import add_live_estimate
-from palpate.live.ros2_topics import Ros2Clock, Ros2Images, Ros2Node, Ros2Poses, message_type
+from palpate.live.ros2_topics import Ros2Clock, Ros2Node, Ros2Poses, message_type, ros2_images
 from palpate.live.session import LiveEstimate, LiveState, track_live
-from palpate.live.setup import check_size, size_of_images
-from palpate.live.sources import Sources, TouchImage
+from palpate.live.sources import ImageSource, Size, Sources, TimedPose, TouchImage
 from palpate.touch.calibration import load_calibration
 from palpate.tracker import Tracker
 from palpate.types.plane import Plane
@@ -33,28 +32,9 @@ TOPICS = {
     POSES_WITH_COVARIANCE: POSE_WITH_COVARIANCE,
     ANSWERS: POSE_ARRAY,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
-    CONTACT: "std_msgs/msg/Bool",
+    CONTACT: BOOL,
 }
 """Topics that the node publishes, with their types."""
-_RATE_IMAGES = 16  # images from whose stamps the rate is measured
-
-
-@dataclass(frozen=True, eq=False)
-class Parameters:
-    """Parameters of the node, named like the options of `palpate live`."""
-
-    shape: str
-    """The object: a name, or a file of its outline."""
-    first_pose: ArrayLike
-    """world_T_object at the start, (3,) [m, m, rad], in the plane of the push."""
-    first_pose_sigma: ArrayLike | None = None
-    """Standard deviations of that pose, (3,) [m, m, rad]."""
-    plane: ArrayLike = (0.0, 0.0, 1.0)
-    """Normal of the plane of the push in the frame of the sensor's poses, (3,)."""
-    tactile: Tactile = "learnt"
-    """Kind of touch measurement."""
-    calibration: Path | None = None
-    """Calibration of the sensor unit, a file of `palpate calibrate`."""
 
 
 def run(ros: Ros2Node, stop: threading.Event, say: Callable[[str], Any]) -> LiveState:
@@ -62,61 +42,46 @@ def run(ros: Ros2Node, stop: threading.Event, say: Callable[[str], Any]) -> Live
 
     Raises PalpateError if parameters, topics or images are unusable.
     """
-    parameters = read_parameters(ros)
-    clock, state = Ros2Clock(ros), LiveState(say)
-    images = Ros2Images(ros, IMAGES, clock, clock.epoch)
-    poses = Ros2Poses(ros, SENSOR_POSES, clock, clock.epoch, parameters.plane)
+    shape, first_pose = _word(ros, "shape"), _numbers(ros, "first_pose")
+    if shape is None or first_pose is None:
+        raise SettingError(
+            "the object is not known: the parameters shape and first_pose say it, "
+            "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
+        )
+    sigma, normal, unit = _numbers(ros, "first_pose_sigma"), _numbers(ros, "plane"), _word(ros, "calibration")
+    settings = TrackerSettings(_word(ros, "tactile") or "learnt")  # pyright: ignore[reportArgumentType]  # it checks
+    calibration = None if unit is None else load_calibration(Path(unit))
+    clock, state, size = Ros2Clock(ros), LiveState(say), size_of_images(DIGIT, calibration)
+    images = partial(ros2_images, ros, IMAGES, clock, clock.epoch)
+    poses = Ros2Poses(ros, SENSOR_POSES, clock, clock.epoch, (0.0, 0.0, 1.0) if normal is None else normal)
+    sensor = _with_measured_rate(DIGIT, size, images, stop, say)
+    tracker = Tracker(load_shape(shape), sensor, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
     publisher = Publisher(ros, lambda: poses.plane, clock.epoch, state)
-    calibration = parameters.calibration and load_calibration(parameters.calibration)
-    size = size_of_images(DIGIT, calibration)
-    tracker = Tracker(
-        load_shape(parameters.shape),
-        _with_measured_rate(DIGIT, size, images, stop, say),
-        parameters.first_pose,
-        TrackerSettings(parameters.tactile),
-        calibration=calibration,
-        first_pose_sigma=parameters.first_pose_sigma,
-    )
     if not stop.is_set():
         say(f"tracking: images of {ros.node.resolve_topic_name(IMAGES)}")
-        track_live(tracker, Sources(images.images, poses.poses, clock, size), state, stop, publisher)
+        track_live(tracker, Sources(images, poses.poses, clock, sensor, size), state, stop, publisher.publish)
     return state
 
 
 def _with_measured_rate(
-    sensor: SensorProfile, size: tuple[int, int], images: Ros2Images, stop: threading.Event, say: Callable[[str], Any]
+    sensor: SensorProfile, size: Size, images: ImageSource, stop: threading.Event, say: Callable[[str], Any]
 ) -> SensorProfile:
-    """Return the sensor with the rate of the first images; SettingError if they have another size."""
+    """Return the sensor with the rate of the first 16 images. Raises SettingError if they have another size."""
     times: list[float] = []
-    for image in images.images(stop):
+    for image in images(stop):
         if isinstance(image, str):
             say(image)
             continue
         check_size("sensor", image.pixels(size).shape[:2], size)
         times.append(image.time)
-        if len(times) == _RATE_IMAGES:
+        if len(times) == 16:
             break
-    if len(times) < _RATE_IMAGES:
-        return sensor
+    else:
+        return sensor  # stopped before
     span = times[-1] - times[0]
     if not span > 0.0:
-        raise SettingError(f"the stamps of {_RATE_IMAGES} images span {span:g} s; they have to increase")
-    return replace(sensor, rate=(_RATE_IMAGES - 1) / span)
-
-
-def read_parameters(ros: Ros2Node) -> Parameters:
-    """Return the node's parameters; SettingError names one that is missing or of a wrong kind."""
-    words = {name: _word(ros, name) for name in ("shape", "tactile", "calibration")}
-    numbers = {name: _numbers(ros, name) for name in ("first_pose", "first_pose_sigma", "plane")}
-    given: dict[str, Any] = {name: value for name, value in {**words, **numbers}.items() if value is not None}
-    if not {"shape", "first_pose"} <= given.keys():
-        raise SettingError(
-            "the object is not known: the parameters shape and first_pose say it, "
-            "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
-        )
-    if "calibration" in given:
-        given["calibration"] = Path(given["calibration"])
-    return Parameters(**given)
+        raise SettingError(f"the stamps of {len(times)} images span {span:g} s; they have to increase")
+    return replace(sensor, rate=(len(times) - 1) / span)
 
 
 def _word(ros: Ros2Node, name: str) -> str | None:
@@ -126,15 +91,17 @@ def _word(ros: Ros2Node, name: str) -> str | None:
     return value or None
 
 
-def _numbers(ros: Ros2Node, name: str) -> ArrayLike | None:
+def _numbers(ros: Ros2Node, name: str) -> list[float] | None:
     value = _value(ros, name)
+    if value is None:
+        return None
     try:
-        numbers = np.array([0.0] * 3 if value is None else value, np.float64)
+        numbers = np.array(value, np.float64)
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise SettingError(f"parameter {name} is {value!r}; allowed are three finite numbers: '[0.1, 0.0, 0.3]'")
-    return None if value is None else numbers
+    return numbers.tolist()
 
 
 def _value(ros: Ros2Node, name: str) -> Any:
@@ -143,7 +110,7 @@ def _value(ros: Ros2Node, name: str) -> Any:
 
 
 class NodeSink(MessageSink):
-    """Publishes messages; topics /palpate/... are those of the node, whatever its name."""
+    """Publishes messages; topics /palpate/... are those of the node, under any name of it."""
 
     def __init__(self, ros: Ros2Node) -> None:
         """Advertise all topics."""
@@ -153,42 +120,38 @@ class NodeSink(MessageSink):
         }
 
     def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
-        """See MessageSink."""
+        """Publish a message."""
         self._publishers[topic].publish(self.make(type_, **fields))
 
     def make(self, type_: str, **fields: Any) -> Any:
-        """See MessageSink."""
+        """Return a message, or a part of one."""
         if type_ == "diagnostic_msgs/msg/DiagnosticStatus":
             fields["level"] = bytes([fields["level"]])  # rclpy takes a byte
         return message_type(type_)(**fields)
 
 
 class Publisher:
-    """Publishes the estimates of a session; see Listener. Images and sensor poses are on topics already."""
+    """Publishes the estimates of a session; images and sensor poses are on topics already."""
 
     def __init__(self, ros: Ros2Node, plane: Callable[[], Plane | None], epoch: int, state: LiveState) -> None:
         """Take the node, the plane as soon as it is known, the stamp of 0 s [ns] and the session's counts."""
         self._ros, self._plane, self._epoch, self._state = ros, plane, epoch, state
         self._sink = NodeSink(ros)
 
-    def image(self, image: TouchImage) -> None:
-        """See Listener."""
-
-    def pose(self, pose: TimedPose) -> None:
-        """See Listener."""
-
-    def estimate(self, last: LiveEstimate) -> None:
-        """Publish an estimate."""
-        plane, state = self._plane(), self._state
+    def publish(self, item: TouchImage | TimedPose | LiveEstimate) -> None:
+        """Publish an estimate, with the session's counts in its diagnostics."""
+        if not isinstance(item, LiveEstimate):
+            return
+        plane, counts = self._plane(), self._state.counts
         assert plane is not None
-        counts = {
-            "images": state.images,
-            "tracked": state.tracked,
-            "dropped": state.dropped,
-            "without a sensor pose": state.without_pose,
-            "refused sensor poses": state.refused,
+        values = {
+            "images": counts["images"],
+            "tracked": counts["tracked"],
+            "dropped": counts["dropped"],
+            "without a sensor pose": counts["without_pose"],
+            "refused sensor poses": counts["refused_poses"],
             "lost by ROS": self._ros.lost,
         }
-        stamp = self._epoch + round(last.estimate.time * 1e9)
-        add_live_estimate(self._sink, plane, stamp, last, {name: str(count) for name, count in counts.items()})
-        self._sink.add(CONTACT, TOPICS[CONTACT], stamp, data=last.estimate.contact)
+        stamp = self._epoch + round(item.estimate.time * 1e9)
+        add_live_estimate(self._sink, plane, stamp, item, {name: str(value) for name, value in values.items()})
+        self._sink.add(CONTACT, BOOL, stamp, data=item.estimate.contact)

@@ -1,39 +1,18 @@
-"""Sensor poses as they arrive, and the sensor's pose at the time of an image."""
+"""The latest sensor poses, and the sensor's pose at the time of an image."""
 
-import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
+from palpate.live.sources import Refused, TimedPose
 
 Array = NDArray[np.float64]
-
-
-class TimedPose(NamedTuple):
-    """Sensor pose at one time."""
-
-    time: float
-    """Time on the session's clock [s]."""
-    pose: Array
-    """world_T_sensor, (3,) [m, m, rad]."""
-
-
-class Refused(NamedTuple):
-    """Something that arrived in place of a usable pose."""
-
-    reason: str
-    """The fault, in words."""
-
-
-PoseSource = Callable[[threading.Event], Iterator[TimedPose | Refused | str]]
-"""Yields poses as they arrive and, as text, notes for the user; ends when the event is set."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +31,12 @@ class PoseTiming:
     """Span of poses from which the speed is extrapolated [s]."""
     longest_gap: float = 0.5
     """Gap between two poses beyond which nothing is interpolated [s]."""
-    max_clock_error: float = 1.0
-    """Difference between a pose's time and this computer's clock beyond which it is refused [s]."""
 
 
 TIMING = PoseTiming()
 
 
-@dataclass(frozen=True, eq=False)
-class SensorPlace:
+class SensorPlace(NamedTuple):
     """Sensor pose at the time of an image."""
 
     pose: Array
@@ -69,24 +45,6 @@ class SensorPlace:
     """Interpolated between two poses, extrapolated from the last ones, or the last pose itself."""
     age: float
     """Time from the last pose to the image [s]; 0 if a pose follows the image."""
-
-
-def checked_pose(time: Any, numbers: Any) -> TimedPose | Refused:
-    """Return the pose x [m], y [m], theta [rad] at a time [s], or the reason why it is refused."""
-    try:
-        when, pose = float(time), np.array(numbers, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        return Refused(f"time {time!r} and pose {numbers!r} are not numbers")
-    if pose.shape != (3,) or not np.isfinite(pose).all() or not math.isfinite(when):
-        return Refused(f"time {time!r}, pose {numbers!r}; allowed are finite numbers: time, and x, y, theta")
-    return TimedPose(when, pose)
-
-
-def on_clock(pose: TimedPose | Refused, now: float) -> TimedPose | Refused:
-    """Return the pose, or refuse it if its time is far off this computer's clock, `now` [s]."""
-    if isinstance(pose, TimedPose) and abs(pose.time - now) > TIMING.max_clock_error:
-        return Refused(f"its time {pose.time:.3f} s is {pose.time - now:+.1f} s off this computer's clock")
-    return pose
 
 
 class PoseTrack:
@@ -111,14 +69,11 @@ class PoseTrack:
             self._changed.notify_all()
         return None
 
-    def at(self, time: float, patience: float = TIMING.patience) -> SensorPlace | None:
-        """Return the sensor's pose at a time [s], waiting up to `patience` [s] for a pose after it.
-
-        None if it is unknown.
-        """
+    def at(self, time: float) -> SensorPlace | None:
+        """Return the sensor's pose at a time [s], after a short wait for a pose that follows it; None if unknown."""
         with self._changed:
             if not self._poses or time - self._poses[-1].time < TIMING.stalled:
-                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1].time >= time, patience)
+                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1].time >= time, TIMING.patience)
             if not self._poses or time < self._poses[0].time:
                 return None
             last = self._poses[-1]
@@ -129,8 +84,7 @@ class PoseTrack:
             after, before = next(pair for pair in pairwise(reversed(self._poses)) if pair[1].time <= time)
         if after.time - before.time > TIMING.longest_gap:
             return None
-        share = (time - before.time) / (after.time - before.time)
-        return SensorPlace(interpolate(before.pose, after.pose, share), "known", 0.0)
+        return SensorPlace(_interpolated(before, after, time), "known", 0.0)
 
     def _after_last(self, last: TimedPose, time: float) -> SensorPlace | None:
         age = time - last.time
@@ -139,14 +93,13 @@ class PoseTrack:
         earlier = next(pose for pose in self._poses if pose.time >= last.time - TIMING.baseline)
         if age > TIMING.extrapolated or earlier is last:
             return SensorPlace(last.pose, "held", age)
-        share = (time - earlier.time) / (last.time - earlier.time)
-        return SensorPlace(interpolate(earlier.pose, last.pose, share), "extrapolated", age)
+        return SensorPlace(_interpolated(earlier, last, time), "extrapolated", age)
 
 
-def interpolate(start: Array, end: Array, share: float) -> Array:
-    """Return the pose at a share of the straight way between two poses (3,), turning by less than half a turn."""
-    difference = end - start
-    difference[2] = se2.wrap(difference[2])
-    pose = start + share * difference
+def _interpolated(start: TimedPose, end: TimedPose, time: float) -> Array:
+    """Return the pose at a time [s] on the straight line through two poses, turning by less than half a turn."""
+    step = end.pose - start.pose
+    step[2] = se2.wrap(step[2])
+    pose = start.pose + (time - start.time) / (end.time - start.time) * step
     pose[2] = se2.wrap(pose[2])
     return pose
