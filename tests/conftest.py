@@ -35,6 +35,12 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def command() -> Callable[..., int]:
+    """Run a command of palpate in this process; returns its exit code. For fixtures that several tests share."""
+    return lambda *words: main([str(word) for word in words])
+
+
 @pytest.fixture
 def run_palpate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """Run a command of palpate in this process; returns its exit code and what it printed, output and errors."""
@@ -47,6 +53,19 @@ def run_palpate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, 
             code = int(stop.code or 0)
         out, err = capsys.readouterr()
         return code, out, err
+
+    return run
+
+
+@pytest.fixture
+def fails(run_palpate: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+    """Run a command that must fail because of its input; return its one line on standard error."""
+
+    def run(*words: object) -> str:
+        code, out, err = run_palpate(*words)
+        assert (code, out) == (2, ""), err
+        assert err.startswith("palpate: ") and err.count("\n") == 1
+        return err
 
     return run
 

@@ -1,84 +1,92 @@
-"""Sources and trackers of live sessions that tests steer."""
+"""Sources, cameras and trackers of live sessions that tests steer."""
 
+import json
+import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
-from time import monotonic, sleep
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from view_samples import CAMERA
 
-from palpate.live.poses import Refused, TimedPose
-from palpate.live.session import LiveState
-from palpate.live.sources import Clock, Sources, TouchImage
-from palpate.types.estimate import Estimate
-
-SIZE = (CAMERA.image_height, CAMERA.image_width)
-TURNED = (CAMERA.image_width, CAMERA.image_height)
-GEL = np.full((*SIZE, 3), 90, np.uint8)
+SIZE = (320, 240)
+"""Rows and columns of the camera's images."""
 
 
-class FakeTracker:
-    """Takes each frame as what `step` makes of it, and says nothing of the object."""
+class FakeCapture:
+    """Stands for OpenCV's camera: brightens up when opened, is touched after a while, and can be unplugged."""
 
-    background = None
-    tactile, tactile_reason, unusual_colours = "none", "", ""
+    def __init__(self, size: tuple[int, int] = SIZE, rate: float = 100.0) -> None:
+        self.size, self.rate = size, rate
+        self.is_plugged, self.opened, self.released, self.count = True, 0, 0, 0
+        self.asked: dict[int, float] = {}
+        self.touched_from = np.inf
 
-    def __init__(self, step: Callable[[Any], None] = lambda frame: None) -> None:
-        self.frames: list[Any] = []
-        self._step = step
+    def __call__(self, path: str, api: int) -> "FakeCapture":
+        self.opened += self.is_plugged
+        self.count = 0
+        return self
 
-    @property
-    def frame(self) -> Any:
-        return self.frames[-1]
+    def isOpened(self) -> bool:
+        return self.is_plugged
 
-    def update(self, frame: Any) -> Estimate:
-        self.frames.append(frame)
-        self._step(frame)
-        return Estimate(frame.time, np.zeros(3), np.eye(3), False, "resting")
+    def set(self, name: int, value: float) -> None:
+        self.asked[name] = value
+
+    def grab(self) -> bool:
+        time.sleep(1.0 / self.rate)
+        self.count += 1
+        return self.is_plugged
+
+    def retrieve(self) -> tuple[bool, Any]:
+        if self.count % 7 == 0:
+            return False, None  # damaged
+        image = np.full((*self.size, 3), (10, 30, min(6 * self.count, 60)), np.uint8)  # blue first
+        if self.count > self.touched_from:
+            image[100:200, 80:160] += 60
+        return True, image
+
+    def release(self) -> None:
+        self.released += 1
 
 
-def state() -> tuple[LiveState, list[str]]:
-    """A state, and the list of what it says."""
-    said: list[str] = []
-    return LiveState(said.append), said
+def free_port() -> int:
+    """A UDP port that nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
 
 
-def wait_for(what: Callable[[], bool]) -> None:
+@contextmanager
+def sending(packets: Callable[[int], bytes], port: int, every: float = 0.01) -> Iterator[None]:
+    """Send the packets of numbers 0, 1, ... to a port while the block runs."""
+    done = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            number = 0
+            while not done.wait(every):
+                sender.sendto(packets(number), ("127.0.0.1", port))
+                number += 1
+
+    robot = threading.Thread(target=send)
+    robot.start()
+    try:
+        yield
+    finally:
+        done.set()
+        robot.join()
+
+
+def pose_packet(pose: Any = (0.1, 0.05, 0.0)) -> bytes:
+    """The pose of a sensor, now."""
+    return json.dumps({"time": time.time(), "pose": list(pose)}).encode()
+
+
+def wait_for(is_so: Callable[[], bool]) -> None:
     """Wait until something is so, for a while."""
-    last = monotonic() + 20.0
-    while not what():
-        assert monotonic() < last, "it never came to be"
-        sleep(0.005)
-
-
-def images_at(clock: Clock, times: Any) -> Any:
-    """A source of images at times [s] of a clock."""
-
-    def images(stop: threading.Event) -> Iterator[TouchImage]:
-        for time in times:
-            if stop.wait(max(0.0, time - clock.now())):
-                return
-            yield TouchImage(time, GEL)
-
-    return images
-
-
-def poses_at(clock: Clock, times: Any) -> Any:
-    """A source of poses whose x is the time, at times [s] of a clock; a pose is refused where the time is NaN."""
-
-    def poses(stop: threading.Event) -> Iterator[TimedPose | Refused]:
-        for time in times:
-            if np.isnan(time):
-                yield Refused("nonsense")
-            elif stop.wait(max(0.0, time - clock.now())):
-                return
-            else:
-                yield TimedPose(time, np.array([time, 0.0, 0.0]))
-
-    return poses
-
-
-def sources(image_times: Any, pose_times: Any, clock: Clock | None = None) -> Sources:
-    clock = clock or Clock(0.0)
-    return Sources(images_at(clock, image_times), poses_at(clock, pose_times), clock, SIZE)
+    last = time.monotonic() + 20.0
+    while not is_so():
+        assert time.monotonic() < last, "it never came to be"
+        time.sleep(0.005)

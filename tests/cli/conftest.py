@@ -38,16 +38,3 @@ def succeeds(run_palpate: Run) -> Callable[..., str]:
 def json_of(succeeds: Callable[..., str]) -> Callable[..., Any]:
     """Run a command with --json; return the object that it prints."""
     return lambda *words: json.loads(succeeds(*words, "--json"))
-
-
-@pytest.fixture
-def fails(run_palpate: Run) -> Callable[..., str]:
-    """Run a command that must fail because of its input; return its one line on standard error."""
-
-    def run(*words: object) -> str:
-        code, out, err = run_palpate(*words)
-        assert (code, out) == (2, ""), err
-        assert err.startswith("palpate: ") and err.count("\n") == 1
-        return err
-
-    return run

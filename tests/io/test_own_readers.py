@@ -16,8 +16,7 @@ from palpate import Disc, FileError, SettingError, Trajectory
 from palpate import io as formats
 from palpate.cli.main import main
 from palpate.lab.study.recordings import find_recordings
-from palpate.live.poses import TimedPose
-from palpate.live.sources import Clock, own_poses
+from palpate.live.sources import Clock, TimedPose, own_poses
 
 LOG = "# my-robot log, disc of 50 mm\ntime_ms,x_mm,y_mm,yaw_deg,touching\n" + "".join(
     f"{33 * index},{100 + index},{20},{90},{int(index > 5)}\n" for index in range(12)
@@ -70,7 +69,7 @@ def test_the_example_reads_tracks_and_gives_poses(site, monkeypatch, capsys):
     Path("cut.log").write_text(LOG[:-3])
     with pytest.raises(FileError, match=r"cut.log: expected lines of five numbers"):
         formats.read("cut.log")
-    clock = Clock(time.time())
+    clock = Clock()
     pose = next(iter(own_poses("my-robot", clock)(threading.Event())))
     assert isinstance(pose, TimedPose) and abs(pose.time - clock.now()) < 5.0
 

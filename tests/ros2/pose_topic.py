@@ -9,19 +9,18 @@ import time
 import rclpy  # pyright: ignore[reportMissingImports]
 from geometry_msgs.msg import PoseStamped  # pyright: ignore[reportMissingImports]
 
-from palpate.live.poses import TimedPose
 from palpate.live.ros2_topics import ros2_poses
-from palpate.live.sources import Clock
+from palpate.live.sources import Clock, TimedPose
 
 rclpy.init()
 node = rclpy.create_node("robot")
 publisher = node.create_publisher(PoseStamped, "/robot/sensor_pose", 10)
 stop = threading.Event()
 before = threading.active_count()
-unused, close = ros2_poses("/robot/sensor_pose", Clock(time.time()))
+unused, close = ros2_poses("/robot/sensor_pose", Clock())
 close()
 print(threading.active_count() - before)
-source, _ = ros2_poses("/robot/sensor_pose", Clock(time.time()))
+source, _ = ros2_poses("/robot/sensor_pose", Clock())
 
 
 def publish() -> None:

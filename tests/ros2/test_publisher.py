@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.io.ros_messages import ros_types
-from palpate.live.poses import SensorPlace
+from palpate.live.pose_track import SensorPlace
 from palpate.live.session import LiveEstimate, LiveState
 from palpate.ros2 import node as ros2_node
 from palpate.types.estimate import Answer, Estimate
@@ -47,7 +47,7 @@ def test_all_answers_are_published(node):
     ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
     sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
     for estimate in (ambiguous, sure):
-        publishing.estimate(LiveEstimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004))
+        publishing.publish(LiveEstimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004))
     arrays, diagnoses = node.told["~/object_pose_answers"], node.told["~/diagnostics"]
     for index, poses in enumerate((POSES, POSES[1:])):
         array, diagnosis, best = arrays[index], diagnoses[index], node.told["~/object_pose"][index]

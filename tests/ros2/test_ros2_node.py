@@ -196,4 +196,4 @@ def test_poses_of_a_topic_are_those_of_the_plane_through_the_first():
 
 def test_a_topic_of_poses_needs_rclpy():
     with pytest.raises(SettingError, match="ROS 2 topics need rclpy"):
-        ros2_poses("/robot/sensor_pose", Clock(0.0))
+        ros2_poses("/robot/sensor_pose", Clock())

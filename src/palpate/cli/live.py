@@ -75,7 +75,7 @@ def live(
     A table shows rate, latency, contact, status and pose; images that arrive faster than they are tracked are dropped and
     counted.
 
-    Example: palpate live --replay push.mcap --record live.mcap
+    Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
     Args:
         record: Record images, sensor poses and estimates; a kill loses at most the last second.

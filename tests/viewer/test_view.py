@@ -1,0 +1,204 @@
+"""`palpate view` and what it writes for Rerun, read back from the files."""
+
+import json
+import shutil
+import sys
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import pushed
+from view_samples import FIRST, FRAMES, LAST, LEARNT, imaged_push, without_display
+
+import palpate
+
+pytest.importorskip("rerun", reason="the extra view is not installed")
+OTHER = (0.34, 0.1, 0.2)
+"""Pose of a second answer in frame 30."""
+
+
+def read_back(path: Any) -> dict[str, dict[int, list[Any]]]:
+    """Of each entity, the value of its first component by frame."""
+    from rerun.chunk import RrdReader
+
+    found: dict[str, dict[int, list[Any]]] = defaultdict(dict)
+    for chunk in RrdReader(path).stream():
+        if chunk.is_static or "time" not in chunk.timeline_names:
+            continue
+        batch = chunk.to_record_batch()
+        names = [name for name in batch.schema.names if ":" in name and "indicator" not in name.lower()]
+        times = batch.column("time").to_numpy(zero_copy_only=False).astype("timedelta64[ns]").astype(np.int64) * 1e-9
+        for when, value in zip(times, batch.column(names[0]).to_pylist(), strict=True):
+            found[str(chunk.entity_path)][round(float(when) * 30)] = value
+    return found
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, command) -> Path:
+    """The folder of a run, into which a second answer and friction were written."""
+    folder = tmp_path_factory.mktemp("view")
+    palpate.write_recording(imaged_push(), folder / "push.mcap")
+    run = folder / "run"
+    assert command("track", folder / "push.mcap", "--out", run) == 0
+    header, *_ = (run / "answers.csv").read_text().splitlines()
+    pose = palpate.track(imaged_push()).online.pose[30]
+    rows = [[1.0, *one, 1e-6, 0, 0, 1e-6, 0, 1e-4] for one in ((0.7, *pose), (0.3, *OTHER))]
+    assert len(rows[0]) == len(header.split(","))
+    (run / "answers.csv").write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]) + "\n")
+    friction = (run / "friction.csv").read_text().splitlines()
+    friction[1 + LAST :] = [f"{line.split(',')[0]},{LEARNT[0]},{LEARNT[1]}" for line in friction[1 + LAST :]]
+    (run / "friction.csv").write_text("\n".join(friction) + "\n")
+    return run
+
+
+@pytest.fixture(scope="module")
+def saved(run, command) -> Path:
+    path = run.parent / "push.rrd"
+    assert command("view", run, "--save", path) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def entities(saved) -> Any:
+    return read_back(saved)
+
+
+@pytest.fixture(scope="module")
+def online() -> Any:
+    return palpate.track(imaged_push()).online
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path, monkeypatch):
+    """Every test works in a folder of its own and has no display."""
+    without_display(tmp_path, monkeypatch)
+
+
+def test_all_frames_are_there(entities):
+    for path in ("above/estimate/outline", "above/sensor/pad", "above/truth/outline", "status", "friction/learnt"):
+        assert sorted(entities[f"/{path}"]) == list(range(FRAMES))
+    images = imaged_push().image
+    assert images is not None and bytes(entities["/touch/image"][30][0]) == images[30]
+    assert min(entities["/touch/seen"]) == 14  # the untouched gel is known from then on
+
+
+def test_the_push_is_seen_from_above_in_millimetres_with_y_up(entities, online):
+    x, y, _ = online.pose[25]
+    (outline,) = entities["/above/estimate/outline"][25]
+    np.testing.assert_allclose(np.mean(np.array(outline)[:-1], axis=0), [1e3 * x, -1e3 * y], atol=0.01)
+    np.testing.assert_allclose(entities["/above/estimate/path"][25], [[1e3 * x, -1e3 * y]], atol=1e-3)
+    (ellipse,) = entities["/above/estimate/ellipse"][25]
+    yaw = online.pose[25, 2]
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    offsets = (np.array(ellipse) * (1.0, -1.0) - 1e3 * online.pose[25, :2]) @ turn
+    weight = np.linalg.inv(1e6 * online.covariance[25, :2, :2])
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", offsets, weight, offsets), 5.991, rtol=1e-3)  # 95 %
+
+
+def test_what_is_unknown_is_not_drawn(entities, online):
+    assert [[len(strip) for strip in entities["/above/truth/outline"][frame]] for frame in (2, 3)] == [[101], [0]]
+    assert entities["/above/truth/path"][4] == []
+    shown = [frame for frame in range(FRAMES) if entities["/above/contact"][frame]]
+    assert shown == np.flatnonzero(online.contact).tolist() and FIRST <= shown[0] < LAST
+    ((x, _),) = entities["/above/contact"][30]
+    assert x == pytest.approx(1e3 * (online.pose[30, 0] - 0.05), abs=1.0)  # the middle of the pushed side
+
+
+def test_other_answers_are_drawn_where_there_are_several(entities):
+    others = entities["/above/others"]
+    assert [frame for frame in range(FRAMES) if any(len(strip) for strip in others[frame])] == [30]
+    (outline,) = others[30]
+    np.testing.assert_allclose(np.mean(np.array(outline)[:-1], axis=0), [1e3 * OTHER[0], -1e3 * OTHER[1]], atol=0.01)
+
+
+def test_plots_hold_errors_friction_and_status(entities, online):
+    truth = imaged_push().object_pose
+    assert truth is not None
+    off = 1e3 * np.hypot(*(online.pose[45] - truth[45])[:2])
+    np.testing.assert_allclose(entities["/translation/error"][45], [off])
+    np.testing.assert_allclose(entities["/friction/learnt"][45], LEARNT[:1])
+    np.testing.assert_allclose(entities["/friction/more"][45], [sum(LEARNT)])
+    assert [entities["/status"][frame][0] for frame in range(FRAMES)] == list(online.status)
+
+
+def test_a_layout_comes_along(saved):
+    from rerun.chunk import RrdReader
+
+    assert len(RrdReader(saved).blueprints()) == 1
+    assert [entry.application_id for entry in RrdReader(saved).recordings()] == ["palpate"]
+
+
+def test_a_bare_recording_is_shown_with_its_dates(run_palpate):
+    bare = replace(pushed(), object_pose=None, contact=None)
+    palpate.write_recording(replace(bare, time=bare.time + 1.7e9), "day.mcap")
+    code, out, _ = run_palpate("view", "day.mcap")
+    assert code == 0 and "day.rrd: open it with `rerun day.rrd`" in out
+    from rerun.chunk import RrdReader
+
+    chunks = [each for each in RrdReader("day.rrd").stream() if "time" in each.timeline_names]
+    assert {str(each.entity_path) for each in chunks} == {"/above/sensor/pad", "/above/sensor/path"}
+    assert "timestamp" in str(chunks[0].to_record_batch().schema.field("time").type)
+
+
+def test_with_a_display_a_viewer_is_opened(run, run_palpate, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":7")
+    shown = []
+    monkeypatch.setattr("palpate.viewer.rerun_view.show_scene", lambda scene: shown.append(scene.name))
+    assert run_palpate("view", run)[0] == 0 and shown == ["run"]
+
+
+def test_tracking_is_saved_ten_times_a_second(run, run_palpate, online, monkeypatch):
+    monkeypatch.setattr("palpate.viewer.rerun_view.WAITING", 1000)  # none is dropped on a slow machine
+    code, out, _ = run_palpate("track", run.parent / "push.mcap", "--save-rrd", "live.rrd", "--json")
+    assert code == 0 and json.loads(out)["frames"] == FRAMES
+    found = read_back("live.rrd")
+    frames = sorted(found["/above/estimate/outline"])
+    assert frames == sorted(found["/touch/image"]) == list(range(0, FRAMES, 3))
+    assert min(found["/touch/seen"]) == 15
+    for frame in frames:
+        x, y, _ = online.pose[frame]
+        np.testing.assert_allclose(found["/above/estimate/path"][frame], [[1e3 * x, -1e3 * y]], atol=1e-3)
+
+
+def test_what_cannot_be_viewed(run, fails):
+    push = run.parent / "push.mcap"
+    Path("there.rrd").write_text("mine")
+    assert "there.rrd: already exists; --force" in fails("view", push, "--save", "there.rrd")
+    assert "there.rrd: already exists; --force" in fails("track", push, "--save-rrd", "there.rrd")
+    assert "gone.mcap: no such file" in fails("view", "gone.mcap")
+    assert "the folder nowhere does not exist" in fails("view", push, "--save", "nowhere/a.rrd")
+    assert "no display to open a window on; --save-rrd" in fails("track", push, "--view")
+    assert "show one recording, and 2 are given" in fails("track", push, push, "--save-rrd", "a.rrd")
+    assert [path.name for path in Path().iterdir()] == ["there.rrd"] and Path("there.rrd").read_text() == "mine"
+
+
+def test_without_rerun_a_sentence_says_what_to_install(run, fails, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    for words in (("view", run), ("track", run.parent / "push.mcap", "--save-rrd", "a.rrd")):
+        assert "pip install palpate[view]" in fails(*words)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("settings.json", None, "is no run of palpate track"),
+        ("settings.json", "{}", "settings.json: recording is null, expected the name of a file"),
+        ("settings.json", '{"recording": "gone.mcap"}', "gone.mcap: no such file"),
+        ("friction.csv", "time,friction,deviation\n0.0,0.4,0.1\n", "has 1 times that are not those of the run's 50"),
+        ("answers.csv", None, "answers.csv: no such file"),
+        ("answers.csv", "HEADER\n9.0,1,0,0,0,1,0,0,1,0,1", "has an answer at 9 s, at which there is no estimate"),
+        ("answers.csv", "HEADER\n0.0,1,0,0,0,1,0,0,1,0,one", "expected rows of 11 numbers"),
+        ("estimates.csv", "LESS", "49 estimates are not of the 50 frames"),
+    ],
+)
+def test_a_run_folder_that_cannot_be_shown(run, fails, file, text, message):
+    shutil.copytree(run, "run")
+    lines = Path("run", file).read_text().splitlines(keepends=True)
+    Path("run", file).unlink()
+    if text is not None:
+        less = text.replace("LESS", "".join(lines[:-1])).replace("HEADER\n", lines[0])
+        Path("run", file).write_text(less)
+    assert message in fails("view", "run")
