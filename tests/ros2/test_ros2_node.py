@@ -140,7 +140,7 @@ def check_estimates(heard: dict[str, Any], recording: Recording) -> None:
         heard["poses"], heard["contacts"], heard["diagnoses"], heard["answers"], strict=True
     ):
         index = published[stamp]
-        time = (stamp - heard["published"][0][0]) * 1e-9
+        time = (stamp - heard["poses"][0][0]) * 1e-9
         if time > ALIKE:
             break
         direct = tracker.update(Frame(time, recording.sensor_pose[index], recording[index].image))

@@ -72,8 +72,8 @@ def live(
 ) -> int:
     """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
 
-    A table shows rate, latency, contact, status and pose; images that arrive faster than they are tracked are dropped and
-    counted.
+    A table shows rate, latency, contact, status and pose; images that arrive faster than they are tracked are dropped
+    and counted.
 
     Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 

@@ -166,12 +166,3 @@ def front_matter(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes
             elif isinstance(record, Chunk | Message):
                 break
     return metadata, attachments
-
-
-def scratch_mcap() -> MessageWriter:
-    """Return a writer whose messages go nowhere, to write the first message of each type, which takes long, ahead."""
-    from io import BytesIO
-
-    from mcap.writer import Writer
-
-    return MessageWriter(Writer(BytesIO()))

@@ -54,8 +54,8 @@ class LiveState:
             images=0, tracked=0, dropped=0, without_pose=0, left_out=0, sensor_poses=0, refused_poses=0
         )
     )
-    """Images, each in the end tracked, dropped for a newer one, without a sensor pose, or left out by the tracker; sensor
-    poses taken and refused."""
+    """Images, each in the end tracked, dropped for a newer one, without a sensor pose, or left out by the tracker;
+    sensor poses taken and refused."""
     last: LiveEstimate | None = None
     """The last estimate."""
     pose_age: float | None = None

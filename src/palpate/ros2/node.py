@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.config import Tactile, TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines import load_shape
