@@ -8,6 +8,8 @@ from push_samples import RADIUS, SHAPES, sensor, with_settings
 
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.geometry import se2
+from palpate.pipeline.metrics import rotation_errors as rotation_errors
+from palpate.pipeline.metrics import translation_errors as translation_errors
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame

@@ -1,4 +1,4 @@
-"""How a flat pad and several tips touch an outline, and the place on a pad that touch tells."""
+"""Contact of a flat pad and of several tips with an outline, and the place on a pad that touch measures."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What pushes tell of friction: where an object's pressure is, how well the contact grips, and that it slides."""
+"""Friction learnt from pushes: the pressure distribution, the friction coefficient, and slides."""
 
 import math
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ HOLDING = with_settings(ROBUST, priors={"grip": (0.8, 0.12)})  # so well that it
 
 
 def directions(g: Array, seed: int) -> list[ContactDirection]:
-    """What touch says of where it is touched."""
+    """Contact directions as touch measures them."""
     angle = contact_directions(g, MODEL) + np.random.default_rng(seed).normal(0.0, FELT, len(g))
     return [ContactDirection(one, FELT**2) for one in angle]
 

@@ -26,7 +26,9 @@ def apart_from(given, belief: Belief, offsets) -> Belief:
 def states(window: Window, row: int):
     """All that a row says."""
     belief = window.belief().take([row])
-    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], window.last_errors()[row]
+    errors = window.last_errors()
+    assert errors is not None
+    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], errors[row]
 
 
 def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tolerance: float = 0.0) -> None:

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from push_samples import SHAPES, frames, in_two_contacts, noisy, pushed, sensor
-from tracker_samples import SMOOTHERS, nees, settings, statuses
+from tracker_samples import SMOOTHERS, nees, se2, settings, statuses
 
 from palpate import Estimate, ObjectPose, Tracker, TrackerSettings
-from palpate.geometry import se2
 
 Array = np.ndarray
 FINE, ROUGH = (1e-4, 1e-4, 1e-3), (5e-3, 5e-3, 5e-2)

@@ -1,4 +1,4 @@
-"""What an estimate says beside the pose, against values worked out by hand."""
+"""Contact point, sliding and touch age of an estimate, against values worked out by hand."""
 
 import dataclasses
 import math
@@ -9,12 +9,11 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sensor
 from tracker_samples import settings, track
 
+from palpate import Estimate, Frame, Tracker
 from palpate.filter.contact_point import contact_point
 from palpate.graph.belief import Belief
 from palpate.graph.variables import GRIP, IN_OBJECT, OBJECT_SIZE
-from palpate.tracker import Tracker
-from palpate.types.estimate import Answer, Estimate
-from palpate.types.frame import Frame
+from palpate.types.estimate import Answer
 
 HALF = 0.2363 / 2  # [m] from the rectangle's centre to its left side
 

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tracker_samples import se2
 
+from palpate import POINT, Recording, Rectangle, SensorProfile
 from palpate import io as formats
-from palpate.geometry import se2
-from palpate.geometry.shapes import Rectangle
 from palpate.pipeline.knocks import LIMITS, knocked_frames, unexplained_speed
 from palpate.pipeline.truth import flag_runs
-from palpate.types.recording import Recording
-from palpate.types.sensor import POINT, SensorProfile
 
 STEP = 1 / 30
 BAR = Rectangle(0.2, 0.1)

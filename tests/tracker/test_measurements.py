@@ -1,4 +1,4 @@
-"""What others than touch say of a frame, in and between contacts."""
+"""Measurements of other sources, in and between contacts."""
 
 import dataclasses
 import logging
@@ -9,12 +9,31 @@ from typing import Any
 import numpy as np
 import pytest
 from push_samples import frames, pushed, with_settings
-from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, poses, settings, small_frame, statuses, track
+from tracker_samples import (
+    CALIBRATED,
+    SMOOTHERS,
+    disc_tracker,
+    poses,
+    rotation_errors,
+    se2,
+    settings,
+    small_frame,
+    statuses,
+    track,
+    translation_errors,
+)
 
-from palpate import EstimationError, Frame, FrameError, Measurement, ObjectPose, OwnMeasurement
-from palpate.geometry import se2
-from palpate.pipeline.metrics import rotation_errors, translation_errors
-from palpate.types.measurements import ContactDirection, ContactPlace, Turn
+from palpate import (
+    ContactDirection,
+    ContactPlace,
+    EstimationError,
+    Frame,
+    FrameError,
+    Measurement,
+    ObjectPose,
+    OwnMeasurement,
+    Turn,
+)
 
 Array = np.ndarray
 WRONG = np.array([0.012, -0.016, math.radians(5.0)])

@@ -7,6 +7,7 @@ import pytest
 from push_samples import (
     RADIUS,
     SHAPES,
+    Steering,
     frames,
     gaps,
     in_two_contacts,
@@ -16,18 +17,23 @@ from push_samples import (
     sensor,
     with_settings,
 )
-from tracker_samples import CALIBRATED, SMOOTHERS, poses, settings, statuses, track, yaw_deviations
+from tracker_samples import (
+    CALIBRATED,
+    SMOOTHERS,
+    poses,
+    rotation_errors,
+    se2,
+    settings,
+    statuses,
+    track,
+    translation_errors,
+    yaw_deviations,
+)
 
-from palpate.config import PUBLISHED, NoiseSettings
-from palpate.errors import EstimationError
+from palpate import PUBLISHED, EstimationError, Frame, Measurement, NoiseSettings, Tracker, Turn
 from palpate.filter.hypothesis_bank import HypothesisBank
-from palpate.geometry import se2
 from palpate.graph.variables import DEPTH, IN_OBJECT, OUTLINE_SCALE
-from palpate.lab.simulate.limit_surface import Steering
-from palpate.pipeline.metrics import inside_95, nees, rotation_errors, translation_errors
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
-from palpate.types.measurements import Measurement, Turn
+from palpate.pipeline.metrics import inside_95, nees
 
 Array = np.ndarray
 

@@ -9,12 +9,19 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, small_frame
 
-from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import FrameError
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
-from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement
-from palpate.types.sensor import DIGIT, SensorProfile
+from palpate import (
+    DIGIT,
+    ContactDirection,
+    Frame,
+    FrameError,
+    Measurement,
+    NoiseSettings,
+    ObjectPose,
+    OwnMeasurement,
+    SensorProfile,
+    Tracker,
+    TrackerSettings,
+)
 
 SEEN = ObjectPose(np.zeros(3), 1e-4 * np.eye(3))
 

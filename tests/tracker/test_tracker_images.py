@@ -7,19 +7,27 @@ from typing import Any
 import numpy as np
 import pytest
 from push_samples import contact_directions, with_settings
+from tracker_samples import se2
 
-from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import EstimationError, FrameError, SettingError
-from palpate.geometry import se2
+from palpate import (
+    Calibration,
+    EstimationError,
+    Frame,
+    FrameError,
+    NoiseSettings,
+    Recording,
+    Run,
+    SettingError,
+    TouchModel,
+    Tracker,
+    TrackerSettings,
+    track,
+)
 from palpate.geometry.objects import SHAPES
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.recordings import simulate_recording
-from palpate.pipeline.track import Run, track
-from palpate.touch.calibration import Calibration, calibrate
-from palpate.touch.touch_model import SHIPPED, TouchModel, difference, reduced
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
-from palpate.types.recording import Recording
+from palpate.touch.calibration import calibrate
+from palpate.touch.touch_model import SHIPPED, difference, reduced
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +41,7 @@ def blind(recording) -> Run:
 
 
 def yaw_deviation(run: Run) -> float:
-    """What the tracker says of its error in yaw at the end [rad]."""
+    """Reported deviation of the final yaw [rad]."""
     assert run.online.covariance is not None
     return float(np.sqrt(run.online.covariance[-1, 2, 2]))
 
@@ -71,7 +79,7 @@ def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(r
 
 
 def test_a_sensor_that_comes_from_afar_feels_its_first_contact_though_the_first_pose_is_off(recording):
-    """Where it should be in the object already, it touches nothing before an image says so."""
+    """A sensor that should be in the object touches nothing before an image shows it."""
     sensor, rough = recording.sensor_pose[0], np.array([0.004, 0.004, 0.02])
     nearer = recording.object_pose[0] - 0.008 * np.array([np.cos(sensor[2]), np.sin(sensor[2]), 0.0])
     tracker = Tracker(recording.shape, recording.sensor, nearer, first_pose_sigma=rough)
@@ -144,7 +152,7 @@ def of_frames(recording: Recording, chosen: list[int]) -> Recording:
 
 
 def distance(one: Any, other: Any) -> float:
-    """How far two poses are apart [m]."""
+    """Distance between two poses [m]."""
     return float(np.hypot(*se2.between(one, other)[:2]))
 
 

@@ -8,11 +8,18 @@ import pytest
 from push_samples import SHAPES, frames, pushed, sensor, with_settings
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
-from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import EstimationError, SettingError, ShapeError
-from palpate.geometry.shapes import Disc, Polygon, Rectangle
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
+from palpate import (
+    Disc,
+    EstimationError,
+    Frame,
+    NoiseSettings,
+    Polygon,
+    Rectangle,
+    SettingError,
+    ShapeError,
+    Tracker,
+    TrackerSettings,
+)
 
 
 def test_a_frame_with_neither_image_nor_contact_flag():

@@ -1,4 +1,4 @@
-"""What the tracker says where the model, the graph or the world fails it."""
+"""Status of the tracker if the model, the graph or the world fails it."""
 
 import logging
 import math
@@ -6,17 +6,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, frames, model_of, pushed, sensor, with_settings
-from tracker_samples import CALIBRATED, SMOOTHERS, disc_tracker, nees, poses, settings, statuses, track, yaw_deviations
+from push_samples import RADIUS, SHAPES, Steering, frames, model_of, push, pushed, sensor, with_settings
+from tracker_samples import (
+    CALIBRATED,
+    SMOOTHERS,
+    disc_tracker,
+    nees,
+    poses,
+    rotation_errors,
+    se2,
+    settings,
+    statuses,
+    track,
+    translation_errors,
+    yaw_deviations,
+)
 
-from palpate.config import NoiseSettings
-from palpate.errors import EstimationError
-from palpate.geometry import se2
+from palpate import EstimationError, Frame, NoiseSettings, Tracker
 from palpate.graph.window import Window
-from palpate.lab.simulate.limit_surface import Steering, push
-from palpate.pipeline.metrics import rotation_errors, translation_errors
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
 
 Array = np.ndarray
 

@@ -6,13 +6,9 @@ import math
 import numpy as np
 import pytest
 from push_samples import SHAPES, contact_directions, frames, in_two_contacts, model_of, sensor
-from tracker_samples import nees, settings
+from tracker_samples import nees, se2, settings
 
-from palpate import Estimate, ObjectPose
-from palpate.geometry import se2
-from palpate.tracker import Tracker
-from palpate.types.frame import Frame
-from palpate.types.measurements import ContactDirection
+from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker
 
 TRUE, SENSOR, CONTACT = in_two_contacts("disc", 60)
 OFF = np.array([0.004, -0.003, 1.5])
