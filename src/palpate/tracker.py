@@ -1,6 +1,5 @@
 """The tracker: one frame in, one estimate out."""
 
-import logging
 import math
 from collections.abc import Sequence
 
@@ -27,7 +26,6 @@ from palpate.types.measurements import Measurement
 from palpate.types.sensor import SensorProfile, known_sensor
 from palpate.types.trajectory import Trajectory
 
-logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 _NO_FRAME = "no frame has been taken so far; there is one after the first update"
 

@@ -215,18 +215,18 @@ class ConsistencyMonitor:
             inconsistency=np.where(tested, np.maximum(state.inconsistency, inflated), state.inconsistency),
         )
 
-    def status(self, state: Consistency, belief: Belief, in_contact: bool, row: int = 0) -> Status:
-        """Return the status of one hypothesis."""
-        if state.contradiction[row]:
+    def status(self, state: Consistency, belief: Belief, covariance: Array, in_contact: bool) -> Status:
+        """Return the status of the first hypothesis, whose pose has this covariance (3, 3)."""
+        if state.contradiction[0]:
             return "strained"
-        is_unfound = (np.diagonal(belief.pose_covariance[row]) > _FOUND**2).any()
-        if state.is_displaced[row] and (is_unfound or not in_contact):
+        is_unfound = (np.diagonal(belief.pose_covariance[0]) > _FOUND**2).any()
+        if state.is_displaced[0] and (is_unfound or not in_contact):
             return "displaced"
-        if is_uncertain(self.covariance(state.take([row]), belief.take([row]))[0]):
+        if is_uncertain(covariance):
             return "uncertain"
         if not in_contact:
             return "resting"
-        return "strained" if state.inconsistency[row] > 1.0 else "tracking"
+        return "strained" if state.inconsistency[0] > 1.0 else "tracking"
 
     def covariance(self, state: Consistency, belief: Belief) -> Array:
         """Return the covariances of the pose to report, (B, 3, 3)."""

@@ -129,12 +129,13 @@ class HypothesisBank:
 
     def report(self) -> Report:
         """Return the estimate at the last frame."""
-        rows, monitor = self._rows.take(~self._rows.is_mirror), self._monitor
+        rows, monitor = self._rows, self._monitor
+        rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
         poses, weights, whole = rows.belief.pose, rows.weight, rows.whole_belief
         covariances = monitor.covariance(rows.consistency, whole)
+        status: Status = monitor.status(rows.consistency, whole, covariances[0], self.in_contact)
         if not self.in_contact:
             covariances = covariances + monitor.displacement_covariance(rows.consistency)
-        status: Status = monitor.status(rows.consistency, whole, self.in_contact)
         reason = rows.consistency.contradiction_in_words(0)
         if is_ambiguous(poses, covariances, weights):
             status = "ambiguous"

@@ -1,6 +1,6 @@
 """Gaussian beliefs about the object, one a row: its pose and the variables that belong to it."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,19 +19,21 @@ class RowArrays:
 
     def take(self: R, rows: Indices) -> R:
         """Return these rows; a row may be taken several times."""
-        taken: dict[str, Any] = {}
-        for each in fields(self):  # pyright: ignore[reportArgumentType]
-            value = getattr(self, each.name)
-            taken[each.name] = value[rows] if isinstance(value, np.ndarray) else value.take(rows)
-        return replace(self, **taken)  # pyright: ignore[reportArgumentType, reportReturnType]
+        taken = ((name, _taken(value, rows)) for name, value in vars(self).items())
+        return type(self)(**dict(taken))
 
     def joined(self: R, other: R) -> R:
         """Return the rows of both, one after the other."""
-        both: dict[str, Any] = {}
-        for each in fields(self):  # pyright: ignore[reportArgumentType]
-            one, two = getattr(self, each.name), getattr(other, each.name)
-            both[each.name] = np.concatenate([one, two]) if isinstance(one, np.ndarray) else one.joined(two)
-        return replace(self, **both)  # pyright: ignore[reportArgumentType, reportReturnType]
+        pairs = zip(vars(self).items(), vars(other).values(), strict=True)
+        return type(self)(**{name: _joined(one, two) for (name, one), two in pairs})
+
+
+def _taken(value: Any, rows: Indices) -> Any:
+    return value[rows] if isinstance(value, np.ndarray) else value.take(rows)
+
+
+def _joined(one: Any, two: Any) -> Any:
+    return np.concatenate([one, two]) if isinstance(one, np.ndarray) else one.joined(two)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,7 @@ class Belief(RowArrays):
         """Return the same with covariances (3, 3) or (B, 3, 3) added to that of the pose."""
         joint = self.covariance.copy()
         joint[:, :3, :3] += covariance
-        return replace(self, covariance=joint)
+        return Belief(self.pose, self.values, joint)
 
     def at_next_contact(self, priors: Priors) -> "Belief":
         """Return the belief for the next contact, between which the object's variables may have changed.
@@ -74,4 +76,4 @@ class Belief(RowArrays):
         left = np.concatenate([np.ones(3), keeps])
         joint = self.covariance * np.outer(left, left)
         joint[:, 3:, 3:] += np.diag(changes)
-        return replace(self, values=priors.mean + keeps * (self.values - priors.mean), covariance=joint)
+        return Belief(self.pose, priors.mean + keeps * (self.values - priors.mean), joint)

@@ -117,12 +117,8 @@ class Values:
         def cut(array: Array) -> Array:
             return np.ascontiguousarray(array[:, first:])
 
-        return replace(
-            self,
-            sensor_in_object=cut(self.sensor_in_object),
-            sensor=cut(self.sensor),
-            disturbance=cut(self.disturbance),
-        )
+        g, e = cut(self.sensor_in_object), cut(self.sensor)
+        return Values(self.model, g, e, self.shared, cut(self.disturbance), self.sign)
 
     def continued(self, sensor_pose: Array, disturbance: Array) -> "Values":
         """Return the values with one more step: the sensor, now at (3,), keeps turning on the object as before.
@@ -133,7 +129,7 @@ class Values:
         g[:, :-1], e[:, :-1], e[:, -1] = self.sensor_in_object, self.sensor, sensor_pose
         _extrapolate(g)
         disturbances = np.concatenate([self.disturbance, disturbance[:, None]], axis=1)
-        return replace(self, sensor_in_object=g, sensor=e, disturbance=disturbances)
+        return Values(self.model, g, e, self.shared, disturbances, self.sign)
 
     def disturbed(self, rows: Indices, first: int, slide: Array, spread: float) -> "Values":
         """Return the values with a disturbance in each step of some rows from `first` on.
@@ -158,7 +154,7 @@ class Values:
         g, e = np.empty_like(self.sensor_in_object), np.empty_like(self.sensor)
         _move(self.sensor_in_object, by_step, IN_STEP[SENSOR_IN_OBJECT].start, g)
         _move(self.sensor, by_step, IN_STEP[SENSOR].start, e)
-        return replace(self, sensor_in_object=g, sensor=e, shared=self.shared + by_shared)
+        return Values(self.model, g, e, self.shared + by_shared, self.disturbance, self.sign)
 
     def change_since(self, before: "Values") -> Array:
         """Return the change of the first step and of the shared variables, (B, STEP_SIZE + SHARED_SIZE)."""

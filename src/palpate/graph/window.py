@@ -77,7 +77,7 @@ class Window:
         self._factors: list[Factor] = [FirstPose(belief), *factors]
         self._terms = [Terms(np.empty(0, np.int64), np.empty(0, factor.data)) for factor in self._factors]
         self._has_begun = [False] * len(self._factors)  # whether a factor had terms in this contact
-        self._linear: list[Linear] = []
+        self._linear = [factor.room(rows, 0) for factor in self._factors]
         shared = np.empty((rows, SHARED_SIZE))
         for one in OF_CONTACT:
             shared[:, IN_SHARED[one]] = one.prior[0] if one.prior else 0.0
@@ -252,9 +252,9 @@ class Window:
                 self._has_begun[index] = True
                 for variable, value in factor.first_guess(self._values, terms).items():
                     self._values = self._values.with_shared(slice(None), variable, value)
-        self._linear = [
-            factor.room(self.rows, len(terms.step)) for factor, terms in zip(self._factors, self._terms, strict=True)
-        ]
+        for index, (factor, terms) in enumerate(zip(self._factors, self._terms, strict=True)):
+            if self._linear[index].residual.shape[1] != len(terms.step):
+                self._linear[index] = factor.room(self.rows, len(terms.step))
 
     def _solve(self, changing: Flags, groups: NDArray[Any]) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,), the rows of a group until all have converged.
