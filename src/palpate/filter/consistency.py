@@ -80,6 +80,8 @@ class Consistency(RowArrays):
     @property
     def contradiction(self) -> Array:
         """Possible error of the pose for contradicting measured poses (B,) [m]."""
+        if not (self.poses_apart.any() or self.outline_apart.any()):
+            return np.zeros(len(self.poses_apart))
         return np.maximum(_possible_error(self.poses_apart), _possible_error(self.outline_apart))
 
     def contradiction_in_words(self, row: int) -> str:

@@ -447,8 +447,8 @@ class HypothesisBank:
             log_prior=np.where(is_single, 0.0, self._rows.log_prior),
             ignored_motion=self._rows.ignored_motion & ~is_single[:, None],
         )
-        if is_single[0]:
-            self._is_found |= not is_rough(self.belief, self._model)
+        if is_single[0] and not self._is_found:
+            self._is_found = not is_rough(self.belief, self._model)
 
     def _decide_mirrored(self, time: float) -> None:
         """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses."""
