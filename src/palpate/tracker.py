@@ -201,7 +201,8 @@ class Tracker:
 
     def _estimate(self, frame: Frame) -> Estimate:
         """Return the estimate at the last frame."""
-        gate, bank, now, belief = self._gate, self._bank, self._bank.report(), self._bank.belief
+        gate, bank, now = self._gate, self._bank, self._bank.report()
+        belief = bank.belief
         touch = None
         if bank.in_contact:
             self._touched_at = frame.time

@@ -262,23 +262,23 @@ class Window:
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
         self._costs = None
-        together = groups[:, None] == groups
+        together, each = groups[:, None] == groups, self._each()
         for _ in range(_ITERATIONS):
-            change = self._improve(changing)
+            change = self._improve(changing, each)
             changing = changing & ((together * change).max(axis=1) >= _CONVERGED)
             if not changing.any():
                 break
         if self.is_lost.all():
             raise EstimationError("the linear system of the window is indeterminate")
 
-    def _improve(self, changing: Flags) -> Array:
+    def _improve(self, changing: Flags, each: Sequence[tuple[Factor, Terms, Linear]]) -> Array:
         """Take a Gauss-Newton step of some rows (B,) and return the largest change of a pose in each, (B,) [m, rad].
 
         The other rows are linearised where they were, and so have the same solution as before.
         """
         at = self._at = self._values if changing.all() else self._values.where(changing, self._at)
         equations = Equations(at.rows, at.steps)
-        for factor, terms, linear in self._each():
+        for factor, terms, linear in each:
             factor.linearise(at, terms, linear)
             equations.add(linear, terms.step, factor.columns)
         equations.add_gaussian(self._past.moved(at.change_since(self._past_at)))
