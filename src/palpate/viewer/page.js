@@ -6,6 +6,7 @@ const last = data.time[frames - 1] || 1;
 const element = (id) => document.getElementById(id);
 const slider = element("slider");
 slider.max = frames - 1;
+const GRID = "#e4e4e4";
 
 // A canvas in CSS pixels, cleared, however fine the screen is.
 function cleared(id) {
@@ -30,6 +31,26 @@ function ticks(low, high, count) {
   return { found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
 }
 
+// A line through points in pixels, with gaps at null.
+function stroke(pen, points, colour, thick) {
+  pen.beginPath();
+  let down = false;
+  for (const point of points) {
+    if (point) pen[down ? "lineTo" : "moveTo"](...point);
+    down = Boolean(point);
+  }
+  pen.strokeStyle = colour;
+  pen.lineWidth = thick;
+  pen.lineJoin = "round";
+  pen.stroke();
+}
+
+// First and last index of each stretch of frames that share a value.
+function stretches(values) {
+  const starts = values.flatMap((value, index) => (index && value === values[index - 1] ? [] : [index]));
+  return starts.map((first, place) => [first, (starts[place + 1] ?? values.length) - 1]);
+}
+
 function placed(pose, points) {
   const [x, y, theta] = pose;
   const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
@@ -38,7 +59,7 @@ function placed(pose, points) {
 
 const CIRCLE = Array.from({ length: 65 }, (_, index) => (2 * Math.PI * index) / 64);
 
-// What holds the object's origin with 95 % probability.
+// The region that holds the object's origin with 95 % probability.
 function ellipse(now) {
   const [[a, b], [c, d]] = data.halfAxes[now];
   const points = CIRCLE.map((angle) => [Math.cos(angle), Math.sin(angle)]);
@@ -70,16 +91,12 @@ function drawAbove(now) {
   const at = ([x, y]) => [middle[0] + scale * (x - (x0 + x1) / 2), middle[1] - scale * (y - (y0 + y1) / 2)];
   const back = (px, py) => [(px - middle[0]) / scale + (x0 + x1) / 2, (y0 + y1) / 2 - (py - middle[1]) / scale];
   const [[lowX, highY], [highX, lowY]] = [back(left, 0), back(width, height - bottom)];
-  pen.strokeStyle = "#e4e4e4";
   pen.fillStyle = "#555";
   for (const [low, high, upright] of [[lowX, highX, true], [lowY, highY, false]]) {
     const { found, digits } = ticks(low, high, upright ? 6 : 5);
     for (const tick of found) {
       const [px, py] = at([tick, tick]);
-      pen.beginPath();
-      if (upright) pen.moveTo(px, 0), pen.lineTo(px, height - bottom);
-      else pen.moveTo(left, py), pen.lineTo(width, py);
-      pen.stroke();
+      stroke(pen, upright ? [[px, 0], [px, height - bottom]] : [[left, py], [width, py]], GRID, 1);
       pen.textAlign = upright ? "center" : "right";
       if (upright && px > left + 12 && px < width - 12) pen.fillText(tick.toFixed(digits), px, height - 5);
       if (!upright && py > 8 && py < height - bottom - 4) pen.fillText(tick.toFixed(digits), left - 5, py + 4);
@@ -90,16 +107,7 @@ function drawAbove(now) {
   pen.rect(left, 0, width - left, height - bottom);
   pen.clip();
   const line = (points, colour, thick, fill) => {
-    pen.beginPath();
-    let down = false;
-    for (const point of points) {
-      if (point) pen[down ? "lineTo" : "moveTo"](...at(point));
-      down = Boolean(point);
-    }
-    pen.strokeStyle = colour;
-    pen.lineWidth = thick;
-    pen.lineJoin = "round";
-    pen.stroke();
+    stroke(pen, points.map((point) => point && at(point)), colour, thick);
     if (fill) pen.fillStyle = fill, pen.fill();
   };
   const dot = ([x, y], colour, radius) => {
@@ -124,16 +132,15 @@ function drawAbove(now) {
   pen.restore();
 }
 
-const LEFT = 44;
+const LEFT = 44; // [px] beside the plots, for the numbers
 const acrossOf = (width) => (time) => LEFT + ((width - LEFT - 8) * time) / last;
 
-function drawCursor(pen, x, height) {
-  pen.beginPath();
-  pen.moveTo(x, 0);
-  pen.lineTo(x, height);
-  pen.strokeStyle = "#000";
-  pen.lineWidth = 1;
-  pen.stroke();
+const drawCursor = (pen, x, height) => stroke(pen, [[x, 0], [x, height]], "#000", 1);
+
+// The left edge and the width of a stretch of frames in pixels.
+function span(across, [first, end]) {
+  const from = across(data.time[first]);
+  return [from, across(data.time[Math.min(end + 1, frames - 1)]) - from];
 }
 
 // Lines over time within a band; where a line is much lower than its band, the band is cut off.
@@ -146,23 +153,14 @@ function drawPlot(id, now, low, high, lines, bottom) {
   const top = 1.08 * Math.max(peak, Math.min(Math.max(...high), 4 * peak));
   const up = (value) => floor - ((floor - 4) * (Math.min(value, top) - bottom)) / (top - bottom);
   pen.fillStyle = COLOURS.contact + "1f";
-  for (let first = 0; first < frames; first++) {
-    if (data.contact[first][0] === null) continue;
-    let end = first;
-    while (end + 1 < frames && data.contact[end + 1][0] !== null) end++;
-    const to = across(data.time[Math.min(end + 1, frames - 1)]);
-    pen.fillRect(across(data.time[first]), 0, to - across(data.time[first]), floor);
-    first = end;
+  for (const stretch of stretches(data.contact.map(([x]) => x !== null))) {
+    const [from, wide] = span(across, stretch);
+    if (data.contact[stretch[0]][0] !== null) pen.fillRect(from, 0, wide, floor);
   }
-  pen.strokeStyle = "#e4e4e4";
-  pen.lineWidth = 1;
   pen.textAlign = "right";
   const marks = ticks(bottom, top, 4);
   for (const tick of marks.found) {
-    pen.beginPath();
-    pen.moveTo(LEFT, up(tick));
-    pen.lineTo(width, up(tick));
-    pen.stroke();
+    stroke(pen, [[LEFT, up(tick)], [width, up(tick)]], GRID, 1);
     pen.fillStyle = "#555";
     pen.fillText(tick.toFixed(marks.digits), LEFT - 5, up(tick) + 4);
   }
@@ -178,15 +176,7 @@ function drawPlot(id, now, low, high, lines, bottom) {
   pen.fillStyle = COLOURS.estimate + "40";
   pen.fill();
   for (const [values, colour] of lines) {
-    pen.beginPath();
-    let down = false;
-    values.forEach((value, index) => {
-      if (value !== null) pen[down ? "lineTo" : "moveTo"](across(data.time[index]), up(value));
-      down = value !== null;
-    });
-    pen.strokeStyle = colour;
-    pen.lineWidth = 1.5;
-    pen.stroke();
+    stroke(pen, values.map((value, index) => value !== null && [across(data.time[index]), up(value)]), colour, 1.5);
   }
   drawCursor(pen, across(data.time[now]), floor);
 }
@@ -206,13 +196,10 @@ function drawFriction(now) {
 function drawStatus(now) {
   const { pen, width, height } = cleared("status");
   const across = acrossOf(width);
-  for (let first = 0; first < frames; first++) {
-    let end = first;
-    while (end + 1 < frames && data.status[end + 1] === data.status[first]) end++;
-    const to = across(data.time[Math.min(end + 1, frames - 1)]);
-    pen.fillStyle = data.statusColours[data.status[first]];
-    pen.fillRect(across(data.time[first]), 4, Math.max(1, to - across(data.time[first])), height - 8);
-    first = end;
+  for (const stretch of stretches(data.status)) {
+    const [from, wide] = span(across, stretch);
+    pen.fillStyle = data.statusColours[data.status[stretch[0]]];
+    pen.fillRect(from, 4, Math.max(1, wide), height - 8);
   }
   drawCursor(pen, across(data.time[now]), height);
 }
