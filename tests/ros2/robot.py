@@ -5,6 +5,7 @@ then each frame once. Poses come some frames before their time, so that the node
 """
 
 import json
+import math
 import sys
 import time
 from pathlib import Path
@@ -17,8 +18,7 @@ from rclpy.executors import SingleThreadedExecutor  # pyright: ignore[reportMiss
 from sensor_msgs.msg import Image  # pyright: ignore[reportMissingImports]
 from std_msgs.msg import Bool  # pyright: ignore[reportMissingImports]
 
-from palpate.io.recording_mcap import read_recording
-from palpate.types.plane import flat, out_of_plane
+from palpate import read_recording
 
 RATE, DEPTH, HEIGHT = 60.0, 100, 0.25
 """Frames a second [Hz], messages that ROS keeps, and how high the sensor is in the robot's frame [m]."""
@@ -66,12 +66,11 @@ class Robot:
         """When its time comes, send the recording's image, and the pose that is due some frames later."""
         self._spin_until(self._begin + number / RATE)
         later = self._stamp(number + AHEAD)
-        position, turn = out_of_plane(flat(), self._recording.sensor_pose[pose : pose + 1])
+        x, y, theta = self._recording.sensor_pose[pose].tolist()
         placed = PoseStamped()
         set_header(placed, later, "base")
-        placed.pose.position.x, placed.pose.position.y, placed.pose.position.z = *position[0, :2].tolist(), HEIGHT
-        q = placed.pose.orientation
-        q.x, q.y, q.z, q.w = turn[0].tolist()
+        placed.pose.position.x, placed.pose.position.y, placed.pose.position.z = x, y, HEIGHT
+        placed.pose.orientation.z, placed.pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
         self._poses.publish(placed)
         if image is not None:
             pixels = self._recording[image].image

@@ -18,11 +18,8 @@ import pytest
 import palpate.ros2
 from palpate import io as formats
 from palpate.config import TrackerSettings
-from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.objects import SHAPES
-from palpate.live.ros2_topics import ros2_poses
-from palpate.live.sources import Clock
 from palpate.tracker import Tracker
 from palpate.types.frame import Frame
 from palpate.types.images import encode_image
@@ -192,8 +189,3 @@ def test_poses_of_a_topic_are_those_of_the_plane_through_the_first():
     assert left == "0"
     assert (first, last) == ("[0.5, 0.0, 0.0]", "[0.5, 0.0, 0.0]")
     assert "30.0 mm off the plane of the first" in off and "a quaternion of length 1" in broken
-
-
-def test_a_topic_of_poses_needs_rclpy():
-    with pytest.raises(SettingError, match="ROS 2 topics need rclpy"):
-        ros2_poses("/robot/sensor_pose", Clock())
