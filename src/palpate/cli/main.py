@@ -15,6 +15,7 @@ from palpate.cli.demo import demo
 from palpate.cli.evaluate import evaluate
 from palpate.cli.info import info
 from palpate.cli.live import live
+from palpate.cli.paper import paper
 from palpate.cli.simulate import simulate
 from palpate.cli.track import track
 from palpate.cli.train import train
@@ -33,6 +34,7 @@ COMMANDS = {
     "simulate": simulate,
     "calibrate": calibrate,
     "train": train,
+    "paper": paper,
     "evaluate": evaluate,
     "tune": tune,
     "view": view,

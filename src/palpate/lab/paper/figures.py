@@ -1,0 +1,122 @@
+"""Figures 5 to 8 and 10 to 12 of the paper."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from palpate.files import whole_file
+from palpate.geometry import se2
+
+Array = NDArray[np.float64]
+Tracks = Mapping[str, Mapping[str, Any]]
+COLOURS = {"none": "#000000", "const": "#E69F00", "learnt": "#0072B2", "oracle": "#009E73", "palpate": "#D55E00"}
+OBJECTS = ("disc", "rect", "ellip")
+
+
+def draw(out: Path, tracks: Tracks, results: Mapping[str, Any], images: Mapping[str, Any]) -> None:
+    """Write all figures to a folder."""
+    figures: dict[str, Callable[[], Figure]] = {
+        "fig5_keypoints": lambda: keypoints(images),
+        "fig6_error_over_time": lambda: errors_over_time(tracks),
+        "fig7_final_error": lambda: final_errors(tracks),
+        "fig8_runtime": lambda: runtime(tracks),
+        "fig10_11_rect": lambda: trajectories({name: each for name, each in tracks.items() if name.startswith("rect")}),
+        "fig12_disc_ellip": lambda: trajectories({n: each for n, each in tracks.items() if not n.startswith("rect")}),
+    }
+    for name, make in figures.items():
+        with whole_file(out / f"{name}.png", overwrite=True) as part:
+            make().savefig(part, format="png", dpi=110)
+
+
+def keypoints(images: Mapping[str, Any]) -> Figure:
+    """Figure 5: key points on touch images over a contact, a row for each object."""
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    for row, (name, (seen, points, _)) in zip(figure.subplots(3, 6), images.items(), strict=True):
+        for axes, k in zip(row, np.linspace(0, len(points) - 1, 6).astype(int), strict=True):
+            shown = np.clip(0.5 + 0.3 * seen.difference[k].astype(np.float32), 0.0, 1.0)
+            height, width = shown.shape[:2]
+            axes.imshow(shown, aspect=4 / 3 * width / height)
+            axes.plot(*(0.5 * (points[k] + 1.0) * (width, height) - 0.5), "o", color="blue", markersize=5)
+            axes.set_axis_off()
+        row[0].set_title(name, loc="left", fontsize=9)
+    return figure
+
+
+def errors_over_time(tracks: Tracks) -> Figure:
+    """Figure 6 (e, f): RMSE over the time so far, mean over the sequences and a standard deviation, semi-log."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    count = min(len(track["time"]) for track in tracks.values())
+    for axes, which, unit in zip(figure.subplots(1, 2), (0, 1), ("translation [mm]", "rotation [deg]"), strict=True):
+        for mode, colour in COLOURS.items():
+            curves = np.array([_errors(track, mode)[which][:count] for track in tracks.values()])
+            rmse = np.sqrt(np.cumsum(curves**2, axis=1) / np.arange(1, count + 1)) + 1e-3
+            mean, deviation = rmse.mean(axis=0), rmse.std(axis=0)
+            time = next(iter(tracks.values()))["time"][:count]
+            axes.semilogy(time - time[0], mean, color=colour, label=mode)
+            axes.fill_between(
+                time - time[0], np.maximum(mean - deviation, 1e-2), mean + deviation, color=colour, alpha=0.1
+            )
+        axes.set(xlabel="time [s]", ylabel=f"RMSE of {unit}")
+        axes.set_ylim(bottom=1e-2)
+    figure.axes[0].legend(fontsize=8)
+    return figure
+
+
+def final_errors(tracks: Tracks) -> Figure:
+    """Figure 7: box plots of final errors, semi-log."""
+    figure = Figure(figsize=(7.5, 3.4), layout="constrained")
+    for axes, which, unit in zip(figure.subplots(1, 2), (0, 1), ("translation [mm]", "rotation [deg]"), strict=True):
+        final = [[max(_errors(track, mode)[which][-1], 1e-3) for track in tracks.values()] for mode in COLOURS]
+        axes.boxplot(final, tick_labels=list(COLOURS))
+        axes.set(yscale="log", ylabel=f"final error of {unit}")
+    return figure
+
+
+def runtime(tracks: Tracks) -> Figure:
+    """Figure 8: time of a step of the graph optimiser over the steps in contact."""
+    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for mode in ("none", "const", "learnt", "oracle"):
+        curves = [track[f"{mode}_ms"][track["episode"] >= 0] for track in tracks.values()]
+        count = min(len(curve) for curve in curves)
+        axes.plot(
+            np.median([curve[:count] for curve in curves], axis=0), color=COLOURS[mode], label=mode, linewidth=0.8
+        )
+    axes.set(xlabel="step in contact", ylabel="time of a step [ms]", yscale="log")
+    axes.legend(fontsize=8)
+    return figure
+
+
+def trajectories(tracks: Tracks) -> Figure:
+    """Figures 10 to 12: true (grey) and estimated object poses over time, a row a sequence and a column a mode."""
+    shown = dict(sorted(tracks.items())[:: max(len(tracks) // 6, 1)][:6])
+    figure = Figure(figsize=(11.0, 2.2 * len(shown)), layout="constrained")
+    grid = figure.subplots(len(shown), len(COLOURS), squeeze=False)
+    for row, (name, track) in zip(grid, shown.items(), strict=True):
+        for axes, (mode, colour) in zip(row, COLOURS.items(), strict=True):
+            _draw_poses(axes, track, mode, colour)
+            axes.set_title(f"{name}, {mode}", fontsize=7)
+    return figure
+
+
+def _draw_poses(axes: Axes, track: Mapping[str, Any], mode: str, colour: str) -> None:
+    chosen = np.linspace(0, len(track["truth"]) - 1, 5).astype(int)
+    closed = np.concatenate([track["outline"], track["outline"][:1]])
+    for poses, look in ((track["truth"], "#999999"), (track[f"{mode}_pose"], colour)):
+        axes.plot(*poses[:, :2].T, color=look, linewidth=0.8)
+        for pose in poses[chosen]:
+            axes.plot(*se2.transform(pose, closed).T, color=look, linewidth=0.7)
+    axes.plot(*track["sensor"][:, :2].T, ":", color="#666666", linewidth=0.6)
+    axes.set_aspect("equal")
+    axes.tick_params(labelsize=5)
+
+
+def _errors(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
+    """Errors of translation (N,) [mm] and rotation (N,) [degrees]."""
+    off = se2.between(track["truth"], track[f"{mode}_pose"])
+    return 1e3 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(se2.wrap(off[:, 2])))

@@ -1,0 +1,69 @@
+"""The paper's system: pairs, networks and graph by hand, and the command."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from palpate.cli.main import main
+from palpate.geometry import se2
+from palpate.geometry.distance_field import DistanceField
+from palpate.geometry.shapes import Rectangle
+from palpate.lab.paper.transform_network import constant, expanded, fit_linear, reversed_pairs, validation_loss
+
+
+def pairs(count=3000, seed=0):
+    rng = np.random.default_rng(seed)
+    return *rng.normal(size=(2, count, 2)), np.eye(4)[rng.integers(4, size=count)]
+
+
+def test_the_linear_network_recovers_weights_by_class():
+    wanted = np.array([[0.3, -0.1], [0.0, 0.5], [-0.2, 0.2], [0.1, 0.1]])
+    earlier, later, classes = given = pairs()
+    sine = np.sum((later - earlier) * (classes @ wanted), axis=1)
+    weights = fit_linear(given, sine)
+    np.testing.assert_allclose(expanded(given) @ weights, sine, atol=1e-3)
+    np.testing.assert_allclose(expanded(reversed_pairs(given)) @ weights, -sine, atol=1e-3)
+    assert validation_loss(lambda each: expanded(each) @ weights, given, sine) < 1e-6
+    # The constant model errs by the sine itself; the loss is half of its mean square.
+    assert validation_loss(constant(sine), given, sine) == pytest.approx(0.5 * np.mean(sine**2))
+
+
+def test_residuals_by_hand():
+    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
+    from palpate.lab.paper.graph import Model, compared_frames
+
+    model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
+    # The tip touches the left side of the resting object head on, 2 mm deep; then both move by 1 mm along x.
+    g = np.array([-0.1 + 0.002, 0.0, 0.0])
+    assert model.contact_residual(g[None]) == pytest.approx(-0.002, abs=1e-6)
+    e0, e1 = np.array([0.0, 0.0, 0.0]), np.array([0.001, 0.0, 0.0])
+    np.testing.assert_allclose(model.quasi_static_residual(np.array([g, e0, g, e1])), 0.0, atol=1e-9)
+    # The sensor alone moves: the object's velocity is 0, the contact point's 1 mm.
+    later = se2.compose(g, [0.001, 0.0, 0.0])
+    found = model.quasi_static_residual(np.array([g, e0, later, e1]))
+    np.testing.assert_allclose(found, [-0.001, 0.0, 0.0], atol=1e-6)
+    assert compared_frames(0) == [] and compared_frames(3) == [3] and compared_frames(50) == list(range(10, 40))
+
+
+def test_the_oracle_keeps_the_yaw_of_a_push():
+    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
+    from palpate.lab.paper.graph import Model, compared_frames, track_episodes
+
+    model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
+    count = 40
+    e = np.column_stack([np.linspace(0.0, 0.04, count), np.zeros(count), np.zeros(count)])
+    g = np.array([-0.1, 0.0, 0.0])
+    truth = se2.compose(e, se2.inverse(g))
+    turns = {t: [(back, 0.0) for back in compared_frames(t)] for t in range(count)}
+    pose, covariance, _, refused = track_episodes(model, e, np.zeros(count, int), turns, truth[0], 1e-3)
+    assert refused == 0
+    np.testing.assert_allclose(pose, truth, atol=1e-4)
+    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+
+@pytest.mark.parametrize("name", ["gtsam", "torch", "mujoco"])
+def test_missing_extras_are_named(name, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, name, None)
+    assert main(["paper", "--out", "nowhere"]) == 2
+    assert f"palpate paper needs {name}, which is not installed" in capsys.readouterr().err
