@@ -5,9 +5,9 @@ import json
 import numpy as np
 import planar as se2
 import pytest
-from recording_samples import load, pushed, trajectory
+from recording_samples import load
 
-from palpate import POINT, Disc, Ellipse, FileError, Recording, SettingError
+from palpate import POINT, Disc, FileError
 from palpate import io as formats
 
 
@@ -81,27 +81,3 @@ def test_theseus_bad_content(tmp_path, edit, message):
     path.write_text(json.dumps(data))
     with pytest.raises(FileError, match=message):
         formats.read(path, "theseus-json")
-
-
-def test_theseus_round_trip(tmp_path):
-    path = tmp_path / "a.json"
-    made = pushed()
-    formats.write(made, path)
-    found = load(path)
-    keep = made.contact
-    assert found.shape == made.shape
-    assert found.episode.tolist() == [0] * 15 + [1] * 8
-    np.testing.assert_allclose(
-        se2.between(found.object_pose, found.sensor_pose),
-        se2.between(made.object_pose[keep], made.sensor_pose[keep]), atol=1e-9,
-    )  # fmt: skip
-    np.testing.assert_allclose(found.object_pose[:15], made.object_pose[5:20], atol=1e-12)
-    with pytest.raises(FileError, match="already exists"):
-        formats.write(made, path)
-    with pytest.raises(FileError, match="not a Ellipse"):
-        formats.write(pushed(shape=Ellipse(0.1, 0.2)), tmp_path / "b.json")
-    with pytest.raises(FileError, match="needs object_pose and contact"):
-        bare = Recording(made.time, made.sensor_pose, Disc(0.1), POINT)
-        formats.write(bare, tmp_path / "b.json")
-    with pytest.raises(SettingError, match="holds a recording"):
-        formats.write(trajectory(), tmp_path / "b.json")

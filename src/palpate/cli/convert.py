@@ -12,7 +12,7 @@ def convert(
     source: Annotated[tyro.conf.Positional[Path], positional("IN", "File in any known format.")],
     target: Annotated[
         tyro.conf.Positional[Path],
-        positional("OUT", "File to write; its extension gives the format: .mcap, .json, .tum, .csv."),
+        positional("OUT", "File to write; its extension gives the format: .mcap, .tum, .csv."),
     ],
     /,
     *,

@@ -29,7 +29,7 @@ MODULES = {
 }
 """The module of each format, by its name; detection asks them in this order."""
 
-EXTENSIONS = {".mcap": "palpate", ".json": "theseus-json", ".tum": "tum", ".csv": "estimates-csv"}
+EXTENSIONS = {".mcap": "palpate", ".tum": "tum", ".csv": "estimates-csv"}
 """The format that a file to be written gets, by its extension."""
 
 GROUP = "palpate.io"

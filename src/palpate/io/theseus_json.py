@@ -11,7 +11,6 @@ poses of an episode are moved so that the object goes on from where it was at th
 image features `img_feats` are not images and are left out.
 """
 
-import json
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -21,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, NUMBERS, check_rows, checked_array, is_near
-from palpate.errors import FileError, PalpateError, SettingError
-from palpate.files import read_json, whole_file
+from palpate.errors import FileError, PalpateError
+from palpate.files import read_json
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.io.text_files import present, text_start
-from palpate.types.recording import Recording, episode_numbers
+from palpate.io.text_files import text_start
+from palpate.types.recording import Recording
 from palpate.types.sensor import POINT
-from palpate.types.trajectory import Trajectory
 
 NAME = "theseus-json"
 DESCRIPTION = "DIGIT pushes of the Theseus example (.json)"
@@ -55,53 +53,6 @@ def read(path: Path) -> Recording:
         return _read(data, path)
     except PalpateError as error:
         raise FileError(f"{path}: {error}") from error
-
-
-def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
-    """Write the frames of a recording that are in contact, as one list. There will be no `img_feats`.
-
-    Needs ground truth and contact flags and a disc or a rectangle; FileError if not.
-    """
-    if not isinstance(data, Recording):
-        raise SettingError(f"{path}: a {NAME} file holds a recording, not a trajectory")
-    if data.object_pose is None or data.contact is None:
-        raise FileError(f"{path}: {NAME} needs object_pose and contact, the recording lacks one of them")
-    if isinstance(data.shape, Disc):
-        params = {"obj_radius": data.shape.radius}
-    elif isinstance(data.shape, Rectangle):
-        params = {"block_size_x": data.shape.size_x, "block_size_y": data.shape.size_y}
-    else:
-        raise FileError(f"{path}: {NAME} knows a disc or a rectangle, not a {type(data.shape).__name__}")
-    episode, keep = _episodes(data.object_pose, data.contact, data.episode)
-    if not keep.any():
-        raise FileError(f"{path}: the recording has no frames in contact with known ground truth")
-    content = {
-        "params": params,
-        "obj_poses_2d": data.object_pose[keep].tolist(),
-        "ee_poses_2d": se2.compose(data.sensor_pose[keep], -QUARTER_TURN[None]).tolist(),
-        "contact_flag": [1] * int(keep.sum()),
-        "contact_episode": episode[keep].tolist(),
-    }
-    with whole_file(path, overwrite) as temporary:
-        temporary.write_text(json.dumps(content), encoding="utf-8")
-
-
-def lost(data: Recording | Trajectory) -> list[str]:
-    """Return the names of data that the file does not hold."""
-    if not isinstance(data, Recording) or data.object_pose is None or data.contact is None:
-        return []  # `write` refuses it
-    _, keep = _episodes(data.object_pose, data.contact, data.episode)
-    count = int(np.count_nonzero(~keep))
-    frames = [f"{count} of {len(keep)} frames (out of contact or without ground truth)"] if count else []
-    return [*frames, "times", "the sensor", *present(data, "image", "extra")]
-
-
-def _episodes(
-    object_pose: NDArray[np.float64], contact: NDArray[np.bool_], episode: NDArray[np.int64] | None
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the contact episode (N,) of each frame, and flags (N,) of frames that the file can hold."""
-    number = episode_numbers(contact) if episode is None else episode
-    return number, contact & (number >= 0) & ~np.isnan(object_pose).any(axis=1)
 
 
 def _read(data: dict[str, Any], path: Path) -> Recording:
