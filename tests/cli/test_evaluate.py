@@ -169,23 +169,6 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
     assert "disc-1.mcap: has changed since" in evaluate("recordings", "--out", "out", *FAST, "--resume")[2]
 
 
-def test_against_another_study(evaluate):
-    assert evaluate("recordings", "--out", "old", *FAST)[0] == 0
-    out = evaluate("recordings", "--out", "new", *FAST, "--noise", "published", "--against", "old")[1]
-    found = results("new")
-    assert "worse" in out and found["command"].endswith("--against old")
-    change = found["against"]["methods"]["oracle"]
-    assert change["sequences"] == change["better"] + change["worse"] + change["same"] == 2
-    for when, folder in (("before", "old"), ("after", "new")):
-        median = results(folder)["table"]["all groups"]["oracle"]["final_mm"]["median"]
-        assert change["final_mm"][when] == pytest.approx(median)
-    Path("others").mkdir()
-    write("others/else-1.mcap", pushed(20))
-    assert "no recording and method in common" in evaluate("others", "--out", "x", *FAST, "--against", "old")[2]
-    Path("old/sequences.csv").write_text("recording,tactile\na,b\n")
-    assert "is not a table of sequences" in evaluate("recordings", "--out", "x", *FAST, "--against", "old")[2]
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -196,7 +179,6 @@ def test_against_another_study(evaluate):
         (("recordings", "--pressure", "flat"), "--pressure is 'flat'"),
         (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder"),
         (("recordings", "--model", "m", "--tactile", "none"), "--model m"),
-        (("recordings", "--against", "empty"), "empty: is not the folder of a study"),
         (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma"),
         (("recordings", "--calibration", "nowhere.npz"), "nowhere.npz: no such file"),
         (("recordings", "--hypotheses", "0"), "hypotheses is 0"),

@@ -62,7 +62,6 @@ def evaluate(
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
     resume: bool = False,
-    against: Annotated[Path | None, arg("OTHER", "none")] = None,
     faults: bool = False,
     json: Json = False,
 ) -> int:
@@ -78,13 +77,11 @@ def evaluate(
         estimator: The estimator.
         work: Processes that share the work.
         resume: Continue a study: keep the trials that exist.
-        against: Report of another study to compare with, sequence by sequence.
         faults: Track by learnt touch with one fault of sensors or prior knowledge after the other.
         json: Print one JSON object.
     """
     from palpate.cli.console import busy, complain, print_json, progress_bar
     from palpate.errors import SettingError
-    from palpate.lab.study.comparison import check_common, compare, read_scores
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.study.report import write_report
     from palpate.lab.study.results import results_of, write_results
@@ -93,7 +90,7 @@ def evaluate(
     from palpate.touch.calibration import load_calibration
     from palpate.touch.touch_model import TouchModel
 
-    given = _given(methods, start, estimator, against=against)
+    given = _given(methods, start, estimator)
     if faults:
         more = _given(work, resume=resume)
         wrong = [option for option in (*given, *more) if option not in ("--model", "--workers")]
@@ -109,9 +106,6 @@ def evaluate(
         calibration=methods.calibration and load_calibration(methods.calibration),
     )
     files = find_recordings(folder, leave_out=out)
-    before = None if against is None else read_scores(against)
-    if against is not None and before is not None:
-        check_common(against, before, files, ways)
     with progress_bar("tracking", len(files) * len(ways)) as progress:
         study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
     for complaint in _complaints(study):
@@ -120,8 +114,6 @@ def evaluate(
         (name, _), reason = next(iter(study.skipped.items()))
         raise SettingError(f"{folder}: no recording can be tracked by these methods; the first: {name} {reason}")
     results = results_of(study, settings, folder, work.workers, _command(folder, out, given))
-    if against is not None and before is not None:
-        results["against"] = compare(against, before, study.trials)
     write_results(out, results, study.trials)
     if study.trials:
         with busy("drawing figures"):
@@ -169,7 +161,6 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     from palpate.cli.console import number, percent, print_line, print_table
     from palpate.lab.study.results import ALL
 
-    finals = ("final_mm", "final_deg")
     methods = results["table"].get(ALL, {})
     columns = {
         "mm (worst)": lambda row: f"{number(row['final_mm']['median'], 2)} ({number(row['final_mm']['worst'])})",
@@ -194,18 +185,6 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
         rows = [[method, *(cell(row) for cell in columns.values())] for method, row in methods.items()]
         print_table(
             f"{ALL}: median final error, and frames in the 95 % region", ("touch", *columns), rows, numbers=range(1, 20)
-        )
-    if against := results.get("against"):
-        rows = [
-            [
-                method,
-                *(str(change[key]) for key in ("better", "worse", "same")),
-                *(" -> ".join(number(change[key][when], 2) for when in ("before", "after")) for key in finals),
-            ]
-            for method, change in against["methods"].items()
-        ]
-        print_table(
-            f"against {against['folder']}", ("touch", "better", "worse", "same", "mm", "deg"), rows, numbers=range(1, 6)
         )
     counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed", "broken"))
     page = out / ("report.html" if methods else "results.json")

@@ -11,9 +11,8 @@ from recording_samples import pushed
 
 from palpate import write_recording
 from palpate.lab.study import study as study_module
-from palpate.lab.study.comparison import compare
 from palpate.lab.study.recordings import find_recordings, group_of
-from palpate.lab.study.results import errors_after_knock, read_rows, recovered, table, write_rows
+from palpate.lab.study.results import errors_after_knock, recovered, table, write_rows
 from palpate.lab.study.study import run_study
 from palpate.lab.study.trial import Method, StudySettings, Trial, track_recording
 
@@ -147,48 +146,12 @@ def test_errors_after_knocks_are_pooled_over_all_knocks():
     assert errors_after_knock([*each, {}]) == {"0.5": 2.0, "1": None, "1.5": None, "2": None, "3": None}
 
 
-def test_comparison_by_hand():
-    def finals(mm: float, deg: float, name: str) -> Trial:
-        return trial(mm, name=name, final_rotation_error_deg=deg, translation_rmse_mm=mm / 4, in_95_final=True)
-
-    before: Any = {
-        (f"{name}.mcap", NONE): {
-            "final_mm": mm,
-            "final_deg": deg,
-            "rmse_mm": mm / 4,
-            "rmse_deg": 0.5,
-            "in_95_final": inside,
-        }
-        for name, mm, deg, inside in (
-            ("a", 4.0, 1.0, 1.0),
-            ("b", 4.0, 1.0, 0.0),
-            ("c", 4.0, 1.0, None),
-            ("d", 4.0, 1.0, None),
-            ("gone", 9.0, 9.0, 1.0),
-        )
-    }
-    after = [
-        finals(3.0, 1.5, "a.mcap"),
-        finals(4.09, 0.91, "b.mcap"),
-        finals(4.0, 3.0, "c.mcap"),
-        finals(9.0, 1.0, "d.mcap"),
-    ]
-    change = compare(Path("old"), before, [*after, finals(1.0, 1.0, "new.mcap")])["methods"]["none"]
-    # a: a millimetre better, half a degree worse; b: the same; c and d: 2 degrees and 5 mm worse.
-    assert [change[key] for key in ("sequences", "better", "same", "worse")] == [4, 1, 1, 2]
-    assert [each["recording"] for each in change["improved"]] == ["a.mcap"]
-    assert [each["recording"] for each in change["worsened"]] == ["d.mcap", "c.mcap"]
-    assert change["final_mm"] == pytest.approx({"before": 4.0, "after": 4.045})
-    assert change["in_95_final"] == {"before": 0.5, "after": 1.0}
-    assert change["in_95_rest_share"] == {"before": None, "after": None}
-
-
 @pytest.mark.parametrize("name", ["=1+1.mcap", "+a.mcap", "-a.mcap", "@a.mcap", "\ta.mcap", "'a.mcap", "a.mcap"])
 def test_no_cell_begins_a_formula(tmp_path, name):
     path = tmp_path / "a.csv"
     write_rows(path, [{"recording": name, "mm": -1.5}])
     assert not path.read_text(encoding="utf-8").splitlines()[1].startswith(("=", "+", "-", "@", "\t", '"\t'))
-    assert read_rows(path) == [{"recording": name, "mm": "-1.5"}]
+    assert "-1.5" in path.read_text(encoding="utf-8")
 
 
 # Several processes

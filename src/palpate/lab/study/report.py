@@ -28,7 +28,7 @@ def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial])
     groups = [group for group in results["table"] if group != ALL]
     page = rendered_page(
         Path(__file__).with_name("report.html.j2"),
-        **{"against": None, **results, "settings": dict(_flat(results["settings"]))},
+        **{**results, "settings": dict(_flat(results["settings"]))},
         all=ALL,
         groups=[ALL, *groups] if len(groups) > 1 else groups,
         methods=[str(method) for method in methods],

@@ -11,7 +11,6 @@
     skipped     [{recording, method, reason}]: methods that do not apply to a recording
     failed      [{recording, method, error}]: trials that ended in an error
     broken      [{recording, error}]: recordings that cannot be read
-    against     see `comparison`, if the study is compared with another
 """
 
 import csv
@@ -27,8 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import palpate
-from palpate.errors import FileError
-from palpate.files import read_csv, whole_file
+from palpate.files import whole_file
 from palpate.lab.study.study import Study, described
 from palpate.lab.study.trial import Method, StudySettings, Trial
 from palpate.pipeline.metrics import AFTER, inside_95, since_contact
@@ -42,7 +40,7 @@ RMSES = {"rmse_mm": "translation_rmse_mm", "rmse_deg": "rotation_rmse_deg"}
 
 
 def results_of(study: Study, settings: StudySettings, folder: Path, workers: int, command: str) -> dict[str, Any]:
-    """Return the content of `results.json`, without `against`."""
+    """Return the content of `results.json`."""
     return {
         "command": command,
         "settings": described(settings),
@@ -166,15 +164,6 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         writer.writeheader()
         writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a CSV file by its columns, with names as they were. Raises FileError."""
-    columns, *rows = read_csv(path) or [[]]
-    for number, row in enumerate(rows, 2):
-        if len(row) != len(columns):
-            raise FileError(f"{path}: row {number} has {len(row)} cells, expected {len(columns)} as in the first")
-    return [{column: text.removeprefix("'") for column, text in zip(columns, row, strict=True)} for row in rows]
 
 
 def _row(trials: Sequence[Trial]) -> dict[str, Any]:
