@@ -5,8 +5,8 @@ import pytest
 from recording_samples import runs
 
 from palpate import Disc, SensorProfile
+from palpate.lab.simulate.episodes import episode_numbers
 from palpate.types import derived
-from palpate.types.recording import episode_numbers
 
 
 def test_gap_is_that_of_the_nearest_tip():

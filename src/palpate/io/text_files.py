@@ -1,29 +1,11 @@
-"""The start of a text file, by which formats are recognised, and the names of fields that a format cannot hold."""
+"""The start of a text file, by which formats are recognised."""
 
 import gzip
 import zlib
 from pathlib import Path
 
-from palpate.types.recording import Recording
-from palpate.types.trajectory import Trajectory
-
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 """A decimal number, as a regular expression that matches in linear time."""
-
-FIELDS = {
-    "image": "images",
-    "contact": "contact flags",
-    "episode": "contact episodes",
-    "extra": "other measurements",
-    "covariance": "covariances",
-    "status": "statuses",
-}
-
-
-def present(data: Recording | Trajectory, *names: str) -> list[str]:
-    """Return the names, for people, of those of the fields that the data have."""
-    values = {name: getattr(data, name) for name in names}
-    return [FIELDS[name] for name, value in values.items() if value is not None and len(value)]
 
 
 def text_start(path: Path, length: int = 4096) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.errors import FileError
 from palpate.files import in_file, read_text, whole_file
-from palpate.io.text_files import NUMBER, present, text_start
+from palpate.io.text_files import NUMBER, text_start
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
@@ -76,8 +76,17 @@ def lost(data: Recording | Trajectory) -> list[str]:
     if isinstance(data, Recording):
         unknown = 0 if data.object_pose is None else int(np.isnan(data.object_pose).any(axis=1).sum())
         frames = [f"{unknown} of {len(data)} frames (without ground truth)"] if unknown else []
-        return [*frames, "sensor poses", "outline and sensor", *present(data, "image", "contact", "episode", "extra")]
-    return present(data, "covariance", "contact", "status")
+        fields = {
+            "images": data.image,
+            "contact flags": data.contact,
+            "contact episodes": data.episode,
+            "other measurements": data.extra,
+        }
+        frames += ["sensor poses", "outline and sensor"]
+    else:
+        frames = []
+        fields = {"covariances": data.covariance, "contact flags": data.contact, "statuses": data.status}
+    return [*frames, *(name for name, values in fields.items() if values is not None and len(values))]
 
 
 def _is_unit(row: str) -> bool:

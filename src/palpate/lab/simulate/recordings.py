@@ -12,12 +12,13 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.lab.parallel import one_thread
+from palpate.lab.simulate.episodes import episode_numbers
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.pushes import SECONDS, Sequence, draw_sequence, measured
 from palpate.lab.simulate.set_up_errors import Wear, draw_errors, with_errors, worn
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording, episode_numbers
+from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.units import extent_of
 

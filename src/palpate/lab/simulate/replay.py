@@ -28,12 +28,13 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.lab.parallel import one_thread
+from palpate.lab.simulate.episodes import episode_numbers
 from palpate.lab.simulate.folder import Outcome, fill_folder
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.real_motion import SMOOTH, Contacts, RealMotion, real_contacts, real_motion, runs, sliding
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording, episode_numbers
+from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT
 
 Array = NDArray[np.float64]
