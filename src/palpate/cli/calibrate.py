@@ -174,11 +174,8 @@ def _from_presses(
     if not view.keeps_left_and_right:
         wrong = "angles of the wrong sign" if known else "presses in the wrong order"
         caution += f"\nLeft and right are exchanged, as with {wrong}: positive is towards +y."
-    return (
-        fit.calibration,
-        numbers,
-        f"images read {view}; {len(given.images)} presses: {found}; see {figure}\n{caution}",
-    )
+    found = f"images read {view}; {len(given.images)} presses: {found}; see {figure}"
+    return fit.calibration, numbers, f"{found}\n{caution}"
 
 
 def _sensor_of(recordings: "dict[Path, Recording]", name: str | None) -> "SensorProfile":

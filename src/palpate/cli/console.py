@@ -37,6 +37,11 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
     console.print(table)
 
 
+def print_quantities(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
+    """Print a table of quantities with their values and units."""
+    print_table(title, ("quantity", "value", "unit"), rows, numbers=(1,))
+
+
 def print_line(text: str) -> None:
     """Print a line for people."""
     print(printable(text))

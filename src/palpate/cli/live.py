@@ -129,7 +129,7 @@ def live(
 
 
 def _report(state: "LiveState", record: Path | None) -> None:
-    from palpate.cli.console import number, print_line, print_table
+    from palpate.cli.console import number, print_line, print_quantities
 
     latency, statuses = state.latency_ms(), state.statuses.items()
     rows = [
@@ -144,6 +144,6 @@ def _report(state: "LiveState", record: Path | None) -> None:
         ("in contact", str(state.contact_frames), "frames"),
         ("status", ", ".join(f"{count} {status}" for status, count in statuses), "frames"),
     ]
-    print_table("live", ("quantity", "value", "unit"), rows, numbers=(1,))
+    print_quantities("live", rows)
     if record:
         print_line(f"recorded: {record}")

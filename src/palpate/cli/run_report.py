@@ -4,7 +4,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from palpate.cli.console import number, percent, print_json, print_line, print_table
+from palpate.cli.console import number, percent, print_json, print_line, print_quantities, print_table
 
 SCORES = (
     ("translation_rmse_mm", "translation RMSE", "mm", "RMSE mm", 2),
@@ -50,7 +50,7 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         ("step time, maximum", number(summary["step_ms"]["max"], 2), "ms"),
         ("status", ", ".join(f"{count} {status}" for status, count in summary["statuses"].items()), "frames"),
     ]
-    print_table(f"tactile {summary['tactile']}, {summary['smoother']}", ("metric", "value", "unit"), rows, numbers=(1,))
+    print_quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows)
     print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
 
 

@@ -84,7 +84,7 @@ def truth(
     import numpy as np
 
     from palpate import io as formats
-    from palpate.cli.console import busy, number, print_json, print_table
+    from palpate.cli.console import busy, number, print_json, print_quantities
     from palpate.errors import FileError
     from palpate.lab.truth.alignment import align, with_truth
     from palpate.lab.truth.camera import load_camera, read_video
@@ -126,5 +126,5 @@ def truth(
         ("standard deviation of the table's place", number(summary["table_sigma_mm"]), "mm"),
         ("written", str(out), ""),
     ]
-    print_table("truth", ("quantity", "value", "unit"), rows, numbers=(1,))
+    print_quantities("truth", rows)
     return 0

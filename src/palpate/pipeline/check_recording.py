@@ -80,11 +80,16 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - findings: see `Finding`; unbroken: none of them breaks motion capture or contact; knocked: something other than
       the sensor moved the object in contact; verdict: both in a sentence.
     """
-    time, contact, truth = recording.time, recording.contact, recording.object_pose
+    time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
     regular = np.delete(step, time_gaps(time))
-    searches = (_rate, _units, _time_gaps, _images, _drop_outs, _jumps, _knocks, _untouched, _contact_lost, _misfits)
-    findings = sorted((finding for search in searches for finding in search(recording)), key=_when)
+    searches = [_rate, _units, _time_gaps, _images, _contact_lost]
+    if truth is not None:
+        searches += [_drop_outs, _jumps]
+    if truth is not None and contact is not None:
+        searches += [_knocks, _untouched, _misfits]
+    found = (finding for search in searches for finding in search(recording))
+    findings = sorted(found, key=lambda finding: (finding.start, finding.end))
     runs = [(float(time[first]), float(time[last])) for first, last in contact_runs(recording)]
     return {
         "frames": len(recording),
@@ -96,9 +101,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "contact_share": None if contact is None else float(np.mean(contact)),
         "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
-        "image_size": None
-        if recording.image is None
-        else [recording.sensor.image_height, recording.sensor.image_width],
+        "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
         "is_grey": _begins_grey(recording),
         "findings": [asdict(finding) for finding in findings],
         "unbroken": not any(finding.breaks for finding in findings),
@@ -197,7 +200,8 @@ def _images(recording: Recording) -> Iterator[Finding]:
 
 def _drop_outs(recording: Recording) -> Iterator[Finding]:
     time, truth = recording.time, recording.object_pose
-    if truth is None or np.isnan(truth).all():
+    assert truth is not None
+    if np.isnan(truth).all():
         return
     unknown = np.isnan(truth[:, 0])
     for first, last in _merged(time, flag_runs(unknown)):
@@ -209,10 +213,10 @@ def _drop_outs(recording: Recording) -> Iterator[Finding]:
 
 def _jumps(recording: Recording) -> Iterator[Finding]:
     """Find poses that jump away and back; a jump that stays is found with the knocks."""
-    if recording.object_pose is not None:
-        for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
-            sentence = "ground truth jumps away and back; these frames are not scored"
-            yield _finding(recording, "jump", first, last, sentence, breaks=True)
+    assert recording.object_pose is not None
+    for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
+        sentence = "ground truth jumps away and back; these frames are not scored"
+        yield _finding(recording, "jump", first, last, sentence, breaks=True)
 
 
 def _knocks(recording: Recording) -> Iterator[Finding]:
@@ -220,8 +224,7 @@ def _knocks(recording: Recording) -> Iterator[Finding]:
 
     A hand takes several frames to move an object; a motion between two neighbouring frames is a jump of the capture.
     """
-    if recording.contact is None or recording.object_pose is None:
-        return
+    assert recording.contact is not None and recording.object_pose is not None
     known = np.flatnonzero(trusted_truth(recording))
     if len(known) < 2:
         return
@@ -248,8 +251,7 @@ def _knocks(recording: Recording) -> Iterator[Finding]:
 
 
 def _untouched(recording: Recording) -> Iterator[Finding]:
-    if recording.contact is None or recording.object_pose is None:
-        return
+    assert recording.contact is not None and recording.object_pose is not None
     trusted, outline = trusted_truth(recording), recording.shape.outline(40)
     for first, last in flag_runs(~recording.contact):
         known = first + np.flatnonzero(trusted[first : last + 1])
@@ -276,24 +278,17 @@ def _contact_lost(recording: Recording) -> Iterator[Finding]:
 
 
 def _misfits(recording: Recording) -> Iterator[Finding]:
-    if recording.contact is None or recording.object_pose is None:
-        return
+    assert recording.contact is not None and recording.object_pose is not None
     gap = derived.gaps(recording.sensor_pose, recording.object_pose, recording.shape, recording.sensor)
     gap[~(trusted_truth(recording) & recording.contact)] = np.nan
-    kinds: tuple[tuple[str, str, NDArray[np.bool_]], ...] = (
-        ("overlap", "the sensor overlaps the true outline by up to", gap < -LIMITS.misfit),
-        ("stand-off", "the sensor touches but stands off the true outline by up to", gap > LIMITS.misfit),
-    )
-    for kind, words, wrong in kinds:
+    overlap = "overlap", "the sensor overlaps the true outline by up to"
+    stand_off = "stand-off", "the sensor touches but stands off the true outline by up to"
+    for (kind, words), wrong in ((overlap, gap < -LIMITS.misfit), (stand_off, gap > LIMITS.misfit)):
         for first, last in _merged(recording.time, flag_runs(wrong)):
             inside = wrong[first : last + 1]
             if inside.sum() >= 3:
                 worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
                 yield _finding(recording, kind, first, last, f"{words} {worst:.1f} mm")
-
-
-def _when(finding: Finding) -> tuple[float, float]:
-    return finding.start, finding.end
 
 
 def _finding(recording: Recording, kind: str, first: int, last: int, sentence: str, breaks: bool = False) -> Finding:

@@ -32,10 +32,7 @@ Array = NDArray[np.float64]
 
 _REACH = 5e-3  # [m] between sensor and object beyond which nothing is touched, plus three sigmas of the first pose
 _MOMENTS, _LOOKS = 60, 4  # half seconds compared at most, and images of each
-_PLAINER, _THAN_FIRST = (
-    0.15,
-    0.45,
-)  # least difference in plainness, to others and to the first half second
+_PLAINER, _THAN_FIRST = 0.15, 0.45  # least difference in plainness, to others and to the first half second
 _APART = np.float32(4.0)  # [grey levels] between cells that differ
 _SOFT = 10.0  # [grey levels] added before taking logarithms, since dark cells are noise
 
