@@ -157,23 +157,6 @@ def test_point_that_is_not_finite(bad):
         field.value([[0.0, 0.0], [0.1, bad]])
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"cell": 0.0},
-        {"cell": math.nan},
-        {"origin": np.array([0.0, math.inf])},
-        {"origin": np.zeros(3)},
-        {"values": np.zeros((1, 5))},
-        {"values": np.zeros(5)},
-        {"values": np.array([[0.0, 1.0], [math.nan, 2.0]])},
-    ],
-)
-def test_bad_grids(change):
-    with pytest.raises(SettingError, match="distance field"):
-        DistanceField(**{"origin": np.zeros(2), "cell": 0.1, "values": np.zeros((3, 3)), **change})
-
-
 @pytest.mark.parametrize("settings", [{"cell": 0.0}, {"cell": -1.0}, {"cell": 9.0}, {"margin": -0.01}])
 def test_bad_settings(settings):
     with pytest.raises(SettingError):

@@ -4,7 +4,6 @@ The interpolant is the natural cubic B-spline through the node values. Its secon
 continuous, and value, gradient and Hessian belong together, as the smoother needs them. Frame: the object's.
 """
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,7 +34,7 @@ _POWERS = np.arange(4)
 
 @dataclass(frozen=True, eq=False)
 class DistanceField:
-    """Signed distance at the nodes of a square grid, negative inside; raises SettingError if it is none."""
+    """Signed distance at the nodes of a square grid, negative inside."""
 
     origin: Array
     """Position of the first node (2,) [m]."""
@@ -52,16 +51,6 @@ class DistanceField:
         from scipy.ndimage import spline_filter
 
         origin, values = (np.array(a, dtype=np.float64) for a in (self.origin, self.values))
-        if origin.shape != (2,) or not np.isfinite(origin).all():
-            raise SettingError(f"distance field origin is {self.origin!r}; it must be a finite (x, y) [m]")
-        if not 0.0 < self.cell < math.inf:
-            raise SettingError(f"distance field cell is {self.cell!r}; it must be a finite length above 0 [m]")
-        if values.ndim != 2 or min(values.shape) < 2:
-            raise SettingError(f"distance field values have shape {values.shape}; at least (2, 2) is needed")
-        if not np.isfinite(values).all():
-            row, column = np.argwhere(~np.isfinite(values))[0]
-            found = f"{values[row, column]} in row {row}, column {column}"
-            raise SettingError(f"distance field has the value {found}; values must be finite")
         origin.flags.writeable = values.flags.writeable = False
         pad = 12  # nodes; the effect of the far end has then died out to 0.27^12, 1e-7
         padded = np.pad(values, pad, mode="reflect", reflect_type="odd")

@@ -1,6 +1,6 @@
 """Files of palpate and of others, one module a format, found by their content.
 
-A format module has NAME, DESCRIPTION, detect(path) and read(path); write(data, path, overwrite) where files are
+A format module has DESCRIPTION, detect(path) and read(path); write(data, path, overwrite) where files are
 written, and lost(data) where a file cannot hold all. Each module documents the frames and units of its files. Readers
 in other packages register an entry point of the group `palpate.io`, a module with the same names; they are asked last.
 """

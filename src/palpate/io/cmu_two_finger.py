@@ -35,7 +35,6 @@ from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
-NAME = "cmu-two-finger"
 DESCRIPTION = "two-finger pushes of a rectangle, CMU PlanarManipulationToolBox log (.txt)"
 
 RECTANGLE = Rectangle(0.051, 0.036)

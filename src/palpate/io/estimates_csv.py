@@ -16,7 +16,6 @@ from palpate.printable import one_line
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
-NAME = "estimates-csv"
 DESCRIPTION = "palpate estimates with covariance (.csv)"
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
@@ -80,7 +79,7 @@ def trajectory_from_text(text: str, path: Path) -> Trajectory:
 def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
     """Write a trajectory. Raises FileError if the file exists and `overwrite` is not set."""
     if not isinstance(data, Trajectory):
-        raise SettingError(f"{path}: an {NAME} file holds a trajectory, not a recording")
+        raise SettingError(f"{path}: an estimates-csv file holds a trajectory, not a recording")
     with whole_file(path, overwrite) as temporary:
         temporary.write_text(trajectory_to_text(data), encoding="utf-8")
 

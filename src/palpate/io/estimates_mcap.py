@@ -28,7 +28,6 @@ from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-NAME = "estimates-mcap"
 DESCRIPTION = "palpate estimates (.mcap)"
 ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
@@ -104,7 +103,7 @@ def read(path: Path) -> Trajectory:
 def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
     """Write estimates in the plane z = 0 of the frame "world". Raises FileError."""
     if not isinstance(data, Trajectory):
-        raise SettingError(f"{path}: an {NAME} file holds a trajectory, not a recording")
+        raise SettingError(f"{path}: an estimates-mcap file holds a trajectory, not a recording")
     write_estimates_mcap(data, path, overwrite)
 
 

@@ -129,17 +129,12 @@ def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:
 
 def mcap_messages(path: Path) -> Iterator[RawMessage]:
     """Yield the messages of an MCAP in the order in which they were written. Raises CutShort."""
-    return messages_in(mcap_records(path))
-
-
-def messages_in(records: Iterator["McapRecord"]) -> Iterator[RawMessage]:
-    """Yield the messages among the records of an MCAP."""
     from mcap.records import Channel as ChannelRecord
     from mcap.records import Message, Schema
 
     types: dict[int, str] = {}
     channels: dict[int, Channel] = {}
-    for record in records:
+    for record in mcap_records(path):
         if isinstance(record, Schema):
             types[record.id] = record.name
         elif isinstance(record, ChannelRecord):

@@ -27,7 +27,6 @@ from palpate.types import derived
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
-NAME = "mit-push"
 DESCRIPTION = "point pushes of a square, MIT cpush JSON (.json, .json.gz)"
 
 SQUARE = Rectangle(0.09, 0.09)

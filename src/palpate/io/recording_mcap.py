@@ -37,7 +37,6 @@ from palpate.types.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
-NAME = "palpate"
 DESCRIPTION = "palpate recording (.mcap)"
 VERSION = 1
 METADATA, ARRAYS = "palpate", "palpate/"
@@ -59,7 +58,7 @@ def read(path: Path) -> Recording:
 def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
     """Write a recording. Raises FileError if the file exists and `overwrite` is not set."""
     if not isinstance(data, Recording):
-        raise SettingError(f"{path}: a {NAME} file holds a recording, not a trajectory")
+        raise SettingError(f"{path}: a palpate file holds a recording, not a trajectory")
     write_recording(data, path, overwrite)
 
 

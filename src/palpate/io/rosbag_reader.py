@@ -32,7 +32,6 @@ from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 
-NAME = "bag"
 DESCRIPTION = "bag of ROS messages: MCAP (.mcap), ROS 2 (.db3 or its folder), ROS 1 (.bag)"
 
 

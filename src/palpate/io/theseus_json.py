@@ -28,7 +28,6 @@ from palpate.io.text_files import text_start
 from palpate.types.recording import Recording
 from palpate.types.sensor import POINT
 
-NAME = "theseus-json"
 DESCRIPTION = "DIGIT pushes of the Theseus example (.json)"
 
 POSES = ("obj_poses_2d", "ee_poses_2d")

@@ -12,7 +12,6 @@ from palpate.io.text_files import NUMBER, text_start
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
-NAME = "tum"
 DESCRIPTION = "TUM trajectory (.tum, .txt)"
 ROW = re.compile(rf"({NUMBER}\s+){{7}}{NUMBER}")
 
