@@ -1,6 +1,6 @@
 """Traces: the estimates of some seventy recordings, frame by frame, as they were before the package was rebuilt.
 
-    python scripts/traces.py make FOLDER                  # all of them, a file each
+    python scripts/traces.py make FOLDER [NAME ...]       # all of them, a file each
     python scripts/traces.py check [--exact] [NAME ...]   # against tests/traces; exit 1 where one is off
 
 Which recordings they are is in `traced.py`; a checksum tells where one is not the same as it was. Comparing allows what
@@ -157,10 +157,10 @@ def checked(name: str, exact: bool = False) -> Checked:
     return Checked(apart, tuple(word for word, holds in remarks.items() if holds), is_off)
 
 
-def make(folder: Path) -> None:
-    """Make all traces."""
+def make(folder: Path, names: list[str]) -> None:
+    """Make traces, all of them without names."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name in there(list(CASES)):
+    for name in there(names or list(CASES)):
         trace = made(name)
         np.savez_compressed(folder / f"{name}.npz", allow_pickle=False, **trace)
         frames, begin = len(trace["pose"]), int(trace["sensitive_from"])
@@ -192,13 +192,15 @@ def there(names: list[str]) -> list[str]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Makes traces of estimates, or checks them.")
     commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("make").add_argument("folder", type=Path)
+    to_make = commands.add_parser("make")
+    to_make.add_argument("folder", type=Path)
+    to_make.add_argument("names", nargs="*")
     to_check = commands.add_parser("check")
     to_check.add_argument("--exact", action="store_true")
     to_check.add_argument("names", nargs="*")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
     if options.command == "make":
-        make(options.folder)
+        make(options.folder, options.names)
     else:
         sys.exit(1 if check(options.names, options.exact) else 0)

@@ -8,8 +8,9 @@ from palpate.graph.window import Window
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_ALARMS = (("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
+_ALARMS = (("turn", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
 """Factor, steps, and the mean square error over them [variances] at which touch and pushing contradict each other.
+The limit of turns matters for true ones; those of the touch models, stated far less exactly, do not reach it.
 Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a fifth of a standard
 deviation is systematic, since independent ones would cancel in the estimate."""
 _SUSPICION = "direction", 30, 0.025
