@@ -32,6 +32,9 @@ MODULES = {
 EXTENSIONS = {".mcap": "palpate", ".tum": "tum", ".csv": "estimates-csv"}
 """The format that a file to be written gets, by its extension."""
 
+HOLDS = {"palpate": Recording, "estimates-mcap": Trajectory, "estimates-csv": Trajectory}
+"""The data that a format can hold, where it is not both."""
+
 GROUP = "palpate.io"
 
 
@@ -89,6 +92,9 @@ def _writer(data: Recording | Trajectory, path: Path | str, format: str | None) 
     module = _module(name)
     if not hasattr(module, "write"):
         raise SettingError(f"{path}: {name} files can be read but not written")
+    if not isinstance(data, holds := HOLDS.get(name, object)):
+        kinds = (holds.__name__.lower(), type(data).__name__.lower())
+        raise SettingError(f"{path}: a file of {name} holds a {kinds[0]}, not a {kinds[1]}")
     return module
 
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.files import csv_rows, in_file, read_text, whole_file
 from palpate.io.text_files import text_start
 from palpate.printable import one_line
-from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
 DESCRIPTION = "palpate estimates with covariance (.csv)"
@@ -76,10 +75,8 @@ def trajectory_from_text(text: str, path: Path) -> Trajectory:
         )
 
 
-def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
+def write(data: Trajectory, path: Path, overwrite: bool = False) -> None:
     """Write a trajectory. Raises FileError if the file exists and `overwrite` is not set."""
-    if not isinstance(data, Trajectory):
-        raise SettingError(f"{path}: an estimates-csv file holds a trajectory, not a recording")
     with whole_file(path, overwrite) as temporary:
         temporary.write_text(trajectory_to_text(data), encoding="utf-8")
 

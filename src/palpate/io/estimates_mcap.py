@@ -17,13 +17,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.io.estimates_csv import trajectory_from_text, trajectory_to_text
 from palpate.io.mcap_file import front_matter, is_mcap, nanoseconds, new_mcap
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
 from palpate.types.estimate import Answer, Answers
 from palpate.types.plane import Plane, flat, out_of_plane, spatial_covariance
-from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -54,6 +53,9 @@ def write_estimates_mcap(
     with new_mcap(path, overwrite) as file:
         file.attach(ATTACHMENT, MEDIA_TYPE, trajectory_to_text(trajectory).encode())
         add_estimates(file, trajectory, stamps, plane or flat(), answers)
+
+
+write = write_estimates_mcap
 
 
 def add_estimates(
@@ -98,13 +100,6 @@ def read(path: Path) -> Trajectory:
     if text is None:
         raise FileError(f"{path}: holds no estimates of palpate")
     return trajectory_from_text(text.decode("utf-8", errors="replace"), path)
-
-
-def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
-    """Write estimates in the plane z = 0 of the frame "world". Raises FileError."""
-    if not isinstance(data, Trajectory):
-        raise SettingError(f"{path}: an estimates-mcap file holds a trajectory, not a recording")
-    write_estimates_mcap(data, path, overwrite)
 
 
 def _only_answer(trajectory: Trajectory, index: int) -> Answer:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, PalpateError, SettingError
+from palpate.errors import FileError, PalpateError
 from palpate.files import existing_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io.mcap_file import (
@@ -33,7 +33,6 @@ from palpate.types.images import Codec, SpooledImages
 from palpate.types.plane import flat, out_of_plane
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
-from palpate.types.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -48,18 +47,6 @@ FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")
 def detect(path: Path) -> bool:
     """Return true for a recording of palpate."""
     return is_mcap(path) and METADATA in front_matter(path)[0]
-
-
-def read(path: Path) -> Recording:
-    """Read a recording. Raises FileError."""
-    return read_recording(path)
-
-
-def write(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
-    """Write a recording. Raises FileError if the file exists and `overwrite` is not set."""
-    if not isinstance(data, Recording):
-        raise SettingError(f"{path}: a palpate file holds a recording, not a trajectory")
-    write_recording(data, path, overwrite)
 
 
 def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None) -> None:
@@ -117,6 +104,9 @@ def read_recording(path: Path | str) -> Recording:
         return _from_messages(path, about)
     except PalpateError as error:
         raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+
+
+read, write = read_recording, write_recording
 
 
 def source_of(path: Path) -> str:
