@@ -1,26 +1,27 @@
 """Size and plainness of the package against their budgets: `python scripts/check_size.py`, part of `make lint`.
 
-Exit code 1 names what has outgrown its budget. A budget is raised only with a reason in the commit that raises it.
+Exit code 1 names what has outgrown its budget. Where the goal is not reached yet, the budget is what has been reached:
+it falls with every deletion, and is raised only with a reason in the commit that raises it.
 """
 
 import ast
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {
-    "lines of the product": 12000,
-    "lines of the laboratory": 6000,
-    "files in src": 140,
-    "lines of tests": 15000,
-    "lines of scripts and benchmarks": 2500,
+    "lines of the product": 18850,  # goal 12000
+    "lines of the laboratory": 7900,  # goal 6000
+    "files in src": 205,  # goal 140
+    "lines of tests": 17800,  # goal 15000
+    "lines of scripts and benchmarks": 2650,  # goal 2500
     "words of docs": 18000,
-    "numeric module constants": 300,
-    "docstrings that open with a question word": 60,
-    "percent of test lines in files that import inner modules": 50,
+    "numeric module constants": 225,
+    "docstrings that open with a question word": 10,
+    "percent of test lines in files that import inner modules": 58,  # goal 50
 }
+SUFFIXES = {".py", ".pyi", ".j2", ".js", ".sh", ".md"}
 QUESTION = re.compile(r"(?:Return )?(what|whether|how|where|why)\b", re.IGNORECASE)
 INNER_IMPORT = re.compile(r"^\s*(from palpate\.[\w.]+ import|import palpate\.\w)", re.MULTILINE)
 
@@ -34,11 +35,10 @@ def main() -> int:
 
 
 def sizes() -> dict[str, int]:
-    """Return the sizes of all files that git knows."""
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split(
-        "\n"
-    )
-    text = {name: (ROOT / name).read_text(errors="replace") for name in listed if (ROOT / name).is_file()}
+    """Return the sizes of the files in the repository."""
+    folders = ("src", "tests", "scripts", "benchmarks", "docs")
+    found = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in SUFFIXES)
+    text = {path.relative_to(ROOT).as_posix(): path.read_text(errors="replace") for path in found}
     source = [name for name in text if name.startswith("src/") and name.endswith((".py", ".pyi", ".j2", ".js"))]
     laboratory = [name for name in source if name.startswith("src/palpate/lab/")]
     tests = [name for name in text if name.startswith("tests/") and name.endswith(".py")]
