@@ -66,6 +66,6 @@ $(READY_DEV): $(READY)
 
 $(READY_ROS): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-ros
-	.venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ros]' \
+	.venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable . \
 		'ros-rclpy[fastrtps]' ros-sensor-msgs ros-geometry-msgs ros-diagnostic-msgs ros-std-msgs
 	touch $(READY_ROS)

@@ -241,7 +241,36 @@ def long_runs() -> Iterator[Row]:
         yield {**run, "name": name, "first": ends[0], "last": ends[1], "inside": fmean(run["inside_95"])}
 
 
+def paper_losses() -> list[Row]:
+    """Return Table II of `palpate paper`, thousandths, with the published values in brackets."""
+    found = loaded("docs/study/paper.json")
+    return [
+        {
+            "model": model,
+            **{name: f"{1e3 * row[name]:.2f} ({1e3 * found['published_table2'][model][name]:.1f})" for name in row},
+        }
+        for model, row in found["table2"].items()
+    ]
+
+
+def paper_tracking() -> list[Row]:
+    """Return the final errors of `palpate paper` by kind of touch."""
+    return [{"touch": mode, **row} for mode, row in loaded("docs/study/paper.json")["tracking"].items()]
+
+
 TABLES: dict[str, Table] = {
+    "paper": Table(
+        {"model": "{model}", **{name: f"{{{name}}}" for name in ("disc", "rect", "ellip", "combined")}}, paper_losses
+    ),
+    "paper-tracking": Table(
+        {
+            "touch": "{touch}",
+            "final error": "{final_translation_mm:.1f} mm, {final_rotation_deg:.1f}°",
+            "lost": "{lost}",
+            "in 95 %": "{in_95_share:.0%}",
+        },
+        paper_tracking,
+    ),
     "expected": Table({"": "{name}", "runs": "{count}", **SCORES}, expected),
     **{
         name: Table({**OF_OBJECTS, "NEES": "{nees}"}, lambda name=name: by_contact(name))
