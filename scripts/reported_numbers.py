@@ -222,7 +222,6 @@ def of_json(path: str, names: Mapping[str, str], *within: str) -> Callable[[], I
 def step_times() -> Iterator[Row]:
     """Yield a row for each case of the benchmark of steps."""
     names = {
-        "learnt": "image in, estimate out, one hypothesis",
         "one-answer": "image in, estimate out, one hypothesis",
         "eight-answers": "the same with up to eight hypotheses",
         "rest": "the object rests",
