@@ -91,7 +91,7 @@ def contact_hypotheses(
     """Return the hypotheses with which a contact begins, the likeliest first.
 
     Arrays are rows of the hypotheses before the contact. `beliefs` hold if nothing moved the object since, `displaced`
-    are inflated by what is known of its displacement. `was_found` is False as long as only a rough first pose is known.
+    are inflated by the covariance of its displacement. `was_found` is False while only a rough first pose is known.
     """
     found: list[Beginning] = []
     for row in range(len(beliefs)):

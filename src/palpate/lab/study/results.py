@@ -181,8 +181,8 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
     def known(key: str) -> list[float]:
         return [value for summary in summaries if (value := summary.get(key)) is not None]
 
-    told = [trial.summary for trial in trials if trial.summary.get("ambiguous_share") is not None]
-    ambiguous = [each["ambiguous_share"] * each["contact_frames"] for each in told]
+    judged = [trial.summary for trial in trials if trial.summary.get("ambiguous_share") is not None]
+    ambiguous = [each["ambiguous_share"] * each["contact_frames"] for each in judged]
     return {
         "sequences": len(scored),
         "unscored": len(trials) - len(scored),
@@ -196,7 +196,7 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
         **recovered(summaries),
         "error_after_knock_mm": errors_after_knock(summaries),
         "lost": sum(map(is_lost, scored)),
-        "ambiguous": sum(ambiguous) / sum(each["contact_frames"] for each in told) if told else None,
+        "ambiguous": sum(ambiguous) / sum(each["contact_frames"] for each in judged) if judged else None,
         "step_ms": {
             share: median(trial.summary["step_ms"][share] for trial in trials) for share in ("p50", "p95", "p99")
         },
