@@ -25,7 +25,7 @@ from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
 
 POSE_STALL = 0.15
-"""Time without a sensor pose after which the user is told [s]."""
+"""Time without a sensor pose after which a warning appears [s]."""
 
 
 class LiveEstimate(NamedTuple):

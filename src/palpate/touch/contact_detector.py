@@ -212,7 +212,7 @@ class ContactDetector:
 
 
 def _followed(background: Background, image: Image, part: float) -> Background:
-    """Return the statistics if this image is a part of what is known, and the past is the rest."""
+    """Return the statistics updated with this image, which has the weight `part`; the past has the rest."""
     change = image.astype(np.float32) - background.mean
     mean = np.asarray(background.mean + part * change, np.float32)
     # Variance of a mixture: that within the past, and that between the past and the image.
