@@ -97,7 +97,7 @@ def scored(name: str, rows: Sequence[Row]) -> Row:
         "contact": mean("in_95_contact_share"),
         "end": mean("in_95_final"),
         "silent": mean("silently_wrong_share"),
-        "unfelt": mean("silently_wrong_unfelt_share"),
+        "before_touch": mean("silently_wrong_before_touch_share"),
         "nees": f"{median(known('nees_mean')):.1f}, {mean('nees_mean'):.1f}",
         "lost": f"{sum(known('lost')):.0f}",
     }
@@ -276,7 +276,12 @@ TABLES: dict[str, Table] = {
         for name in ("systematic", "plain")
     },
     "knocked": Table(
-        {**OF_OBJECTS, "of it before a touch": "{unfelt:.1%}", "recovered in 2 s": "{recovered:.0%}", "lost": "{lost}"},
+        {
+            **OF_OBJECTS,
+            "of it before a touch": "{before_touch:.1%}",
+            "recovered in 2 s": "{recovered:.0%}",
+            "lost": "{lost}",
+        },
         knocked,
     ),
     "ways": Table({"touch": "{name}", "sequences": "{count}", **SCORES, "lost": "{lost}"}, ways),

@@ -90,9 +90,11 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
 
     # Of the six since the first contact the 1st, 4th and 5th.
     found = summary(trajectory)
-    assert (found["silently_wrong_share"], found["silently_wrong_unfelt_share"]) == (0.5, None)
+    assert (found["silently_wrong_share"], found["silently_wrong_before_touch_share"]) == (0.5, None)
     # Knocked in contact and then without: nothing could show it at the 4th and 5th.
-    assert summary(trajectory, np.isin(np.arange(7), (3, 4)))["silently_wrong_unfelt_share"] == pytest.approx(1 / 3)
+    assert summary(trajectory, np.isin(np.arange(7), (3, 4)))["silently_wrong_before_touch_share"] == pytest.approx(
+        1 / 3
+    )
     assert summary(replace(trajectory, status=None))["silently_wrong_share"] is None
     assert summary(replace(trajectory, covariance=None))["in_95_share"] is None
 
@@ -187,4 +189,4 @@ def test_without_knocks_and_between_a_knock_and_the_next_touch():
     assert set(metrics.recovery(trajectory, errors(), np.zeros(40), None).values()) == {None}
     knocked = np.array([0, 1, 1, 0, 0, 0, 1, 0, 0], np.bool_)
     contact = np.array([1, 1, 0, 0, 1, 1, 1, 1, 0], np.bool_)
-    np.testing.assert_array_equal(metrics.unfelt(knocked, contact), [0, 0, 1, 1, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(metrics.before_next_touch(knocked, contact), [0, 0, 1, 1, 0, 0, 0, 0, 0])

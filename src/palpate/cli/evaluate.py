@@ -179,7 +179,7 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
             "knocks": lambda row: str(row["knocks"]),
             "recovered [s]": lambda row: number(row["recovery_contact_s"], 2),
             "% in 2 s": lambda row: percent(row["recovered_in_2s"]),
-            "silent before a touch": lambda row: percent(row["silently_wrong_unfelt"]),
+            "silent before a touch": lambda row: percent(row["silently_wrong_before_touch"]),
         }
     if methods:
         rows = [[method, *(cell(row) for cell in columns.values())] for method, row in methods.items()]

@@ -35,7 +35,11 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         ("knocks", str(summary["knocks"]), ""),
         ("recovered after", _several(summary["knock_recovery_s"]), "s"),
         ("recovered after", _several(summary["knock_recovery_contact_s"]), "s in contact"),
-        ("silently wrong before a touch", percent(summary["silently_wrong_unfelt_share"]), "% of frames since contact"),
+        (
+            "silently wrong before a touch",
+            percent(summary["silently_wrong_before_touch_share"]),
+            "% of frames since contact",
+        ),
     ]
     rows = [
         ("frames", str(summary["frames"]), ""),

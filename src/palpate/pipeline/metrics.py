@@ -119,8 +119,8 @@ def summarise(
     Final errors are those of the last frame with truth, at `final_scored_time_s`. `knocked` (N,) flags frames in which
     something else moved the object; see `recovery`, which leaves the yaw out unless `yaw_shows` (that of a disc does
     not). `silently_wrong_share` is of the frames since the first contact: the estimate `is_far` off and outside its
-    95 % region with a status in CONTENT. `silently_wrong_unfelt_share` is the part of it between a knock and the next
-    contact. `ambiguous_share` is of the frames in contact.
+    95 % region with a status in CONTENT. `silently_wrong_before_touch_share` is the part of it between a knock and the
+    next contact. `ambiguous_share` is of the frames in contact.
     """
     if truth is None:
         truth = np.full((len(trajectory), 3), np.nan)
@@ -134,13 +134,13 @@ def summarise(
     consistency = _known(squared)
     contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
     wrong = is_far(translation, rotation) & ~inside_95(squared)
-    silent = silent_unfelt = ambiguous = None
+    silent = silent_before_touch = ambiguous = None
     if trajectory.status is not None:
         ambiguous = _share((np.asarray(trajectory.status) == "ambiguous")[contact])
         is_silent, since = wrong & np.isin(trajectory.status, CONTENT), since_contact(contact, squared)
         silent = _share(is_silent[since])
         if knocked is not None:
-            silent_unfelt = _share((is_silent & unfelt(knocked, contact))[since])
+            silent_before_touch = _share((is_silent & before_next_touch(knocked, contact))[since])
     return {
         "frames": len(trajectory),
         "contact_frames": int(np.sum(contact)),
@@ -162,7 +162,7 @@ def summarise(
         "final_scored_time_s": None if last is None else float(trajectory.time[last]),
         **coverage(contact, squared),
         "silently_wrong_share": silent,
-        "silently_wrong_unfelt_share": silent_unfelt,
+        "silently_wrong_before_touch_share": silent_before_touch,
         "ambiguous_share": ambiguous,
         **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
@@ -188,7 +188,7 @@ def since_contact(contact: Flags, nees: Array) -> Flags:
     return np.maximum.accumulate(contact) & np.isfinite(nees)
 
 
-def unfelt(knocked: Flags, contact: Flags) -> Flags:
+def before_next_touch(knocked: Flags, contact: Flags) -> Flags:
     """Return True at frames (N,) between a knock and the next contact."""
     frames = np.arange(len(knocked))
     last_knocked, last_touched = (np.maximum.accumulate(np.where(flags, frames, -1)) for flags in (knocked, contact))

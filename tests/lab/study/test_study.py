@@ -109,12 +109,12 @@ def test_coverage_of_contact_rest_and_final_poses_by_hand():
 
 def test_silence_ambiguity_and_knocks_in_the_table_by_hand():
     trials = [
-        trial(1.0, silently_wrong_share=0.2, silently_wrong_unfelt_share=0.1, **knocks((0.5, 4.0), (2.0, 2.5))),
+        trial(1.0, silently_wrong_share=0.2, silently_wrong_before_touch_share=0.1, **knocks((0.5, 4.0), (2.0, 2.5))),
         trial(2.0, silently_wrong_share=0.0, ambiguous_share=0.5, contact_frames=10, **knocks((2.1, 3.0))),
         trial(3.0, ambiguous_share=0.0, contact_frames=30),
     ]
     row = table(trials, (NONE,))["disc"]["none"]
-    assert (row["silently_wrong"], row["silently_wrong_unfelt"], row["knocks"]) == (pytest.approx(0.1), 0.1, 3)
+    assert (row["silently_wrong"], row["silently_wrong_before_touch"], row["knocks"]) == (pytest.approx(0.1), 0.1, 3)
     assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
     assert row["ambiguous"] == pytest.approx(5 / 40)
     unknown = table([trial(3.0)], (NONE,))["disc"]["none"]

@@ -78,7 +78,7 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
     rmse_mm, rmse_deg: median of the RMSE of a sequence;
     nees: {median, mean} and inside_95: share in the 95 % region, both of all frames since the first contact;
     contact_inside_95, rest_inside_95, final_inside_95: share of frames in contact, at rest, and of the last ones;
-    silently_wrong, silently_wrong_unfelt: mean of the share of such frames, see `metrics.summarise`;
+    silently_wrong, silently_wrong_before_touch: mean of the share of such frames, see `metrics.summarise`;
     knocks: their number, with `recovered` and error_after_knock_mm, see `errors_after_knock`;
     lost: their number;
     and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
@@ -191,7 +191,7 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
         "nees": {"median": _of(np.median, nees), "mean": _of(np.mean, nees)},
         **{f"{kind}inside_95": _of(np.mean, inside_95(np.concatenate(some))) for kind, some in pooled.items()},
         "silently_wrong": _of(fmean, known("silently_wrong_share")),
-        "silently_wrong_unfelt": _of(fmean, known("silently_wrong_unfelt_share")),
+        "silently_wrong_before_touch": _of(fmean, known("silently_wrong_before_touch_share")),
         "knocks": sum(known("knocks")),
         **recovered(summaries),
         "error_after_knock_mm": errors_after_knock(summaries),
