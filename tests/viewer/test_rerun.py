@@ -17,7 +17,6 @@ from view_samples import FRAMES, imaged_push
 from palpate.errors import SettingError
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Rectangle
-from palpate.pipeline.track import track
 from palpate.tracker import Tracker
 from palpate.types.estimate import Status
 from palpate.types.sensor import SensorProfile
@@ -52,7 +51,10 @@ def test_the_difference_is_grey_where_nothing_touches():
 
 
 def tracked_with(watch: Any) -> None:
-    track(imaged_push(), watch=watch)
+    recording = imaged_push()
+    tracker = Tracker(recording.shape, recording.sensor, (0.3, 0.05, 0.0))
+    for frame in recording:
+        watch(frame, tracker.update(frame), tracker.background)
 
 
 def test_a_view_that_stalls_never_holds_up_tracking(caplog, monkeypatch):

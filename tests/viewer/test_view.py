@@ -1,6 +1,5 @@
 """`palpate view` and what it writes for Rerun, read back from the files."""
 
-import json
 import shutil
 import sys
 from collections import defaultdict
@@ -150,35 +149,18 @@ def test_with_a_display_a_viewer_is_opened(run, run_palpate, monkeypatch):
     assert run_palpate("view", run)[0] == 0 and shown == ["run"]
 
 
-def test_tracking_is_saved_ten_times_a_second(run, run_palpate, online, monkeypatch):
-    monkeypatch.setattr("palpate.viewer.rerun_view.WAITING", 1000)  # none is dropped on a slow machine
-    code, out, _ = run_palpate("track", run.parent / "push.mcap", "--save-rrd", "live.rrd", "--json")
-    assert code == 0 and json.loads(out)["frames"] == FRAMES
-    found = read_back("live.rrd")
-    frames = sorted(found["/above/estimate/outline"])
-    assert frames == sorted(found["/touch/image"]) == list(range(0, FRAMES, 3))
-    assert min(found["/touch/seen"]) == 15
-    for frame in frames:
-        x, y, _ = online.pose[frame]
-        np.testing.assert_allclose(found["/above/estimate/path"][frame], [[1e3 * x, -1e3 * y]], atol=1e-3)
-
-
 def test_what_cannot_be_viewed(run, fails):
     push = run.parent / "push.mcap"
     Path("there.rrd").write_text("mine")
     assert "there.rrd: already exists; --force" in fails("view", push, "--save", "there.rrd")
-    assert "there.rrd: already exists; --force" in fails("track", push, "--save-rrd", "there.rrd")
     assert "gone.mcap: no such file" in fails("view", "gone.mcap")
     assert "the folder nowhere does not exist" in fails("view", push, "--save", "nowhere/a.rrd")
-    assert "no display to open a window on; --save-rrd" in fails("track", push, "--view")
-    assert "show one recording, and 2 are given" in fails("track", push, push, "--save-rrd", "a.rrd")
     assert [path.name for path in Path().iterdir()] == ["there.rrd"] and Path("there.rrd").read_text() == "mine"
 
 
 def test_without_rerun_a_sentence_says_what_to_install(run, fails, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    for words in (("view", run), ("track", run.parent / "push.mcap", "--save-rrd", "a.rrd")):
-        assert "pip install palpate[view]" in fails(*words)
+    assert "pip install palpate[view]" in fails("view", run)
 
 
 @pytest.mark.parametrize(

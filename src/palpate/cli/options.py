@@ -249,14 +249,14 @@ def check_model(model: Path | None, tactile: Collection[str]) -> None:
         raise SettingError(f"--model {model} is not used with --tactile {' '.join(tactile)}; use learnt")
 
 
-def check_window(instead: str = "") -> None:
-    """Raise SettingError if no window can be opened for --view; `instead` names an alternative."""
+def check_window() -> None:
+    """Raise SettingError if no window can be opened for --view."""
     from palpate.errors import SettingError
     from palpate.viewer.rerun_view import check_rerun, has_display
 
     check_rerun()
     if not has_display():
-        raise SettingError(f"--view: there is no display to open a window on{instead}")
+        raise SettingError("--view: there is no display to open a window on")
 
 
 def pressure_of(text: str) -> str | float:

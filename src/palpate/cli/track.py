@@ -1,30 +1,16 @@
 """`palpate track`: tracks recordings and leaves a folder for each."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.options import (
-    Bag,
-    Estimator,
-    Force,
-    Json,
-    Smoother,
-    Start,
-    Touch,
-    arg,
-    check_new,
-    check_window,
-    positional,
-)
+from palpate.cli.options import Bag, Estimator, Force, Json, Smoother, Start, Touch, arg, positional
 
 if TYPE_CHECKING:
     from palpate.config import TrackerSettings
-    from palpate.pipeline.track import Run, Watch
+    from palpate.pipeline.track import Run
     from palpate.touch.calibration import Calibration
     from palpate.types.plane import Plane
     from palpate.types.recording import Recording
@@ -32,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Output:
-    """Files of the run and views of it."""
+    """Files of the run."""
 
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None
     """Folder of the run; for several FILEs, the folder of their runs."""
@@ -40,38 +26,7 @@ class Output:
     """Write the estimates as ROS 2 messages too, estimates.mcap."""
     html: bool = False
     """Write a page that shows the push in any browser, page.html."""
-    view: bool = False
-    """Show the run in Rerun while it is tracked."""
-    save_rrd: Annotated[Path | None, arg("FILE.rrd", "none")] = None
-    """Write what --view shows to a file for Rerun."""
     force: Force = False
-
-    def check_view(self, files: tuple[Path, ...]) -> None:
-        """Raise SettingError before tracking if a view is asked for that cannot be had."""
-        from palpate.errors import SettingError
-        from palpate.viewer.rerun_view import check_rerun
-
-        if not self.view and self.save_rrd is None:
-            return
-        check_rerun()
-        if len(files) > 1:
-            raise SettingError(f"--view and --save-rrd show one recording, and {len(files)} are given")
-        if self.view:
-            check_window("; --save-rrd FILE.rrd writes a file")
-        if self.save_rrd:
-            check_new(self.save_rrd, self.force)
-
-    @contextmanager
-    def viewer(self, recording: "Recording") -> "Iterator[Watch | None]":
-        """Open a view and yield the function that shows a frame; None where no view is asked for."""
-        if not self.view and self.save_rrd is None:
-            yield None
-            return
-        from palpate.viewer.rerun_view import live_view
-
-        name = recording.file.name if recording.file else "recording"
-        with live_view(recording, name, self.save_rrd, self.force, self.view) as log:
-            yield log.show
 
     def write(self, run: "Run", folder: Path, plane: "Plane") -> None:
         """Write the files of a run."""
@@ -124,7 +79,6 @@ def track(
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
-    output.check_view(files)
     settings = estimator.settings(touch.tactile, smoother)
     first_pose, sigma = start.pose_and_sigma()
     model, calibration = touch.load()
@@ -137,7 +91,7 @@ def track(
         with new_run(folder, output.force) as part:
             with busy(f"reading {file.name}"):
                 recording, plane = _read(file, bag, start, settings, calibration)
-            with output.viewer(recording) as watch, progress_bar(file.name, len(recording)) as progress:
+            with progress_bar(file.name, len(recording)) as progress:
                 run = track_recording(
                     recording,
                     settings,
@@ -146,7 +100,6 @@ def track(
                     model=model,
                     calibration=calibration,
                     progress=progress,
-                    watch=watch,
                 )
             output.write(run, part, plane)
         return run.summary

@@ -19,7 +19,7 @@ import numpy as np
 from palpate.errors import FrameError
 from palpate.live.pose_track import PoseTrack, SensorPlace
 from palpate.live.sources import Refused, Sources, TimedPose, TouchImage
-from palpate.pipeline.track import Watch
+from palpate.touch.background import Background
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.frame import Frame
@@ -41,6 +41,8 @@ class LiveEstimate(NamedTuple):
 
 Listen = Callable[[TouchImage | TimedPose | LiveEstimate], None]
 """Receives everything that arrives and is estimated, from several threads."""
+Watch = Callable[[Frame, Estimate, Background | None], None]
+"""Receives each tracked frame, its estimate and the untouched gel as known then."""
 
 
 @dataclass

@@ -17,19 +17,15 @@ from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.knocks import knocked_frames
 from palpate.pipeline.metrics import summarise
 from palpate.pipeline.truth import known_truth, trusted_truth
-from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.types.estimate import Answers, Estimate
-from palpate.types.frame import Frame
 from palpate.types.recording import Recording
 from palpate.types.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
-Watch = Callable[[Frame, Estimate, Background | None], None]
-"""Called after each frame with the frame, its estimate and the untouched gel as known then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +70,13 @@ def track(
     model: TouchModel | None = None,
     calibration: Calibration | None = None,
     progress: Callable[[int], None] | None = None,
-    watch: Watch | None = None,
 ) -> Run:
     """Track the object of a recording.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
     default see `first_pose_of`. `model` and `calibration` are the Tracker's. Without a calibration, the untouched gel
     of a recording that begins in contact is taken from its first release (`untouched_from_s` in the summary).
-    `progress` is called after each frame with the number done, and `watch` with the estimate.
+    `progress` is called after each frame with the number done.
 
     A frame that cannot be used is skipped: the estimate before it is repeated with status "faulty". Raises SettingError
     if the recording lacks something that the settings need, EstimationError if no estimate can be computed or the first
@@ -99,8 +94,6 @@ def track(
     used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
     for index, (estimate, used[index], step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
         estimates.append(estimate)
-        if watch:
-            watch(tracker.frame, estimate, tracker.background)
         if progress:
             progress(index + 1)
 
