@@ -15,7 +15,6 @@ from PIL import Image
 from palpate.cli.demo import TACTILE, demo_recording
 from palpate.config import TrackerSettings
 from palpate.geometry import se2
-from palpate.geometry.lines import closed_outline
 from palpate.pipeline.figures import (
     ESTIMATE,
     draw_errors,
@@ -74,7 +73,7 @@ def draw_from_above(axes: Axes, run: Run, index: int) -> None:
     draw_sensor(axes, run, index)
     axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="95 % ellipse of the estimate")
     frame_above(axes)
-    outlines = se2.transform(run.online.pose[:, None], closed_outline(run.recording.shape)).reshape(-1, 2)
+    outlines = se2.transform(run.online.pose[:, None], run.recording.shape.closed_outline).reshape(-1, 2)
     points = 1e3 * np.concatenate((outlines, run.recording.sensor_pose[:, :2]))
     (left, low), (right, high) = points.min(axis=0) - 20.0, points.max(axis=0) + 20.0
     axes.set_aspect("equal", adjustable="box")

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
 from palpate.geometry import se2
-from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import SHAPES
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.folder import plan
 from palpate.lab.simulate.limit_surface import Steering, push

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from palpate.cli.console import progress_bar
-from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import SHAPES
 from palpate.lab.simulate.folder import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
 from palpate.lab.train.train import TrainSettings, train

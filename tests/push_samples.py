@@ -19,8 +19,7 @@ from palpate.graph.factors.sticking import Sticking
 from palpate.graph.values import Values
 from palpate.graph.variables import IN_SHARED, SHARED_SIZE, Variable
 from palpate.lab.simulate.limit_surface import Steering, push
-from palpate.types.frame import Frame
-from palpate.types.measurements import ContactDirection, Measurement
+from palpate.types.measurements import ContactDirection, Frame, Measurement
 from palpate.types.sensor import SensorProfile
 
 Array = np.ndarray

@@ -10,10 +10,10 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Rectangle, Shape
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
+from palpate.types.estimate import Trajectory
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import POINT, SensorProfile
-from palpate.types.trajectory import Trajectory
 
 TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 

@@ -12,7 +12,7 @@ from palpate.pipeline.metrics import rotation_errors as rotation_errors
 from palpate.pipeline.metrics import translation_errors as translation_errors
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
-from palpate.types.frame import Frame
+from palpate.types.measurements import Frame
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "batch"]

@@ -28,9 +28,10 @@ from .touch.calibration import load_calibration as load_calibration
 from .touch.touch_model import TouchModel as TouchModel
 from .tracker import Tracker as Tracker
 from .types.estimate import Estimate as Estimate
-from .types.frame import Frame as Frame
+from .types.estimate import Trajectory as Trajectory
 from .types.measurements import ContactDirection as ContactDirection
 from .types.measurements import ContactPlace as ContactPlace
+from .types.measurements import Frame as Frame
 from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
@@ -40,6 +41,5 @@ from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .types.sensor import POINT as POINT
 from .types.sensor import SensorProfile as SensorProfile
-from .types.trajectory import Trajectory as Trajectory
 
 __version__: str

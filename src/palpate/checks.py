@@ -16,6 +16,14 @@ FARTHEST = 1e6
 """[m] A position or a length beyond this is damage: the planet is not much larger."""
 LONGEST = 1e7
 """[s] A recording of more than these four months is damage: a wrong clock, or a wrong unit."""
+SPAN = 5.0
+"""[m] Largest extent of a push; one of 10 mm in millimetres spans more."""
+TURNS = 4.0 * np.pi
+"""[rad] Angles beyond are probably in degrees."""
+METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
+"""[m] of each unit of lengths, the likeliest first."""
+_WORDS = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
+_SECONDS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 
 
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:
@@ -61,6 +69,27 @@ def check_increasing(time: NDArray[np.float64]) -> None:
 def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Return flags of numbers that are finite and possible as a position or length [m]."""
     return np.abs(values) <= FARTHEST
+
+
+def check_metres(name: str, position: NDArray[np.float64]) -> None:
+    """Raise FileError if positions (N, 2 or 3) spread wider than any push [m]."""
+    finite = position[np.isfinite(position).all(axis=1)]
+    span = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
+    if span > SPAN:
+        question = other_unit(span, 0.01, SPAN)
+        raise FileError(f"{name}: found positions that span {span:.4g} m, allowed are {SPAN:g} m{question}")
+
+
+def other_unit(length: float, least: float, most: float) -> str:
+    """Return the question for the units in which a length is between two likely ones [m], or ""."""
+    fits = [_WORDS[unit] for unit, size in METRES.items() if least <= length * size <= most]
+    return f": are these {' or '.join(fits)}?" if fits else ""
+
+
+def other_time_unit(interval: float, rate: float) -> str:
+    """Return the question for another unit if an interval [s] of a stream of about this rate [Hz] fits it, or ""."""
+    fits = [name for name, size in _SECONDS.items() if 0.2 < interval * size * rate < 5.0]
+    return f"are these {fits[0]}?" if fits else ""
 
 
 def _written(shape: tuple[int | str, ...]) -> str:

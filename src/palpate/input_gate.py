@@ -17,10 +17,10 @@ from palpate.touch.background import Background, first_frames
 from palpate.touch.calibration import Calibration, detector_for, view_of
 from palpate.touch.pipeline import GREY, lacks_colours
 from palpate.types.estimate import Status
-from palpate.types.frame import Frame
 from palpate.types.measurements import (
     ContactDirection,
     ContactPlace,
+    Frame,
     Measurement,
     OwnMeasurement,
     Turn,

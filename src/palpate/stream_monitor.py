@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import other_time_unit
 from palpate.errors import FrameError
 from palpate.geometry import se2
-from palpate.types.units import other_time_unit
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

@@ -20,11 +20,9 @@ from palpate.touch.calibration import Calibration, correction_of
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import check_arguments, check_distance, first_pose_of, with_correction
-from palpate.types.estimate import Estimate
-from palpate.types.frame import Frame
-from palpate.types.measurements import Measurement
+from palpate.types.estimate import Estimate, Trajectory
+from palpate.types.measurements import Frame, Measurement
 from palpate.types.sensor import SensorProfile, known_sensor
-from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 _NO_FRAME = "no frame has been taken so far; there is one after the first update"

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import SPAN, TURNS
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import SettingError
-from palpate.geometry.shapes import Shape
+from palpate.geometry.shapes import Shape, check_outline
 from palpate.touch.calibration import Calibration, DirectionCorrection
 from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
 from palpate.types.measurements import finite_numbers
-from palpate.types.units import SPAN, TURNS, check_outline, extent_of
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -39,9 +39,9 @@ def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, tou
         if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
             raise SettingError(f"{name} is {str(found) if isinstance(found, Path) else found!r}; it must be {maker}")
     pressure = settings.pressure if settings is not None else ""
-    if not isinstance(pressure, str) and pressure > extent_of(shape):
+    if not isinstance(pressure, str) and pressure > shape.extent:
         raise SettingError(
-            f"pressure is {pressure:g} m, and the object is {extent_of(shape):.3g} m wide; a friction radius is less: "
+            f"pressure is {pressure:g} m, and the object is {shape.extent:.3g} m wide; a friction radius is less: "
             "is it in millimetres?"
         )
 

@@ -7,8 +7,8 @@ import pytest
 
 from palpate import Disc, Ellipse, Polygon, Rectangle, ShapeError
 from palpate.geometry import se2
-from palpate.geometry.lines import closed_outline, ellipses_95
 from palpate.geometry.polygon import sharp_corners
+from palpate.geometry.se2 import ellipses_95
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
 
 SHAPES = [Disc(0.088), Rectangle(0.051, 0.036), Ellipse(0.4, 0.05), Polygon([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])]
@@ -64,6 +64,6 @@ def test_ellipses_hold_95_percent_of_what_is_drawn():
 
 
 def test_an_outline_is_closed():
-    outline = closed_outline(Disc(0.05))
+    outline = Disc(0.05).closed_outline
     np.testing.assert_array_equal(outline[0], outline[-1])
     np.testing.assert_allclose(np.hypot(*outline.T), 0.05)

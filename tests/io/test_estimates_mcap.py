@@ -15,7 +15,7 @@ from palpate import FileError, Trajectory
 from palpate import io as formats
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.types.estimate import Answer
-from palpate.types.plane import flat, out_of_plane, plane_across, spatial_covariance
+from palpate.types.space import flat, out_of_plane, plane_across, spatial_covariance
 
 
 def test_estimates_to_mcap_and_back(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.geometry import se2
 from palpate.pipeline import metrics
-from palpate.types.trajectory import Trajectory
+from palpate.types.estimate import Trajectory
 
 TRUTH = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
 POSE = np.array([[0.003, 0.004, 0.1], [0.0, 0.0, -0.1], [0.0, 0.012, 0.2], [9.0, 9.0, 1.0]])

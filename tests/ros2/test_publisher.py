@@ -11,7 +11,7 @@ from palpate.live.pose_track import SensorPlace
 from palpate.live.session import LiveEstimate, LiveState
 from palpate.ros2 import node as ros2_node
 from palpate.types.estimate import Answer, Estimate
-from palpate.types.plane import plane_across
+from palpate.types.space import plane_across
 
 COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])
 POSES = np.array([[0.1, 0.2, 0.0], [0.1, 0.24, np.pi / 2]])

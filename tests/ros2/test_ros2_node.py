@@ -19,10 +19,10 @@ import palpate.ros2
 from palpate import io as formats
 from palpate.config import TrackerSettings
 from palpate.geometry import se2
-from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import SHAPES
 from palpate.tracker import Tracker
-from palpate.types.frame import Frame
 from palpate.types.images import encode_image
+from palpate.types.measurements import Frame
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT
 

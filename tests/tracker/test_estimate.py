@@ -47,7 +47,7 @@ def test_each_answer_goes_to_ros_like_the_estimate():
 def test_ros_needs_no_ros(monkeypatch):
     for name in ("rclpy", "rosbags", "mcap", "geometry_msgs"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "palpate.types.plane", raising=False)
+    monkeypatch.delitem(sys.modules, "palpate.types.space", raising=False)
     assert estimate().to_ros().position.tolist() == [1.0, 2.0, 0.0]
 
 

@@ -23,7 +23,7 @@ from palpate import (
     TrackerSettings,
     track,
 )
-from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import SHAPES
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.touch.calibration import calibrate

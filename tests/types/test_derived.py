@@ -6,7 +6,7 @@ from recording_samples import runs
 
 from palpate import Disc, SensorProfile
 from palpate.lab.simulate.episodes import episode_numbers
-from palpate.types import derived
+from palpate.types.recording import contact_flags, held, impossible, spikes
 
 
 def test_gap_is_that_of_the_nearest_tip():
@@ -15,23 +15,23 @@ def test_gap_is_that_of_the_nearest_tip():
     # 10 mm behind the sensor and 20 mm to the sides. Each is at (+-0.02, -0.11) from the disc's centre.
     pose = np.array([[0.2, -0.1, np.pi / 2]] * 2)
     truth = np.array([[0.2, 0.0, 1.0], [np.nan] * 3])
-    gap = derived.gaps(pose, truth, Disc(0.05), sensor)
+    gap = sensor.gaps(pose, truth, Disc(0.05))
     assert gap[0] == pytest.approx(np.hypot(0.02, 0.11) - 0.05 - 0.01)
     assert np.isnan(gap[1])
     # Moved 10 mm sideways, one tip is nearer: (0.01, -0.11) or (-0.03, -0.11).
-    gap = derived.gaps(pose + np.array([0.01, 0, 0]), truth, Disc(0.05), sensor)
+    gap = sensor.gaps(pose + np.array([0.01, 0, 0]), truth, Disc(0.05))
     assert gap[0] == pytest.approx(np.hypot(0.01, 0.11) - 0.06)
 
 
 def test_contact_has_hysteresis_and_lasts_through_what_is_not_known():
     gap = np.array([np.nan, 1.8, 1.4, 1.8, np.nan, 2.1, 1.8, np.nan, 1.0]) * 1e-3
     expected = [False, False, True, True, True, False, False, False, True]
-    assert derived.contact_flags(gap, 1.5e-3, 2e-3).tolist() == expected
+    assert contact_flags(gap, 1.5e-3, 2e-3).tolist() == expected
 
 
 def test_impossible_reaches_from_recovered_to_recovered():
     gap = np.array([0, -1.9, -2.1, -2.9, -3.1, -2.5, -2.1, -1.9, -2.5, 0]) * 1e-3
-    assert runs(derived.impossible(gap)) == [[2, 7]]
+    assert runs(impossible(gap)) == [[2, 7]]
 
 
 def test_held_needs_time_contact_and_motion():
@@ -43,27 +43,27 @@ def test_held_needs_time_contact_and_motion():
     tip[:, 0] = np.arange(100) * 5e-5
     touching = np.ones(100, np.bool_)
     # The pose of sample 40 is measured; 41 to 69 repeat it.
-    assert runs(derived.held(time, pose, tip, touching, 0.02)) == [[41, 70]]
-    assert not derived.held(time, pose, tip, ~touching, 0.02).any()
-    assert not derived.held(time, pose, tip, touching, 0.04).any()
-    assert not derived.held(time, pose, np.zeros((100, 2)), touching, 0.02).any()
+    assert runs(held(time, pose, tip, touching, 0.02)) == [[41, 70]]
+    assert not held(time, pose, tip, ~touching, 0.02).any()
+    assert not held(time, pose, tip, touching, 0.04).any()
+    assert not held(time, pose, np.zeros((100, 2)), touching, 0.02).any()
 
 
 def test_spikes_go_there_and_back():
     pose = np.zeros((12, 3))
     pose[:, 0] = np.repeat(np.arange(4), 3) * 1e-3  # each pose is held for three samples
     pose[3:6, 1] = 0.01
-    assert runs(derived.spikes(pose)) == [[3, 6]]
+    assert runs(spikes(pose)) == [[3, 6]]
     step = np.zeros((12, 3))
     step[6:, :2] = 0.05
-    assert not derived.spikes(step).any()
+    assert not spikes(step).any()
     turn = np.zeros((12, 3))
     turn[:, 2] = np.repeat([3.1, 3.13, -3.13, -3.1], 3)  # goes through pi, 1.7 degrees a step at most
-    assert not derived.spikes(turn).any()
+    assert not spikes(turn).any()
     turn[3:6, 2] = -3.0
-    assert runs(derived.spikes(turn)) == [[3, 6]]
+    assert runs(spikes(turn)) == [[3, 6]]
     turn[0] = np.nan
-    assert runs(derived.spikes(turn)) == [[3, 6]]
+    assert runs(spikes(turn)) == [[3, 6]]
 
 
 def test_episodes_end_after_more_than_ten_frames_without_contact():

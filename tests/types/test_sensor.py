@@ -60,7 +60,7 @@ def test_bad_fields(field, value):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"name": "x"}, "missing.*radius"),
+        ({"name": "x"}, "needed are name and radius"),
         ({"name": "x", "radius": 0, "colour": 1}, "colour"),
         ("DIGIT", "object with fields"),
     ],

@@ -45,7 +45,7 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = Fa
 
 def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
-    from palpate.geometry.objects import SHAPES
+    from palpate.geometry.shapes import SHAPES
     from palpate.lab.simulate.folder import plan
 
     (simulation,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED, seconds=SECONDS).values()

@@ -43,7 +43,7 @@ class Pushes:
     def plan(self, seed: int, unit: int | None) -> "dict[str, Simulation]":
         """Return the simulations by file name. Raises SettingError for values that are not allowed."""
         from palpate.errors import SettingError
-        from palpate.geometry.objects import SHAPES
+        from palpate.geometry.shapes import SHAPES
         from palpate.io.outlines import load_shape
         from palpate.lab.simulate.folder import plan
         from palpate.types.sensor import known_sensor

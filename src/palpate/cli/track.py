@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from palpate.config import TrackerSettings
     from palpate.pipeline.track import Run
     from palpate.touch.calibration import Calibration
-    from palpate.types.plane import Plane
     from palpate.types.recording import Recording
+    from palpate.types.space import Plane
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ def _read(
     """Read a recording or a bag, with the time offset that was fitted where --time-offset fit asks for it."""
     from palpate.cli.console import complain
     from palpate.pipeline.time_offset import time_offset
-    from palpate.types.plane import flat
     from palpate.types.recording import Recording
+    from palpate.types.space import flat
 
     reading = bag.read(file)
     if isinstance(reading, Recording):

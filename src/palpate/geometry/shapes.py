@@ -3,6 +3,7 @@
 All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` and `friction_radius`.
 """
 
+import logging
 import math
 import reprlib
 from abc import ABC, abstractmethod
@@ -14,9 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import FARTHEST
+from palpate.checks import FARTHEST, METRES, SPAN, other_unit
 from palpate.errors import ShapeError
 from palpate.geometry import polygon
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -35,6 +38,21 @@ class _Outline(ABC):
     def centroid(self) -> Array:
         """Centroid of the area (2,) [m]."""
         return np.zeros(2)
+
+    @property
+    def extent(self) -> float:
+        """The larger of the outline's widths along x and y [m]."""
+        return float(np.ptp(self.outline(), axis=0).max())
+
+    @property
+    def closed_outline(self) -> Array:
+        """The outline (P, 2) [m] as figures draw it, its last point the first again."""
+        outline = self.outline(100)
+        return np.concatenate((outline, outline[:1]))
+
+    @abstractmethod
+    def outline(self, count: int = 200) -> Array:
+        """Return about `count` points (N, 2) [m] on the outline, counter-clockwise."""
 
     def friction_radius(self, pressure: str | float = "uniform") -> float:
         """Return c [m], the ratio of largest friction torque to largest friction force on the support.
@@ -272,6 +290,23 @@ def shape_from_dict(data: Mapping[str, Any]) -> Shape:
     return kind(**values)
 
 
+def wrong_width(shape: Shape, unit: str | None = None) -> str:
+    """Return a sentence on an outline, read in a unit, that is too large or small to be pushed, or ""."""
+    width = shape.extent
+    if 0.005 <= width <= 2.0:
+        return ""
+    question = other_unit(width / METRES[unit or "m"], 0.02, 1.0)
+    return f"the outline is {width:g} m wide, allowed are 0.005 to 2 m{question}"
+
+
+def check_outline(shape: Shape) -> None:
+    """Raise ShapeError if an outline is wider than any pushed object; warn if it is wider or smaller than most."""
+    if wrong := wrong_width(shape):
+        if shape.extent > SPAN:
+            raise ShapeError(wrong)
+        logger.warning("%s", wrong)
+
+
 def _is_real(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
@@ -281,3 +316,32 @@ def _size(value: Any, what: str) -> float:
     if not _is_real(value) or not 1e-6 <= value <= FARTHEST:
         raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from 1e-06 to {FARTHEST:g} m")
     return float(value)
+
+
+def _butterfly() -> Polygon:
+    """Two wings and a waist, into which a gel of radius 21 mm fits: its radius of curvature is 46 mm."""
+    angle = np.arange(96) * (2.0 * np.pi / 96)
+    radius = 0.085 + 0.03 * np.cos(2.0 * angle)
+    return Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
+
+
+def _rounded_square(size: float, radius: float) -> Polygon:
+    quarter = np.linspace(0.0, 0.5 * np.pi, 13)
+    angle = (quarter + 0.5 * np.pi * np.arange(4)[:, None]).ravel()
+    center = np.repeat(np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (0.5 * size - radius), len(quarter), axis=0)
+    return Polygon(center + radius * np.column_stack((np.cos(angle), np.sin(angle))))
+
+
+SHAPES: dict[str, Shape] = {
+    "disc": Disc(0.088),
+    "rectangle": Rectangle(0.2363, 0.1579),
+    "ellipse": Ellipse(0.1638, 0.2428),
+    "triangle": Polygon([(-0.1, -0.06), (0.1, -0.06), (0.0, 0.12)]),
+    "hexagon": Polygon(Disc(0.1).outline(6)),
+    "t": Polygon(
+        [(-0.1, 0.0), (-0.03, 0.0), (-0.03, -0.14), (0.03, -0.14), (0.03, 0.0), (0.1, 0.0), (0.1, 0.06), (-0.1, 0.06)]
+    ),
+    "butterfly": _butterfly(),
+    "rounded-square": _rounded_square(0.17, 0.03),
+}
+"""Objects by name; all but the paper's are kept for testing."""

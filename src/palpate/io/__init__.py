@@ -14,8 +14,8 @@ from typing import Any
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io.rosbag_reader import existing_bag
 from palpate.printable import one_line
+from palpate.types.estimate import Trajectory
 from palpate.types.recording import Recording
-from palpate.types.trajectory import Trajectory
 
 MODULES = {
     "palpate": "recording_mcap",

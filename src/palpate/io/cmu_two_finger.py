@@ -31,8 +31,7 @@ from palpate.files import in_file, read_text
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io.text_files import NUMBER, text_start
-from palpate.types import derived
-from palpate.types.recording import Recording
+from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
 DESCRIPTION = "two-finger pushes of a rectangle, CMU PlanarManipulationToolBox log (.txt)"
@@ -71,7 +70,7 @@ def read(path: Path) -> Recording:
     seen = rows[:, 1:4] * metres
     seen[(seen == 0).all(axis=1)] = np.nan
     truth = _at(time + LATENCY, time, seen)
-    gap = derived.gaps(sensor_pose, truth, RECTANGLE, HAND)
+    gap = HAND.gaps(sensor_pose, truth, RECTANGLE)
 
     contact = np.zeros(len(time), np.bool_)
     episode = np.full(len(time), -1, np.int64)
@@ -85,7 +84,7 @@ def read(path: Path) -> Recording:
         clear = np.maximum.accumulate(travel) < 1e-3  # an action starts clear of the object
         # The gap of a steady push is 1.0 mm uncertain and drifts by up to 2 mm across the table, so the last 1 to 2 mm
         # of an approach count as contact too.
-        flags = derived.contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
+        flags = contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
         contact[start:end] = flags
         episode[start:end][flags] = number
         number += int(flags.any())

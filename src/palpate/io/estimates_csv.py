@@ -13,7 +13,7 @@ from palpate.errors import FileError
 from palpate.files import csv_rows, in_file, read_text, whole_file
 from palpate.io.text_files import text_start
 from palpate.printable import one_line
-from palpate.types.trajectory import Trajectory
+from palpate.types.estimate import Trajectory
 
 DESCRIPTION = "palpate estimates with covariance (.csv)"
 

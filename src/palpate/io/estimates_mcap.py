@@ -21,9 +21,8 @@ from palpate.errors import FileError
 from palpate.io.estimates_csv import trajectory_from_text, trajectory_to_text
 from palpate.io.mcap_file import front_matter, is_mcap, nanoseconds, new_mcap
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
-from palpate.types.estimate import Answer, Answers
-from palpate.types.plane import Plane, flat, out_of_plane, spatial_covariance
-from palpate.types.trajectory import Trajectory
+from palpate.types.estimate import Answer, Answers, Trajectory
+from palpate.types.space import Plane, flat, out_of_plane, spatial_covariance
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,7 @@ from palpate.files import in_file, read_json
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.io.text_files import text_start
-from palpate.types import derived
-from palpate.types.recording import Recording
+from palpate.types.recording import Recording, contact_flags, held, impossible, spikes
 from palpate.types.sensor import SensorProfile
 
 DESCRIPTION = "point pushes of a square, MIT cpush JSON (.json, .json.gz)"
@@ -66,10 +65,10 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
     sensor_pose = _sensor_pose(center)
 
     pose[~is_near(pose).all(axis=1)] = np.nan
-    gap = derived.gaps(sensor_pose, pose, SQUARE, TIP)
+    gap = TIP.gaps(sensor_pose, pose, SQUARE)
     # Motion capture delivers a pose every 4 ms, and in undisturbed runs the 99th percentile of holds is 8 ms.
-    held = derived.held(time, pose, center, _contact(gap), longest=0.020)
-    untrusted = derived.impossible(gap) | held | derived.spikes(pose)
+    dropped = held(time, pose, center, _contact(gap), longest=0.020)
+    untrusted = impossible(gap) | dropped | spikes(pose)
     pose[untrusted] = np.nan
     gap[untrusted] = np.nan
 
@@ -98,7 +97,7 @@ def _contact(gap: NDArray[np.float64]) -> NDArray[np.bool_]:
     In undisturbed runs the gap wanders slowly between 1.0 and -1.4 mm, since motion capture and robot agree no better
     across the table; the noise on top is 0.1 mm.
     """
-    return derived.contact_flags(gap, touch=1.5e-3, release=2.0e-3)
+    return contact_flags(gap, touch=1.5e-3, release=2.0e-3)
 
 
 def _sensor_pose(center: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,15 +13,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST, is_near
+from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.files import existing_file, read_json, read_text
-from palpate.geometry.objects import SHAPES
-from palpate.geometry.shapes import Polygon, Rectangle, Shape, scaled, shape_from_dict
+from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 from palpate.io.scanned_outline import is_scan, shape_of_scan
 from palpate.io.text_files import NUMBER
 from palpate.printable import one_line
-from palpate.types.units import METRES, wrong_width
 
 logger = logging.getLogger(__name__)
 
@@ -72,8 +70,8 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
             raise SettingError(
                 f"shape is {name!r}; allowed are {names}, two lengths such as 0.09x0.06 [m], or a file of an outline"
             )
-        if wrong := wrong_width(shape, unit, "unit={unit!r} (--shape-unit {unit})"):
-            raise ShapeError(wrong)
+        if wrong := wrong_width(shape, unit):
+            raise ShapeError(wrong + " unit= (--shape-unit) names it" * wrong.endswith("?"))
     except ShapeError as error:
         raise FileError(f"{name}: {error}") from error
     return shape

@@ -30,9 +30,9 @@ from palpate.io.mcap_file import (
 )
 from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
 from palpate.types.images import Codec, SpooledImages
-from palpate.types.plane import flat, out_of_plane
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
+from palpate.types.space import flat, out_of_plane
 
 logger = logging.getLogger(__name__)
 

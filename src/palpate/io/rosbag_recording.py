@@ -25,10 +25,20 @@ from palpate.io.ros_messages import (
 from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
 from palpate.io.transform_chain import chain, compose_chain, single_chain
 from palpate.types.images import Codec, SpooledImages, decode_image
-from palpate.types.motion import Placed, Poses, always, at_times, poses_in_time
-from palpate.types.plane import Normal, Plane, checked_choices, chosen_plane, planar
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.types.space import (
+    Normal,
+    Placed,
+    Plane,
+    Poses,
+    always,
+    at_times,
+    checked_choices,
+    chosen_plane,
+    planar,
+    poses_in_time,
+)
 
 logger = logging.getLogger(__name__)
 

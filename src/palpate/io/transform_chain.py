@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import reduce
 
 from palpate.errors import FileError
-from palpate.types.motion import Placed
+from palpate.types.space import Placed
 
 
 def chain(parents: Mapping[str, str], parent: str, child: str) -> tuple[list[str], list[str]]:

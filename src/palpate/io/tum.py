@@ -9,8 +9,8 @@ import numpy as np
 from palpate.errors import FileError
 from palpate.files import in_file, read_text, whole_file
 from palpate.io.text_files import NUMBER, text_start
+from palpate.types.estimate import Trajectory
 from palpate.types.recording import Recording
-from palpate.types.trajectory import Trajectory
 
 DESCRIPTION = "TUM trajectory (.tum, .txt)"
 ROW = re.compile(rf"({NUMBER}\s+){{7}}{NUMBER}")

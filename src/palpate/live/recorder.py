@@ -14,9 +14,9 @@ from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
 from palpate.io.ros_messages import COMPRESSED_IMAGE, POSE, MessageSink, ros_types
 from palpate.live.session import Listen, LiveEstimate
 from palpate.live.sources import TimedPose, TouchImage
-from palpate.types.plane import Plane, flat, out_of_plane
+from palpate.types.estimate import Trajectory
 from palpate.types.sensor import SensorProfile
-from palpate.types.trajectory import Trajectory
+from palpate.types.space import Plane, flat, out_of_plane
 
 
 @contextmanager

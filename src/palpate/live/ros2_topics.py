@@ -18,7 +18,7 @@ from palpate.errors import SettingError
 from palpate.io.ros_messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
 from palpate.io.rosbag_recording import BagChoices
 from palpate.live.sources import Clock, PoseSource, Refused, TimedPose, TouchImage, checked_pose
-from palpate.types.plane import STEEPEST, Plane, into_plane, plane_across
+from palpate.types.space import STEEPEST, Plane, into_plane, plane_across
 
 POLL = 0.05
 """Time between looks at the stop event [s]."""

@@ -22,7 +22,7 @@ from palpate.live.sources import Refused, Sources, TimedPose, TouchImage
 from palpate.touch.background import Background
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
-from palpate.types.frame import Frame
+from palpate.types.measurements import Frame
 
 POSE_STALL = 0.15
 """Time without a sensor pose after which a warning appears [s]."""

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry import se2
+from palpate.geometry.shapes import wrong_width
 from palpate.pipeline.knocks import LIMITS as KNOCK_LIMITS
 from palpate.pipeline.knocks import knocked_frames
 from palpate.pipeline.truth import flag_runs, time_gaps, trusted_truth
 from palpate.stream_monitor import too_often
 from palpate.touch.background import is_grey
-from palpate.types import derived
-from palpate.types.recording import Recording
-from palpate.types.units import check_metres, other_time_unit, wrong_width
+from palpate.types.recording import Recording, spikes
 
 Array = NDArray[np.float64]
 
@@ -214,7 +214,7 @@ def _drop_outs(recording: Recording) -> Iterator[Finding]:
 def _jumps(recording: Recording) -> Iterator[Finding]:
     """Find poses that jump away and back; a jump that stays is found with the knocks."""
     assert recording.object_pose is not None
-    for first, last in _merged(recording.time, flag_runs(derived.spikes(recording.object_pose))):
+    for first, last in _merged(recording.time, flag_runs(spikes(recording.object_pose))):
         sentence = "ground truth jumps away and back; these frames are not scored"
         yield _finding(recording, "jump", first, last, sentence, breaks=True)
 
@@ -279,7 +279,7 @@ def _contact_lost(recording: Recording) -> Iterator[Finding]:
 
 def _misfits(recording: Recording) -> Iterator[Finding]:
     assert recording.contact is not None and recording.object_pose is not None
-    gap = derived.gaps(recording.sensor_pose, recording.object_pose, recording.shape, recording.sensor)
+    gap = recording.sensor.gaps(recording.sensor_pose, recording.object_pose, recording.shape)
     gap[~(trusted_truth(recording) & recording.contact)] = np.nan
     overlap = "overlap", "the sensor overlaps the true outline by up to"
     stand_off = "stand-off", "the sensor touches but stands off the true outline by up to"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.geometry.lines import closed_outline, ellipses_95
+from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
 from palpate.pipeline.truth import flag_runs
@@ -208,7 +208,7 @@ def _seconds(run: Run) -> Array:
 
 def _placed(run: Run, pose: Array) -> Array:
     """Return the closed outline (2, P) [mm] at a pose."""
-    return _millimetres(se2.transform(pose, closed_outline(run.recording.shape)))
+    return _millimetres(se2.transform(pose, run.recording.shape.closed_outline))
 
 
 def _ellipses(run: Run, frames: NDArray[np.intp]) -> Array:

@@ -24,7 +24,6 @@ from palpate.touch.background import (
 from palpate.touch.calibration import Calibration
 from palpate.touch.cells import Levels, cells_of, share_unlike
 from palpate.touch.contact_detector import START
-from palpate.types.derived import gaps
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
@@ -59,7 +58,7 @@ def release_after_start(
     if recording.image is None or not tactile.startswith(("auto", "learnt")):
         return None
     count = min(first_frames(recording.sensor.rate), len(recording))
-    gap = gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape, recording.sensor)
+    gap = recording.sensor.gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape)
     if gap.min() > _REACH + 3.0 * np.hypot(*first_pose_sigma[:2]):
         return None
     if release := first_release(recording):

@@ -12,7 +12,7 @@ from scipy.special import chdtri  # as scipy.stats.chi2.isf, without the second 
 
 from palpate.geometry import se2
 from palpate.pipeline.truth import flag_runs
-from palpate.types.trajectory import Trajectory
+from palpate.types.estimate import Trajectory
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -16,7 +16,7 @@ from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.pipeline import details
 from palpate.pipeline.figures import run_figure
 from palpate.pipeline.track import Run
-from palpate.types.plane import Plane
+from palpate.types.space import Plane
 
 FILES = (
     "settings.json",

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.config import NoiseSettings
 from palpate.errors import SettingError
 from palpate.touch.calibration import Calibration, detector_for, turned_as, view_of
-from palpate.types import derived
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
@@ -97,7 +96,7 @@ def _offset(recording: Recording, start: int, rest: Array, pose_sigma: float) ->
     """Return the offset and its sigma [s] by one contact with the object at rest (3,); None if it cannot be used."""
     time = recording.time
     seen = 0.5 * (time[start - 1] + time[start])
-    gap = derived.gaps(recording.sensor_pose, np.tile(rest, (len(time), 1)), recording.shape, recording.sensor)
+    gap = recording.sensor.gaps(recording.sensor_pose, np.tile(rest, (len(time), 1)), recording.shape)
     reached = np.flatnonzero((gap[:-1] > 0.0) & (gap[1:] <= 0.0) & (np.abs(time[:-1] - seen) < LARGEST))
     if not len(reached):
         return None

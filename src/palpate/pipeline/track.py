@@ -20,9 +20,8 @@ from palpate.pipeline.truth import known_truth, trusted_truth
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
-from palpate.types.estimate import Answers, Estimate
+from palpate.types.estimate import Answers, Estimate, Trajectory
 from palpate.types.recording import Recording
-from palpate.types.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

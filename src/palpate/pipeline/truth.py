@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.types import derived
-from palpate.types.recording import Recording
+from palpate.types.recording import Recording, spikes
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -14,7 +13,7 @@ def trusted_truth(recording: Recording) -> Flags:
     """Return True at frames (N,) whose ground truth is known and does not jump away and back."""
     if recording.object_pose is None:
         return np.zeros(len(recording), np.bool_)
-    return np.isfinite(recording.object_pose[:, 0]) & ~derived.spikes(recording.object_pose)
+    return np.isfinite(recording.object_pose[:, 0]) & ~spikes(recording.object_pose)
 
 
 def known_truth(recording: Recording) -> Array | None:

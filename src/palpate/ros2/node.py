@@ -21,8 +21,8 @@ from palpate.live.session import LiveEstimate, LiveState, track_live
 from palpate.live.sources import ImageSource, Size, Sources, TimedPose, TouchImage
 from palpate.touch.calibration import load_calibration
 from palpate.tracker import Tracker
-from palpate.types.plane import Plane
 from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.types.space import Plane
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""

@@ -13,8 +13,7 @@ from palpate.touch.background import Background, Image, is_dark, is_grey
 from palpate.touch.calibration import Calibration, correction_of
 from palpate.touch.camera_view import unusual_colours
 from palpate.touch.touch_model import COLUMNS, ROWS, TouchModel, difference_in_light, reduced, shipped_model
-from palpate.types.frame import Frame
-from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, Turn
+from palpate.types.measurements import ContactDirection, ContactPlace, Frame, Measurement, Turn
 from palpate.types.sensor import SensorProfile
 
 MEASURE_DIRECTION = ("learnt", "learnt-direction")

@@ -1,4 +1,4 @@
-"""The tracker's output at one frame: the object's pose with its covariance, and further answers."""
+"""Output of the tracker: the object's pose at one frame with its covariance, and its trajectory over time."""
 
 import math
 from dataclasses import dataclass, fields
@@ -6,6 +6,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from palpate.checks import FARTHEST, FLAGS, NUMBERS, check_increasing, check_rows, checked_array, is_near
+from palpate.errors import FileError
 
 Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
@@ -56,7 +59,7 @@ class _PlanarPose:
 
         Directions out of the plane, z and the turns about x and y, have variances of 0.
         """
-        from palpate.types.plane import flat, out_of_plane, spatial_covariance
+        from palpate.types.space import flat, out_of_plane, spatial_covariance
 
         plane = flat()
         (position,), (orientation,) = out_of_plane(plane, self.pose[None])
@@ -108,7 +111,7 @@ class Estimate(_PlanarPose):
     contact: bool
     """True while the sensor touches the object."""
     status: Status
-    """Degree of trust; see `palpate.filter.consistency.Status`."""
+    """Degree of trust; see `palpate.types.estimate.Status`."""
     reason: str = ""
     """Reason of the status, or a fault of the input stream; empty if there is none."""
     answers: tuple[Answer, ...] = ()
@@ -125,3 +128,43 @@ class Estimate(_PlanarPose):
     answer. NaN where it is unknown: between contacts and at the first frame of one."""
     touch_age: float = math.inf
     """Time since the object was last touched [s]: 0 in contact, infinite before the first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """N poses of one object, estimated by palpate or another program; raises FileError on fields that do not fit."""
+
+    time: Array
+    """(N,) [s], strictly increasing."""
+    pose: Array
+    """world_T_object, (N, 3) [m, m, rad]."""
+    covariance: Array | None = None
+    """(N, 3, 3) [m, m, rad], of the tangent vector at the estimate (right, body frame), order x, y, theta."""
+    contact: NDArray[np.bool_] | None = None
+    """(N,) true while the sensor touched the object."""
+    status: tuple[str, ...] | None = None
+    """(N,) status of each estimate."""
+
+    def __post_init__(self) -> None:
+        time = checked_array("time", self.time, NUMBERS, ("N",)).astype(np.float64)
+        if not len(time):
+            raise FileError("time: found no poses, a trajectory needs at least one")
+        check_increasing(time)
+        n = len(time)
+        pose = checked_array("pose", self.pose, NUMBERS, (n, 3)).astype(np.float64)
+        check_rows("pose", pose, is_near(pose).all(axis=1), f"three numbers up to {FARTHEST:g}")
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "pose", pose)
+        if self.covariance is not None:
+            covariance = checked_array("covariance", self.covariance, NUMBERS, (n, 3, 3)).astype(np.float64)
+            check_rows("covariance", covariance, np.isfinite(covariance).all(axis=(1, 2)), "finite numbers")
+            object.__setattr__(self, "covariance", covariance)
+        if self.contact is not None:
+            object.__setattr__(self, "contact", checked_array("contact", self.contact, FLAGS, (n,)))
+        if self.status is not None:
+            object.__setattr__(self, "status", tuple(self.status))
+            if len(self.status) != n:
+                raise FileError(f"status: found {len(self.status)} words for {n} times, expected one for each")
+
+    def __len__(self) -> int:
+        return len(self.time)

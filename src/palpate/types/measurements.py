@@ -1,4 +1,4 @@
-"""Measurements of object and sensor at one frame: by touch, by a camera, or by a source of your own."""
+"""One instant of a sensor, and measurements of object and sensor at it: by touch, a camera, or a source of your own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 
+Array = NDArray[np.float64]
+
 
 class Measurement:
-    """Base of all measurements of one frame; each type has its factor in `palpate.graph`."""
+    """Base of all measurements of one frame; each type has its factor in `palpate.graph`.
+
+    Those of palpate raise EstimationError on numbers that cannot be used.
+    """
 
 
 @dataclass(frozen=True)
 class ContactDirection(Measurement):
     """Direction of contact on a round tip: that of the outline's inward normal at the contact point.
 
-    It is absolute and does not drift: it determines the yaw on a straight edge, and the place along a round one. Raises
-    EstimationError on an angle or variance that cannot be used.
+    It is absolute and does not drift: it determines the yaw on a straight edge, and the place along a round one.
     """
 
     angle: float
@@ -29,15 +33,12 @@ class ContactDirection(Measurement):
     """[rad^2]"""
 
     def __post_init__(self) -> None:
-        _check("contact direction", self.angle, self.variance)
+        _check("contact direction", "angle", self.angle, self.variance)
 
 
 @dataclass(frozen=True)
 class ContactPlace(Measurement):
-    """Place of contact along y on a flat pad: the middle of the loaded part.
-
-    Raises EstimationError on a place or variance that cannot be used.
-    """
+    """Place of contact along y on a flat pad: the middle of the loaded part."""
 
     place: float
     """y in the sensor frame [m]."""
@@ -45,15 +46,12 @@ class ContactPlace(Measurement):
     """[m^2]"""
 
     def __post_init__(self) -> None:
-        _check("contact place", self.place, self.variance, "place")
+        _check("contact place", "place", self.place, self.variance)
 
 
 @dataclass(frozen=True)
 class Turn(Measurement):
-    """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact.
-
-    Raises EstimationError on an angle or variance that cannot be used.
-    """
+    """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact."""
 
     angle: float
     """That yaw less the offset [rad]."""
@@ -61,19 +59,16 @@ class Turn(Measurement):
     """[rad^2]"""
 
     def __post_init__(self) -> None:
-        _check("turn", self.angle, self.variance)
+        _check("turn", "angle", self.angle, self.variance)
 
 
 @dataclass(frozen=True)
 class ObjectPose(Measurement):
-    """The object's pose as another source measured it: a camera, a tag, a person.
+    """The object's pose as another source measured it: a camera, a tag, a person."""
 
-    Raises EstimationError on a pose or covariance that cannot be used.
-    """
-
-    pose: NDArray[np.float64]
+    pose: Array
     """world_T_object, (3,) [m, m, rad]."""
-    covariance: NDArray[np.float64]
+    covariance: Array
     """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
     time: float | None = None
     """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
@@ -82,17 +77,11 @@ class ObjectPose(Measurement):
         pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
         check_time("ObjectPose", self.time)
         if pose is None:
-            raise EstimationError(
-                f"object pose is {_shown(self.pose)}; it must be three finite numbers x [m], y [m], theta [rad]"
-            )
-        if covariance is None or not _is_symmetric(covariance):
-            raise EstimationError(
-                f"object pose has covariance {_shown(self.covariance)}; it must be a symmetric (3, 3) of finite numbers"
-            )
-        if not (np.linalg.eigvalsh(covariance) > 1e-18).all():
-            raise EstimationError(
-                f"object pose has covariance {_shown(covariance)}; it must be positive definite, deviations above 1 nm"
-            )
+            allowed = "three finite numbers x [m], y [m], theta [rad]"
+            raise EstimationError(f"object pose is {_in_a_line(self.pose)}; it must be {allowed}")
+        if covariance is None or not _is_covariance(covariance):
+            allowed = "a symmetric and positive definite (3, 3), deviations above 1 nm"
+            raise EstimationError(f"object pose has covariance {_in_a_line(self.covariance)}; it must be {allowed}")
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "covariance", covariance)
 
@@ -105,7 +94,7 @@ class OwnMeasurement(Measurement):
     time: float | None = None
     """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 
-    linearise: Callable[..., tuple[NDArray[np.float64], NDArray[np.float64]]]
+    linearise: Callable[..., tuple[Array, Array]]
     """Your method that takes the values of these unknowns, in this order, and returns the residual (R,) and its
     Jacobian (R, C).
 
@@ -115,30 +104,31 @@ class OwnMeasurement(Measurement):
     """
 
 
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One instant of a recording, the input of `Tracker.update`."""
+
+    time: float
+    """[s]"""
+    sensor_pose: Array
+    """world_T_sensor, (3,) [m, m, rad]"""
+    image: NDArray[np.uint8] | None = None
+    """Touch image, (height, width, 3), RGB."""
+    contact: bool | None = None
+    """True while the sensor touches the object; None if unknown."""
+    object_pose: Array | None = None
+    """world_T_object, (3,) [m, m, rad]: ground truth, used for scoring and by oracle touch only."""
+    measurements: tuple[Measurement, ...] = ()
+    """Measurements of this instant by other sources than touch, such as a camera's ObjectPose."""
+
+
 def check_time(what: str, time: object) -> None:
     """Raise EstimationError unless a measurement's time is a number [s] or None."""
     if time is not None and (not isinstance(time, Real) or isinstance(time, bool)):
         raise EstimationError(f"measurement {what} is of time {time!r}; it must be a number [s], or None")
 
 
-def _check(what: str, value: float, variance: float, name: str = "angle") -> None:
-    if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
-        raise EstimationError(
-            f"{what} has {name} {value!r} and variance {variance!r}; they must be finite, the variance above 0"
-        )
-
-
-def _is_symmetric(covariance: NDArray[np.float64]) -> bool:
-    least = 1e-6 * np.abs(np.diag(covariance)).min()  # a covariance of metres is small as a whole
-    return np.allclose(covariance, covariance.T, atol=least)
-
-
-def _shown(given: object) -> str:
-    """Return a value in one line."""
-    return repr(given.tolist() if isinstance(given, np.ndarray) else given)
-
-
-def finite_numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
     """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
     try:
         if np.asarray(given).dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
@@ -147,3 +137,19 @@ def finite_numbers(given: object, shape: tuple[int, ...]) -> NDArray[np.float64]
     except (TypeError, ValueError, OverflowError):
         return None
     return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
+
+
+def _check(what: str, name: str, value: float, variance: float) -> None:
+    if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
+        raise EstimationError(
+            f"{what} has {name} {value!r} and variance {variance!r}; they must be finite, the variance above 0"
+        )
+
+
+def _is_covariance(given: Array) -> bool:
+    least = 1e-6 * np.abs(np.diag(given)).min()  # a covariance of metres is small as a whole
+    return np.allclose(given, given.T, atol=least) and bool((np.linalg.eigvalsh(given) > 1e-18).all())
+
+
+def _in_a_line(given: object) -> str:
+    return " ".join(str(given).split())

@@ -1,4 +1,4 @@
-"""Recording: images and poses of a sensor, frame by frame."""
+"""Recording: images and poses of a sensor, frame by frame, and flags that follow from its ground truth."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.checks import FARTHEST, FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.errors import FileError
 from palpate.geometry.shapes import Shape
-from palpate.types.frame import Frame
 from palpate.types.images import Codec, SpooledImages, decode_image
+from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
 
 if TYPE_CHECKING:
-    from palpate.types.plane import Normal
+    from palpate.types.space import Normal
 
-
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Images = NDArray[np.uint8] | Sequence[NDArray[np.uint8] | bytes | str | Path]
 """Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
 
@@ -27,17 +28,17 @@ Images = NDArray[np.uint8] | Sequence[NDArray[np.uint8] | bytes | str | Path]
 class Recording:
     """N frames of one sensor pushing one object; raises FileError on fields that do not fit together."""
 
-    time: NDArray[np.float64]
+    time: Array
     """(N,) [s], strictly increasing"""
-    sensor_pose: NDArray[np.float64]
+    sensor_pose: Array
     """world_T_sensor, (N, 3) [m, m, rad]"""
     shape: Shape
     """outline of the object, in the object frame"""
     sensor: SensorProfile
     """size and form of the sensor's tip, its rate, and the height and width of its images"""
-    object_pose: NDArray[np.float64] | None = None
+    object_pose: Array | None = None
     """world_T_object, (N, 3) [m, m, rad]: ground truth; a row is NaN where it is not known"""
-    contact: NDArray[np.bool_] | None = None
+    contact: Flags | None = None
     """(N,) true while the sensor touches the object; None where only images show it"""
     episode: NDArray[np.int64] | None = None
     """(N,) number of the contact episode, -1 outside contact"""
@@ -53,9 +54,9 @@ class Recording:
     """origin of each pose by field name, for people"""
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
-    first_pose: NDArray[np.float64] | None = None
+    first_pose: Array | None = None
     """world_T_object at the start (3,) [m, m, rad] as the object was placed; None takes it from ground truth"""
-    first_pose_sigma: NDArray[np.float64] | None = None
+    first_pose_sigma: Array | None = None
     """its standard deviations (3,) [m, m, rad] in the object's frame"""
     file: Path | None = None
     """the file it was read from; errors name it"""
@@ -122,45 +123,34 @@ class Recording:
         """Return a recording made from images and poses that have times of their own.
 
         Frames are the images, with the sensor's pose interpolated between those before and after; a warning says how
-        many are left out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers).
-        Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) with the quaternion's w last, or 4x4
-        matrices, in one frame of the world. Raises FileError or SettingError that names the argument, what was found
-        and what would fit.
+        many are left out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers),
+        all by one clock. Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) or 4x4 matrices, in one
+        frame of the world. Raises FileError or SettingError that names the argument.
 
         Parameters
         ----------
-        image_time
-            (N,) Times of the images, increasing.
-        images
-            An array (N, height, width, 3) of uint8, RGB; or N such arrays, N encoded images (bytes, JPEG or PNG) or N
-            paths of image files; None if there are none, and `contact` is given.
-        pose_time
-            (M,) Times of the poses, by the same clock.
-        poses
-            (M, 3), (M, 7) or (M, 4, 4) Poses of the sensor, or of the part of a robot that carries it.
-        shape
-            Outline of the object in the object frame; `palpate.load_shape` reads one from a file.
-        sensor
-            A profile, or a known name: "digit", "gelsight-mini" or "point".
+        image_time, images
+            Times (N,), increasing, and images: arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or PNG (bytes),
+            or paths of files. Without images (None), `contact` is needed.
+        pose_time, poses
+            Times (M,) and poses of the sensor, or of the part of a robot that carries it.
+        shape, sensor
+            Outline of the object in the object frame; profile of the sensor, or its name.
         sensor_T_gel
-            (3,), (7,) or (4, 4) The gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
-            along the columns of an image. None if `poses` are the gel's own.
+            Pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y along the
+            columns of an image. None if `poses` are the gel's own.
         time_offset
             Added to the times of the images [s]: negative if they are stamped late.
-        plane
-            Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path.
-        off_plane
-            Largest distance of poses from that plane [m].
-        object_poses
-            (K, 3), (K, 7) or (K, 4, 4) Poses of the object: ground truth, NaN where it is not known.
-        object_time
-            (K,) Their times; by default `pose_time`.
+        plane, off_plane
+            Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path;
+            largest distance of poses from it [m].
+        object_poses, object_time
+            Poses (K, ...) of the object: ground truth, NaN where it is not known; and times (K,), by default
+            `pose_time`.
         contact
             (N,) True for each image in which the sensor touches the object.
-        codec
-            Encoding of arrays: "jpeg" at quality 95, or "png", lossless.
-        source
-            Origin of the data, for people.
+        codec, source
+            Encoding of arrays: "jpeg" at quality 95, or "png", lossless; origin of the data, for people.
         """
         from palpate.types.from_arrays import recording_from_arrays
 
@@ -223,7 +213,7 @@ def _checked_images(images: Any) -> tuple[bytes, ...]:
     return kept
 
 
-def _poses(name: str, given: Any, n: int, allow_unknown: bool = False) -> NDArray[np.float64]:
+def _poses(name: str, given: Any, n: int, allow_unknown: bool = False) -> Array:
     poses = checked_array(name, given, NUMBERS, (n, 3)).astype(np.float64)
     good = is_near(poses).all(axis=1)
     if allow_unknown:
@@ -233,7 +223,7 @@ def _poses(name: str, given: Any, n: int, allow_unknown: bool = False) -> NDArra
     return poses
 
 
-def _three(name: str, value: Any) -> NDArray[np.float64]:
+def _three(name: str, value: Any) -> Array:
     numbers = checked_array(name, value, NUMBERS, (3,)).astype(np.float64)
     if not is_near(numbers).all():
         raise FileError(f"{name}: found {numbers.tolist()}, allowed are three numbers up to {FARTHEST:g}")
@@ -245,3 +235,67 @@ def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:
         raise FileError(f"extra: found the name {name!r}, allowed are names without a slash")
     size = value.shape[1:] if isinstance(value, np.ndarray) else ()
     return checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
+
+
+def contact_flags(gap: Array, touch: float, release: float) -> Flags:
+    """Return contact flags (N,) from gaps (N,) [m]: contact begins below `touch` and ends above `release`.
+
+    Where the gap is in between or NaN the last flag stays; the first is false until something is known.
+    """
+    return _switch(gap < touch, gap > release)
+
+
+def impossible(gap: Array) -> Flags:
+    """Return flags of frames (N,) in which, by the gap (N,) [m], the sensor is inside the object: truth lags behind.
+
+    A gap below -3 mm is impossible between hard bodies, and only late truth explains it, until it is above -2 mm again.
+    """
+
+    def late(gap: Array) -> Flags:
+        return _switch(gap < -3e-3, gap > -2e-3)
+
+    # Lateness grows from nothing, so it is there before the gap crosses the limit: run backwards too.
+    return late(gap) | late(gap[::-1])[::-1]
+
+
+def held(time: Array, object_pose: Array, tip: Array, touching: Flags, longest: float) -> Flags:
+    """Return flags of frames (N,) at which motion capture repeats an old pose instead of measuring a new one.
+
+    A live system measures with noise, so a pose that stays exactly the same for more than `longest` [s],
+    while the tip (N, 2) [m] touches the object and moves more than 0.5 mm, is a drop-out. All of it counts
+    but its first sample. An object at rest may be reported without noise, which is why the tip has to move.
+    """
+    start = np.flatnonzero(np.append(True, (np.diff(object_pose, axis=0) != 0).any(axis=1)))
+    # A hold lasts until the next pose arrives; the last one until the end of the file.
+    end = np.append(start[1:], len(time) - 1)
+    moved = np.hypot(*(tip[end] - tip[start]).T)
+    dropped = (time[end] - time[start] > longest) & (moved > 0.5e-3) & touching[start]
+    flags = np.repeat(dropped, np.diff(np.append(start, len(time))))
+    flags[start] = False
+    return flags
+
+
+def spikes(object_pose: Array) -> Flags:
+    """Return flags of frames (N,) whose pose is over 2 mm or 2 degrees off the median of itself and both neighbours.
+
+    Neighbours are different poses: one that is held counts once. A knock by hand moves the object as far in
+    one sample, but onwards and not back, and the median of three lets every onward motion pass.
+    """
+    known = np.flatnonzero(~np.isnan(object_pose).any(axis=1))
+    poses = object_pose[known]
+    start = np.flatnonzero(np.append(True, (np.diff(poses, axis=0) != 0).any(axis=1)))[: len(poses)]
+    fresh = poses[start]
+    fresh[:, 2] = np.unwrap(fresh[:, 2])
+    padded = np.concatenate([fresh[:1], fresh, fresh[-1:]])
+    off = np.abs(fresh - np.median([padded[:-2], fresh, padded[2:]], axis=0))
+    wrong = (np.hypot(off[:, 0], off[:, 1]) > 2e-3) | (off[:, 2] > np.radians(2.0))
+    flags = np.zeros(len(object_pose), np.bool_)
+    flags[known] = np.repeat(wrong, np.diff(np.append(start, len(poses))))
+    return flags
+
+
+def _switch(on: Flags, off: Flags) -> Flags:
+    """Return flags (N,) that turn true at `on`, false at `off` and stay as they are elsewhere; false at first."""
+    index = np.where(on | off, np.arange(len(on)), -1)
+    last = np.maximum.accumulate(index)
+    return on[last] & (last >= 0)

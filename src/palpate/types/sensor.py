@@ -1,13 +1,13 @@
-"""A touch sensor as data: the geometry of its contact surface, its images and its rate.
+"""A touch sensor: the geometry of its contact surface, its images and its rate.
 
-The sensor frame has its origin at the apex of the undeformed gel (for several tips, at the midpoint of their
-apexes), x out of the gel along the push, y along the pad's width and z up. Image columns run along y.
+The sensor frame has its origin at the apex of the undeformed gel (for several tips, at the midpoint of their apexes), x
+out of the gel along the push, y along the pad's width and z up. Image columns run along y.
 """
 
 import math
 import reprlib
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from numbers import Integral, Real
 from typing import Any
 
@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST
 from palpate.errors import SettingError
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,8 @@ class SensorProfile:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise SettingError(f"sensor name is {self.name!r}; it must be a string that is not empty")
-        self._check("radius", 0.0, FARTHEST, "a length [m], 0 or more")
-        self._check("flat_width", 0.0, FARTHEST, "a length [m], 0 or more")
+        for name in ("radius", "flat_width"):
+            self._check(name, 0.0, FARTHEST, "a length [m], 0 or more")
         self._check("rate", math.ulp(0.0), 1e6, "a rate [Hz] above 0")
         if self.half_width is not None:
             self._check("half_width", math.ulp(0.0), FARTHEST, "a length [m] above 0, or None")
@@ -65,12 +69,12 @@ class SensorProfile:
         object.__setattr__(self, "tips", tips)
 
     @property
-    def centers(self) -> NDArray[np.float64]:
+    def centers(self) -> Array:
         """Centres of curvature of the tips in the sensor frame, (tips, 2) [m]."""
         return np.array(self.tips) - np.array((self.radius, 0.0))
 
     @property
-    def center(self) -> NDArray[np.float64]:
+    def center(self) -> Array:
         """Middle of these centres, (2,) [m]."""
         return self.centers.mean(axis=0)
 
@@ -80,21 +84,28 @@ class SensorProfile:
         return self.flat_width + float(np.ptp(self.centers[:, 1]))
 
     @property
-    def row(self) -> NDArray[np.float64]:
-        """Places along y of the round parts of a tip, from its centre (n,) [m].
+    def round_centers(self) -> Array:
+        """Centres of curvature of all round parts of all tips in the sensor frame, (tips times n, 2) [m].
 
-        A flat pad is a row of 15; at the Mini's width they are 1.2 mm apart, under which a soft gel is even.
+        A flat pad is a row of 15 of them; at the Mini's width they are 1.2 mm apart, under which a soft gel is even.
         """
-        return np.linspace(-0.5, 0.5, 15) * self.flat_width if self.flat_width else np.zeros(1)
+        y = np.linspace(-0.5, 0.5, 15) * self.flat_width if self.flat_width else np.zeros(1)
+        return (self.centers[:, None] + np.column_stack((np.zeros_like(y), y))).reshape(-1, 2)
+
+    def gaps(self, sensor_pose: Array, object_pose: Array, shape: Shape) -> Array:
+        """Return the distance of the sensor's surface from an outline (N,) [m]; negative is overlap.
+
+        From world_T_sensor and world_T_object (N, 3); NaN where the object pose is.
+        """
+        gap = np.full(len(sensor_pose), np.nan)
+        known = ~np.isnan(object_pose).any(axis=1)
+        object_T_sensor = se2.between(object_pose[known], sensor_pose[known])
+        centers = se2.transform(object_T_sensor[:, None], self.round_centers)
+        gap[known] = shape.signed_distance(centers).min(axis=1) - self.radius
+        return gap
 
     @property
-    def round_centers(self) -> NDArray[np.float64]:
-        """Centres of curvature of all round parts of all tips in the sensor frame, (tips times n, 2) [m]."""
-        along = np.column_stack((np.zeros_like(self.row), self.row))
-        return (self.centers[:, None] + along).reshape(-1, 2)
-
-    @property
-    def pads(self) -> list[NDArray[np.float64]]:
+    def pads(self) -> list[Array]:
         """Outlines (n, 2) [m] of the tips in the sensor frame, for figures: a pad as deep as wide, or a round tip."""
         if self.half_width is None:
             angle = np.linspace(-np.pi, np.pi, 60)
@@ -122,15 +133,12 @@ def sensor_to_dict(sensor: SensorProfile) -> dict[str, Any]:
 
 
 def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
-    """Return the profile that `sensor_to_dict` wrote. Raises SettingError on a missing or unknown field."""
+    """Return the profile that `sensor_to_dict` wrote; raises SettingError on a missing or unknown field."""
     if not isinstance(data, Mapping):
         raise SettingError(f"a sensor must be an object with fields, not {data!r}")
-    known = {field.name for field in fields(SensorProfile)}
-    needed = {field.name for field in fields(SensorProfile) if field.default is MISSING}
-    if missing := needed - data.keys():
-        raise SettingError(f"a sensor needs the fields {sorted(needed)}; missing: {sorted(missing)}")
-    if unknown := data.keys() - known:
-        raise SettingError(f"a sensor has no fields {sorted(unknown)}; allowed: {sorted(known)}")
+    allowed = [field.name for field in fields(SensorProfile)]
+    if not {"name", "radius"} <= data.keys() <= set(allowed):
+        raise SettingError(f"a sensor has the fields {sorted(data)}; needed are name and radius of {allowed}")
     return SensorProfile(**data)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.files import whole_file
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.lines import closed_outline, half_axes_95
+from palpate.geometry.se2 import half_axes_95
 from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
 from palpate.viewer import colours
@@ -60,7 +60,7 @@ def page_data(run: Run) -> dict[str, Any]:
     points[~online.contact[frames]] = np.nan
     return {
         "time": _rounded(online.time[frames] - online.time[0], 3),
-        "outline": _millimetres(closed_outline(recording.shape)),
+        "outline": _millimetres(recording.shape.closed_outline),
         "pads": [_millimetres(pad) for pad in recording.sensor.pads],
         "estimate": _poses(pose),
         "truth": _poses(truth),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.lines import closed_outline, ellipses_95
+from palpate.geometry.se2 import ellipses_95
 from palpate.geometry.shapes import Shape
 from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
 from palpate.types.sensor import SensorProfile
@@ -33,7 +33,7 @@ class SceneLog:
     def __init__(self, stream: "rr.RecordingStream", shape: Shape, sensor: SensorProfile) -> None:
         """Send colours and names of all entities."""
         self._stream = stream
-        self._outline, self._field = closed_outline(shape), DistanceField.of(shape)
+        self._outline, self._field = shape.closed_outline, DistanceField.of(shape)
         self._pads = [np.concatenate((pad, pad[:1])) for pad in sensor.pads]
         for path, parts in _styles().items():
             stream.log(path, *parts, static=True)

@@ -26,7 +26,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import view_of
 from palpate.touch.camera_view import AS_IT_IS
 from palpate.types.estimate import Estimate
-from palpate.types.frame import Frame
+from palpate.types.measurements import Frame
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.viewer.rerun_scene import SceneLog, blueprint

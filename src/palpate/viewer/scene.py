@@ -20,10 +20,9 @@ from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
 from palpate.touch.touch_model import difference_in_light, reduced
-from palpate.types.estimate import Answers
+from palpate.types.estimate import Answers, Trajectory
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
-from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.config import TrackerSettings
-from palpate.geometry.objects import SHAPES
+from palpate.geometry.shapes import SHAPES
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.tune.recorded_touch import RecordedTouch, record_touch, track_recorded
 from palpate.pipeline.track import Run, track

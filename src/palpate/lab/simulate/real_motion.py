@@ -17,9 +17,9 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.paths import minimum_jerk
-from palpate.types.motion import LONGEST_GAP
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
+from palpate.types.space import LONGEST_GAP
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

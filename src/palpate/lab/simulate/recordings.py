@@ -20,7 +20,6 @@ from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
-from palpate.types.units import extent_of
 
 COUNT = 100_000
 """Most recordings of one object in a folder: number n of a folder with seed s has the seed s * COUNT + n."""
@@ -57,7 +56,7 @@ class Simulation:
         for name, value in (("seed", self.seed), ("unit", self.unit or 0)):
             if value < 0:
                 raise SettingError(f"{name} is {value}; allowed is 0 or more")
-        if not 0.05 <= (extent := extent_of(self.shape)) <= 0.5:  # larger than a gel, and passed in a few seconds
+        if not 0.05 <= (extent := self.shape.extent) <= 0.5:  # larger than a gel, and passed in a few seconds
             raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
         if not SECONDS[0] <= self.seconds <= SECONDS[1]:
             raise SettingError(f"seconds is {self.seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")

@@ -18,7 +18,7 @@ from palpate.lab.simulate.backdrop import scratch as gel_scratch
 from palpate.pipeline.truth import flag_runs
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
-from palpate.types.frame import Frame
+from palpate.types.measurements import Frame
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 

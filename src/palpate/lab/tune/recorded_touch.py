@@ -32,10 +32,9 @@ from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.tracker_arguments import with_correction
-from palpate.types.frame import Frame
-from palpate.types.measurements import Measurement
+from palpate.types.estimate import Trajectory
+from palpate.types.measurements import Frame, Measurement
 from palpate.types.recording import Recording
-from palpate.types.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Measurements = tuple[Measurement, ...]

@@ -1,0 +1,258 @@
+"""Poses in space over time, and as poses in the plane in which sensor and object move.
+
+The x axis of a plane is the x axis of the frame that poses are given in, laid into the plane; with the frame's own z
+axis as the normal, poses in the plane have the x and y of the frame.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from palpate.checks import LONGEST, check_metres, is_near
+from palpate.errors import FileError, SettingError
+from palpate.geometry import se2
+from palpate.types.measurements import finite_numbers
+
+logger = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+Times = NDArray[np.int64]
+Normal = tuple[float, float, float] | Literal["fit"]
+"""The normal of a plane, or "fit" for the plane through the sensor's path."""
+
+LONGEST_GAP = 0.5
+"""[s] between two poses of a moving frame, beyond which it is unknown in between."""
+STEEPEST = np.radians(20.0)
+"""Largest angle of an x axis out of the plane [rad]; beyond, its yaw is unreliable."""
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """N poses of one frame in another, `frame_T_child`; they may have times of their own or hold at all times."""
+
+    frame: str
+    time: Times
+    """(N,) strictly increasing [ns]."""
+    position: Array
+    """(N, 3) [m]."""
+    rotation: Array
+    """(N, 4) quaternions x, y, z, w."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Poses of a frame at M times."""
+
+    position: Array
+    """(M, 3) [m]."""
+    rotation: Array
+    """(M, 4) quaternions x, y, z, w."""
+    known: NDArray[np.bool_]
+    """(M,) false before the first pose, after the last and in long gaps, where the nearest pose is given."""
+
+    def __getitem__(self, keep: NDArray[np.bool_]) -> "Placed":
+        """Return the poses at flagged times (M,)."""
+        return Placed(self.position[keep], self.rotation[keep], self.known[keep])
+
+    def __matmul__(self, other: "Placed") -> "Placed":
+        """Return a_T_c from a_T_b and b_T_c."""
+        turn = Rotation.from_quat(self.rotation)
+        position = self.position + turn.apply(other.position)
+        rotation = (turn * Rotation.from_quat(other.rotation)).as_quat()
+        return Placed(position, rotation, self.known & other.known)
+
+    def inverse(self) -> "Placed":
+        """Return b_T_a from a_T_b."""
+        back = Rotation.from_quat(self.rotation).inv()
+        return Placed(-back.apply(self.position), back.as_quat(), self.known)
+
+
+def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
+    """Return poses at times (N,) [ns], positions and quaternions x, y, z, w in rows (N, 7), in the order of time.
+
+    Of several at one time the last counts. Raises FileError that names a pose whose numbers are not finite or whose
+    quaternion has not length 1.
+    """
+    near = np.asarray(is_near(numbers).all(axis=1))
+    length = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
+    good = near & (np.abs(length - 1.0) < 1e-2)
+    if not good.all():
+        wrong = int(np.argmin(good))
+        raise FileError(
+            f"{name}: pose {wrong} at {time[wrong] * 1e-9:.9f} s is {numbers[wrong].tolist()}, allowed are a finite "
+            "position and a quaternion of length 1"
+        )
+    order = np.argsort(time, kind="stable")
+    time, numbers = time[order], numbers[order]
+    last = np.append(np.diff(time) > 0, True)
+    return Poses(frame, time[last], numbers[last, :3], numbers[last, 3:])
+
+
+def at_times(poses: Poses, time: Times) -> Placed:
+    """Return interpolated poses at times (M,) [ns]: positions linear, rotations at an even rate."""
+    if len(poses.time) == 1:
+        return replace(always(poses, len(time)), known=time == poses.time)
+    seconds, wanted = (poses.time - poses.time[0]) * 1e-9, (time - poses.time[0]) * 1e-9
+    inside = np.clip(wanted, 0.0, seconds[-1])
+    position = np.column_stack([np.interp(inside, seconds, column) for column in poses.position.T])
+    after = np.clip(np.searchsorted(poses.time, time), 1, len(seconds) - 1)
+    moved = np.linalg.norm(np.diff(poses.position, axis=0), axis=1) > 1e-4
+    rotations = Rotation.from_quat(poses.rotation)
+    moved |= (rotations[:-1].inv() * rotations[1:]).magnitude() > 1e-3
+    lost = moved & (np.diff(seconds) > LONGEST_GAP)
+    # A pose just at the time is known whatever comes before or after it.
+    known = ((time >= poses.time[0]) & (time <= poses.time[-1]) & ~lost[after - 1]) | np.isin(time, poses.time)
+    return Placed(position, Slerp(seconds, rotations)(inside).as_quat(), known)
+
+
+def always(poses: Poses, count: int) -> Placed:
+    """Return the last of poses that hold at all times, `count` times."""
+    position, rotation = (np.repeat(values[-1:], count, axis=0) for values in (poses.position, poses.rotation))
+    return Placed(position, rotation, np.ones(count, np.bool_))
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane in a frame."""
+
+    frame: str
+    """The frame that poses are given in."""
+    axes: Array
+    """frame_R_plane, (3, 3): columns are the plane's x and y axes and its normal."""
+    height: float
+    """Distance of the plane from the frame's origin along the normal [m]."""
+
+    def __str__(self) -> str:
+        """Return a description for people."""
+        tilt = np.degrees(np.arccos(np.clip(self.axes[2, 2], -1.0, 1.0)))
+        return f"plane {tilt:.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
+
+
+def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Normal:
+    """Return the plane as "fit" or a tuple of its normal; raises SettingError if one of the values is not allowed."""
+    is_fit = isinstance(plane, str) and plane == "fit"
+    normal = None if is_fit else finite_numbers(plane, (3,))
+    if normal is None and not is_fit:
+        raise SettingError(f"plane is {plane!r}; allowed are fit, or three numbers: its normal")
+    length, shift = finite_numbers(off_plane, ()), finite_numbers(time_offset, ())
+    if length is None or not length > 0.0:
+        raise SettingError(f"off_plane is {off_plane!r}; allowed is a length above 0 [m]")
+    if shift is None or abs(shift) > LONGEST:
+        raise SettingError(f"time_offset is {time_offset!r}; allowed are up to {LONGEST:g} s, forwards or backwards")
+    return "fit" if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
+
+
+def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
+    """Return the plane of a normal, or the one that fits the sensor's path, with a warning that states it.
+
+    `what` names the recording in warnings. Raises FileError where there is no such plane.
+    """
+    if normal == "fit":
+        plane = _plane_through(frame, sensor.position)
+        words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
+        logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
+    else:
+        plane = plane_across(frame, np.array(normal, np.float64), sensor.position)
+    if (Rotation.from_quat(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
+        logger.warning(
+            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
+            "frame is turned about x, or the quaternions have w first",
+            what,
+        )
+    return plane
+
+
+def plane_across(frame: str, normal: Array, position: Array) -> Plane:
+    """Return the plane with a normal (3,), of any length, at the median height of positions (N, 3) [m]."""
+    length = np.linalg.norm(normal)
+    if not np.isfinite(normal).all() or length < 1e-9:
+        raise FileError(f"the plane's normal is {normal.tolist()}, allowed are three numbers that are not all 0")
+    z = normal / length
+    # A frame whose x axis is the normal itself has its y axis in the plane.
+    x = np.eye(3)[0 if abs(z[0]) < 0.99 else 1]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    axes = np.array([x, np.cross(z, x), z], np.float64).T
+    return Plane(frame, axes, float(np.median(position @ z)))
+
+
+def _plane_through(frame: str, position: Array) -> Plane:
+    """Return the plane closest to positions (N, 3) [m]; its normal points to the side of the frame's z axis."""
+    _, spread, axes = np.linalg.svd(position - position.mean(axis=0), full_matrices=False)
+    width = float(spread[1] / np.sqrt(len(position))) if len(position) > 2 else 0.0
+    if width < 2e-3:
+        raise FileError(
+            f"the sensor moves along a line, {width * 1e3:.1f} mm across, which determines no plane: give its normal, "
+            "plane=(X, Y, Z) or --plane X Y Z"
+        )
+    return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
+
+
+def planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
+    """Return poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
+
+    Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres;
+    warns where some are tilted.
+    """
+    check_metres(what, placed.position)
+    pose, height, angle = into_plane(plane, placed.position, placed.rotation)
+    if not len(pose):
+        return pose
+    off = np.abs(height - np.median(height))
+    if off.max() > off_plane:
+        worst = int(np.argmax(off > off_plane))
+        raise FileError(
+            f"{what} is {off[worst] * 1e3:.1f} mm off the plane at {time[worst] * 1e-9:.3f} s, allowed are "
+            f"{off_plane * 1e3:g} mm; off_plane (--off-plane METRES) allows more, plane (--plane) names another or "
+            "fits one"
+        )
+    steepest = int(np.argmax(np.abs(angle)))
+    degrees = float(np.degrees(angle[steepest]))
+    if abs(angle[steepest]) > STEEPEST:
+        raise FileError(
+            f"{what} has its x axis {degrees:.1f} degrees out of the plane at {time[steepest] * 1e-9:.3f} s, allowed "
+            f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane"
+        )
+    if abs(degrees) > 2.0:
+        logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(degrees))
+    return pose
+
+
+def into_plane(plane: Plane, position: Array, rotation: Array) -> tuple[Array, Array, Array]:
+    """Return poses in the plane from frame_T_body, positions (N, 3) [m] and quaternions x, y, z, w (N, 4).
+
+    They are plane_T_body (N, 3) [m, m, rad], whose yaw is that of the body's x axis about the normal, with heights (N,)
+    [m] along the normal and angles (N,) [rad] of that x axis out of the plane.
+    """
+    at = position @ plane.axes
+    x_axis = Rotation.from_quat(rotation).apply([1.0, 0.0, 0.0]) @ plane.axes
+    yaw = np.arctan2(x_axis[:, 1], x_axis[:, 0])
+    return np.column_stack([at[:, :2], yaw]), at[:, 2], np.arcsin(np.clip(x_axis[:, 2], -1.0, 1.0))
+
+
+def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:
+    """Return positions (N, 3) [m] and quaternions x, y, z, w (N, 4) of poses in the plane (N, 3) [m, m, rad]."""
+    height = np.full((len(pose), 1), plane.height)
+    position = np.hstack([pose[:, :2], height]) @ plane.axes.T
+    return position, (Rotation.from_matrix(plane.axes) * Rotation.from_euler("z", pose[:, 2:])).as_quat()
+
+
+def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
+    """Return covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
+
+    From poses in the plane (N, 3) and their covariances (N, 3, 3) in the tangent space at the pose (right, body frame),
+    order x, y, theta. Directions out of the plane have zero.
+    """
+    axes_T_body = np.zeros((len(pose), 6, 3))
+    axes_T_body[:, :3, :2] = plane.axes[:, :2] @ se2.rotation(pose[:, 2])
+    axes_T_body[:, 3:, 2] = plane.axes[:, 2]
+    return axes_T_body @ covariance @ axes_T_body.transpose(0, 2, 1)
+
+
+def flat(frame: str = "world") -> Plane:
+    """Return the plane of the x and y axes of a frame."""
+    return Plane(frame, np.eye(3), 0.0)
