@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -141,19 +142,12 @@ def test_the_view_sees_each_frame(monkeypatch, run_palpate):
     pytest.importorskip("rerun", reason="the extra view is not installed")
     times = []
 
-    class View:
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def show(self, frame, estimate, background):
-            assert frame.time == estimate.time and frame.image.shape == (40, 30, 3)
-            times.append(frame.time)
+    def watch(frame, estimate, untouched):
+        assert frame.time == estimate.time and frame.image.shape == (40, 30, 3)
+        times.append(frame.time)
 
     monkeypatch.setenv("DISPLAY", ":7")
-    monkeypatch.setattr("palpate.viewer.rerun_view.live_view", lambda *_, **__: View())
+    monkeypatch.setattr("palpate.viewer.rerun_view.live_view", lambda *_: nullcontext(watch))
     assert run_palpate(*REPLAY, "--view", "--seconds", "0.4")[0] == 0
     assert len(times) > 5
 

@@ -4,7 +4,6 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -36,56 +35,35 @@ def data_of(path: Path) -> dict[str, Any]:
     return json.loads(found[1])
 
 
-def test_the_page_needs_no_other_file(written):
-    text = written.read_text(encoding="utf-8")
-    assert text.startswith("<!DOCTYPE html>") and "<h1>push&lt;1&gt;.mcap</h1>" in text
-    page = Page(text)
-    assert page.all("link", "href") == ["data:,"] and page.all("script", "src") == []
-    assert "://" not in text and "url(" not in text and "@import" not in text
-
-
 def test_it_shows_errors_with_coverage_beside_them(folder, written):
-    words, summary = Page(written.read_text(encoding="utf-8")).words, json.loads((folder / "summary.json").read_text())
-    assert f"At the end {summary['final_translation_error_mm']:.1f} mm" in words
-    assert f"in contact {100 * summary['in_95_contact_share']:.0f} %" in words
-    assert f"at rest {100 * summary['in_95_rest_share']:.0f} %" in words
+    page, summary = Page(written.read_text(encoding="utf-8")), json.loads((folder / "summary.json").read_text())
+    assert "push<1>.mcap" in page.words and page.all("script", "src") == []
+    assert f"At the end {summary['final_translation_error_mm']:.1f} mm" in page.words
+    assert f"in contact {100 * summary['in_95_contact_share']:.0f} %" in page.words
+    assert f"at rest {100 * summary['in_95_rest_share']:.0f} %" in page.words
 
 
 def test_it_holds_the_run(written):
     data, run = data_of(written), palpate.track(imaged_push())
-    assert run.truth is not None
+    assert run.truth is not None and run.online.covariance is not None
     assert len(data["time"]) == len(data["estimate"]) == len(data["halfAxes"]) == FRAMES
-    np.testing.assert_allclose(np.array(data["estimate"])[:, :2], 1e3 * run.online.pose[:, :2], atol=0.006)
-    assert data["truth"][3] is None and data["translation"]["error"][3] is None
-    np.testing.assert_allclose(data["truth"][5], run.truth[5] * (1e3, 1e3, 1), atol=0.006)
+    units = (1e3, 1e3, np.degrees(1.0))
+    np.testing.assert_allclose(data["estimate"], run.online.pose * units, atol=1e-3)
+    np.testing.assert_allclose(data["truth"][5], run.truth[5] * units, atol=1e-3)
+    assert data["truth"][3] is None
+    axes = np.reshape(data["halfAxes"][30], (2, 2)).T  # columns, which are orthogonal
+    np.testing.assert_allclose(axes @ axes.T, 5.991 * 1e6 * run.online.covariance[30, :2, :2], rtol=0.01, atol=1e-3)
     assert data["status"] == list(run.online.status or ())
-    touching = [frame for frame, point in enumerate(data["contact"]) if point[0] is not None]
-    assert touching and touching[0] >= FIRST and touching[-1] <= LAST + 1
-    assert len(data["pictures"]) == FRAMES and data["pictures"][0]["model"] is None
-    assert data["pictures"][30]["model"].startswith("data:image/jpeg;base64,")
-
-
-def test_long_runs_are_thinned(folder, tmp_path, command, monkeypatch):
-    for most, pictures in ((1e6, 25), (12_000, None)):
-        limits = SimpleNamespace(frames=20, pictures=25, picture_bytes=most, picture_width=160)
-        monkeypatch.setattr("palpate.viewer.page.LIMITS", limits)
-        out = tmp_path / str(pictures)
-        assert command("track", folder.parent / "push<1>.mcap", "--html", "--out", out) == 0
-        data = data_of(out / "page.html")
-        assert len(data["time"]) == 17 and data["time"][1] == 0.1
-        assert len(data["pictures"]) == pictures or 0 < len(data["pictures"]) < 25
-        assert sum(len(each["touch"]) for each in data["pictures"]) < 4 * most / 3
+    touching = np.flatnonzero(data["contact"])
+    assert touching[0] >= FIRST and touching[-1] <= LAST + 1
+    assert len(data["pictures"]) == FRAMES and data["pictures"][0]["difference"] is None
+    assert data["pictures"][30]["difference"].startswith("data:image/jpeg;base64,")
 
 
 def opened(browser: Any, path: Any, width: int = 1280, mobile: bool = False) -> None:
     size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": mobile}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     browser.get(path.as_uri())
-
-
-def drawn(browser: Any) -> list[str]:
-    """What each canvas shows."""
-    return browser.execute_script("return [...document.querySelectorAll('canvas')].map(c => c.toDataURL())")
 
 
 def shown(browser: Any, name: str) -> str:
@@ -100,18 +78,52 @@ def move_slider(browser: Any, frame: int) -> None:
     )
 
 
+def middle(browser: Any, selector: str) -> Any:
+    """The middle of an element [px]."""
+    return np.array(
+        browser.execute_script(
+            f"const box = document.querySelector('{selector}').getBoundingClientRect();"
+            "return [box.x + box.width / 2, box.y + box.height / 2]"
+        )
+    )
+
+
 def test_the_slider_moves_everything(written, browser):
     opened(browser, written)
-    at_the_end = drawn(browser)
     assert shown(browser, "time") == "1.63 s"
+    names = ("#truth", "#estimate", "#sensor", "#cursor")
+    at_the_end = [middle(browser, name) for name in names]
     move_slider(browser, 30)
-    assert (shown(browser, "time"), shown(browser, "word")) == ("1.00 s", data_of(written)["status"][30])
-    assert all(now != before for now, before in zip(drawn(browser), at_the_end, strict=True))
-    touch, model = browser.execute_script("return [...document.images].map(i => i.src)")
-    picture = data_of(written)["pictures"][30]
-    assert (touch, model) == (picture["touch"], picture["model"])
+    data = data_of(written)
+    assert (shown(browser, "time"), shown(browser, "status")) == ("1.00 s", data["status"][30])
+    moves = [end - middle(browser, name) for name, end in zip(names, at_the_end, strict=True)]
+    # On the same scale, so the sensor's path says how far the object has to move.
+    scale = moves[2][0] / (data["sensor"][-1][0] - data["sensor"][30][0])
+    for move, name in zip(moves[:2], ("truth", "estimate"), strict=True):
+        assert move[0] == pytest.approx(scale * (data[name][-1][0] - data[name][30][0]), abs=0.5) and abs(move[1]) < 2.0
+    assert moves[3][0] > 100.0
+    touch, difference = browser.execute_script("return [...document.images].map(i => i.src)")
+    assert (touch, difference) == (data["pictures"][30]["touch"], data["pictures"][30]["difference"])
     assert browser.get_log("browser") == []
     assert browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)") == []
+
+
+def test_object_and_sensor_lie_over_the_axes(written, browser):
+    """The overlay has the scale and origin of the drawing below: the sensor's last place ends its path."""
+    opened(browser, written)
+    move_slider(browser, LAST)
+    estimate, sensor = data_of(written)["estimate"][LAST], data_of(written)["sensor"][LAST]
+    gap = middle(browser, "#estimate > use") - middle(browser, "#sensor")
+    scale = gap[0] / (estimate[0] - sensor[0] + 5.0)  # the pad reaches 10 mm back from its apex
+    ticks = browser.execute_script(
+        "return [...document.querySelectorAll('.layers:first-child #matplotlib\\\\.axis_1 text')]"
+        ".map(t => [Number(t.textContent.replace('−', '-')), t.getBoundingClientRect().x + "
+        "t.getBoundingClientRect().width / 2]).filter(([value]) => !isNaN(value))"
+    )
+    (low, left), (high, right) = ticks[0], ticks[-1]
+    assert scale == pytest.approx((right - left) / (high - low), rel=0.05)
+    expected = left + (estimate[0] - low) * (right - left) / (high - low)
+    assert middle(browser, "#estimate > use")[0] == pytest.approx(expected, abs=2.0)
 
 
 def test_it_plays_to_the_end_and_pauses(written, browser):
@@ -131,8 +143,8 @@ def test_it_plays_to_the_end_and_pauses(written, browser):
     )
     assert shown(browser, "time") == "1.63 s"
     browser.execute_script(
-        "const plot = document.getElementById('rotation');"
-        "plot.dispatchEvent(new MouseEvent('click', {clientX: plot.getBoundingClientRect().left + 45}))"
+        "const plots = document.getElementById('plots');"
+        "plots.dispatchEvent(new MouseEvent('click', {clientX: plots.getBoundingClientRect().left + 45}))"
     )
     assert shown(browser, "time") == "0.00 s"
     assert browser.get_log("browser") == []

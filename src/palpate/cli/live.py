@@ -115,7 +115,7 @@ def live(
         if view:
             from palpate.viewer.rerun_view import live_view
 
-            watch = stack.enter_context(live_view(scene, name, None, force, window=True)).show
+            watch = stack.enter_context(live_view(scene, name))
         stop = stack.enter_context(stop_on_signals())
         state = LiveState(complain)
         stack.enter_context(live_table(f"palpate live: {name}", state))

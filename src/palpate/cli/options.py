@@ -252,9 +252,8 @@ def check_model(model: Path | None, tactile: Collection[str]) -> None:
 def check_window() -> None:
     """Raise SettingError if no window can be opened for --view."""
     from palpate.errors import SettingError
-    from palpate.viewer.rerun_view import check_rerun, has_display
+    from palpate.viewer.rerun_view import has_display
 
-    check_rerun()
     if not has_display():
         raise SettingError("--view: there is no display to open a window on")
 

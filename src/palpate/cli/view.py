@@ -26,10 +26,9 @@ def view(
         save: Write a file for Rerun instead of opening a window.
     """
     from palpate.cli.console import busy, print_line
-    from palpate.viewer.rerun_view import check_rerun, has_display, save_scene, show_scene
+    from palpate.viewer.rerun_view import has_display, save_scene, show_scene
     from palpate.viewer.scene import load_scene
 
-    check_rerun()
     file = save if save or has_display() else Path(f"{path.resolve().stem}.rrd")
     if file:
         check_new(file, force)

@@ -47,14 +47,6 @@ def write_friction(time: Array, friction: Array, path: Path) -> None:
     _write(path, _FRICTION, np.column_stack((time, friction)))
 
 
-def read_friction(path: Path, time: Array) -> Array:
-    """Return friction and its standard deviation (N, 2) at times (N,) [s], those of the estimates. Raises FileError."""
-    rows = _read(path, _FRICTION)
-    if not np.array_equal(rows[:, 0], time):
-        raise FileError(f"{path}: has {len(rows)} times that are not those of the run's {len(time)} estimates")
-    return rows[:, 1:]
-
-
 def _write(path: Path, columns: tuple[str, ...], rows: Array) -> None:
     np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
 

@@ -1,134 +1,175 @@
-"""A run as one HTML page that needs no other file and no network: the push, played, with touch images and plots."""
+"""A run as one HTML page that needs no other file and no network: the push, played, with touch images and plots.
 
+Matplotlib draws what does not move, as SVG; the page lays object, sensor and time over it.
+"""
+
+import base64
+import io
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.files import whole_file
-from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.se2 import half_axes_95
-from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
+from palpate.pipeline.figures import draw_errors, draw_path, frame_above
 from palpate.pipeline.track import Run
-from palpate.viewer import colours
-from palpate.viewer.scene import contact_points, jpeg, touch_images
-from palpate.web_page import picture_uri, rendered_page
+from palpate.pipeline.truth import flag_runs
+from palpate.viewer.scene import COLOURS, STATUS_COLOURS, jpeg, touch_images
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-TEMPLATE = Path(__file__).with_name("page.html.j2")
-
-
-@dataclass(frozen=True)
-class PageLimits:
-    """Limits that keep a page below 5 MB."""
-
-    frames: int = 3000
-    """Frames, to which longer runs are thinned."""
-    pictures: int = 600
-    """Touch images, likewise."""
-    picture_bytes: int = 2_700_000
-    """Size of all touch images together [B]."""
-    picture_width: int = 160
-    """Width of a touch image [px]."""
-
-
-LIMITS = PageLimits()
 
 
 def write_page(run: Run, name: str, path: Path, force: bool = False) -> None:
     """Write the page of a run, whole or not at all; FileError if it exists, unless `force`."""
+    page = rendered_page(
+        Path(__file__).with_name("page.html.j2"),
+        name=name,
+        summary=run.summary,
+        colours=COLOURS,
+        status_colours={word: colour for word, colour in STATUS_COLOURS.items() if word in (run.online.status or ())},
+        outline=_svg_points(run.recording.shape.closed_outline),
+        pads=[_svg_points(pad) for pad in run.recording.sensor.pads],
+        above=_above(run),
+        plots=_plots(run),
+        data=_json(_moving(run)),
+    )
     with whole_file(path, overwrite=force) as part:
-        part.write_text(
-            rendered_page(TEMPLATE, name=name, summary=run.summary, colours=colours, data=_json(page_data(run))),
-            encoding="utf-8",
-        )
+        part.write_text(page, encoding="utf-8")
 
 
-def page_data(run: Run) -> dict[str, Any]:
-    """Return the data of the page: lengths in mm, yaw in rad, errors of yaw in degrees; None where unknown."""
+def rendered_page(template: Path, **content: Any) -> str:
+    """Return the HTML page of a template that extends `web_page.html.j2`, filled with its content."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["fixed"] = lambda value, digits=1: "–" if value is None else f"{value:.{digits}f}"
+    environment.filters["percent"] = lambda value: "–" if value is None else f"{100.0 * value:.0f} %"
+    return environment.get_template(template.name).render(**content)
+
+
+def picture_uri(data: bytes) -> str:
+    """Return a PNG or JPEG as a data URI."""
+    kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def _above(run: Run) -> dict[str, Any]:
+    """Return the paths seen from above, and the matrix that takes millimetres to units of the drawing."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.5, 5.5), dpi=72, layout="constrained")
+    axes = figure.add_subplot()
+    draw_path(axes, run, len(run.online) - 1)
+    reach = 1e3 * np.hypot(*run.recording.shape.outline().T).max()
+    for poses in (run.online.pose, run.truth):
+        if poses is not None and (known := 1e3 * poses[np.isfinite(poses).all(axis=1), :2]).size:
+            axes.update_datalim([known.min(axis=0) - reach, known.max(axis=0) + reach])
+    axes.autoscale_view()
+    frame_above(axes)
+    drawing = _svg(figure)
+    (left, bottom), (right, top) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
+    matrix = [right - left, 0.0, 0.0, bottom - top, left, figure.bbox.height - bottom]
+    return {"drawing": drawing, "size": figure.bbox.size, "matrix": " ".join(f"{one:.6g}" for one in matrix)}
+
+
+def _plots(run: Run) -> dict[str, Any]:
+    """Return errors and status over time, and the places of the first and the last frame across the drawing."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.5, 6.5), dpi=72, layout="constrained")
+    translation, rotation, status = figure.subplots(3, sharex=True, height_ratios=(3.0, 3.0, 0.4))
+    draw_errors(translation, rotation, run, [])
+    time = run.online.time - run.online.time[0]
+    for word, colour in STATUS_COLOURS.items():
+        for first, last in flag_runs(np.array(run.online.status) == word):
+            status.axvspan(time[first], time[min(last + 1, len(time) - 1)], color=colour, lw=0)
+    status.set(yticks=[], ylabel="status", xlabel="time [s]")
+    rotation.set(xlabel="")
+    drawing = _svg(figure)
+    ends = status.transData.transform([(time[0], 0.0), (time[-1], 0.0)])[:, 0]
+    return {"drawing": drawing, "size": figure.bbox.size, "from": ends[0], "to": ends[1]}
+
+
+def _svg(figure: "Figure") -> Any:
+    """Return a figure as an SVG element, whose text is text."""
+    import markupsafe
+    from matplotlib import rc_context
+
+    file = io.StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "palpate"}):
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    text = file.getvalue()
+    return markupsafe.Markup(text[text.index("<svg") :])
+
+
+def _svg_points(points: Array) -> str:
+    return " ".join(f"{x:.2f},{y:.2f}" for x, y in 1e3 * points)
+
+
+def _moving(run: Run) -> dict[str, Any]:
+    """Return what changes over time, in mm and degrees, None where it is unknown; long runs are thinned."""
     online, recording = run.online, run.recording
     assert online.covariance is not None and online.contact is not None and online.status is not None
-    frames = np.arange(0, len(online), -(-len(online) // LIMITS.frames))
-    pose, sensor, covariance = online.pose[frames], recording.sensor_pose[frames], online.covariance[frames]
-    truth = np.full_like(pose, np.nan) if run.truth is None else run.truth[frames]
-    distance, angle = deviations(covariance)
-    points = contact_points(sensor, pose, recording.sensor, DistanceField.of(recording.shape))
-    points[~online.contact[frames]] = np.nan
+    frames = np.arange(0, len(online), -(-len(online) // 3000))
+    pose = online.pose[frames]
+    others = {place: [one.pose for one in run.answers[frame][1:]] for place, frame in enumerate(frames)}
     return {
-        "time": _rounded(online.time[frames] - online.time[0], 3),
-        "outline": _millimetres(recording.shape.closed_outline),
-        "pads": [_millimetres(pad) for pad in recording.sensor.pads],
+        "time": _numbers(online.time[frames] - online.time[0], 3),
         "estimate": _poses(pose),
-        "truth": _poses(truth),
-        "sensor": _poses(sensor),
-        "halfAxes": _millimetres(half_axes_95(covariance)),
-        "contact": _millimetres(points),
-        "others": {
-            str(place): _poses(np.array([one.pose for one in run.answers[frame][1:]]))
-            for place, frame in enumerate(frames)
-            if run.answers[frame]
-        },
-        "translation": {
-            "error": _rounded(1e3 * translation_errors(pose, truth), 3),
-            "sigma": _rounded(1e3 * distance, 3),
-        },
-        "rotation": {
-            "error": _rounded(np.degrees(np.abs(rotation_errors(pose, truth))), 3),
-            "sigma": _rounded(np.degrees(angle), 3),
-        },
-        "friction": {
-            "value": _rounded(run.friction[frames, 0], 4),
-            "sigma": _rounded(run.friction[frames, 1], 4),
-        },
+        "truth": _poses(np.full_like(pose, np.nan) if run.truth is None else run.truth[frames]),
+        "sensor": _poses(recording.sensor_pose[frames]),
+        "contact": online.contact[frames].tolist(),
+        "others": {place: _poses(np.array(poses)) for place, poses in others.items() if poses},
+        "halfAxes": _numbers(1e3 * half_axes_95(online.covariance[frames]).swapaxes(1, 2).reshape(-1, 4), 3),
         "status": [online.status[frame] for frame in frames],
-        "statusColours": colours.STATUS,
         "pictures": _pictures(run),
     }
 
 
 def _pictures(run: Run) -> list[dict[str, Any]]:
-    """Return small touch images and their differences from the untouched gel, as many as there is room for."""
+    """Return up to 300 small touch images, with their differences from the untouched gel."""
     recording = run.recording
     if recording.image is None:
         return []
-    every = -(-len(recording) // LIMITS.pictures)
-    images = enumerate(zip(recording.time, touch_images(recording, run.calibration), strict=True))
-    width = LIMITS.picture_width
-    taken = [
-        (float(time - recording.time[0]), jpeg(image, width), None if difference is None else jpeg(difference, width))
-        for index, (time, (image, difference)) in images
-        if index % every == 0
-    ]
-    while sum(len(touch) + len(model or b"") for _, touch, model in taken) > LIMITS.picture_bytes:
-        taken = taken[::2]
+    every = -(-len(recording) // 300)
+    images = zip(recording.time - recording.time[0], touch_images(recording, run.calibration), strict=True)
     return [
-        {"time": round(time, 3), "touch": picture_uri(touch), "model": None if model is None else picture_uri(model)}
-        for time, touch, model in taken
+        {
+            "time": round(float(time), 3),
+            "touch": picture_uri(jpeg(image, 160)),
+            "difference": None if difference is None else picture_uri(jpeg(difference, 160)),
+        }
+        for index, (time, (image, difference)) in enumerate(images)
+        if index % every == 0
     ]
 
 
 def _poses(pose: Array) -> list[Any]:
-    """Return poses (N, 3) in mm and rad, None for unknown ones."""
-    return [None if np.isnan(each).any() else [*_rounded(1e3 * each[:2], 2), round(float(each[2]), 5)] for each in pose]
+    """Return poses (N, 3) in mm and degrees, None for unknown ones."""
+    return [None if None in one else one for one in _numbers(pose * (1e3, 1e3, np.degrees(1.0)), 3)]
 
 
-def _millimetres(points: Array) -> list[Any]:
-    return _rounded(1e3 * points, 2)
-
-
-def _rounded(values: Array, digits: int) -> list[Any]:
+def _numbers(values: Array, digits: int) -> list[Any]:
     """Return nested lists of rounded numbers, None for NaN."""
-    rounded = np.round(np.asarray(values, dtype=np.float64), digits)
+    rounded = np.round(values, digits)
     numbers = rounded.astype(object)
     numbers[np.isnan(rounded)] = None
     return numbers.tolist()
 
 
-def _json(data: dict[str, Any]) -> str:
+def _json(data: dict[str, Any]) -> Any:
     """Return JSON that is safe inside a script element."""
     import markupsafe
 

@@ -1,4 +1,4 @@
-"""The content of a view: a recording and, where it was tracked, the estimates."""
+"""A recording and, where it was tracked, its estimates, as views show them."""
 
 import json
 from collections.abc import Iterator
@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json
-from palpate.geometry import se2
-from palpate.geometry.distance_field import DistanceField
 from palpate.io import estimates_csv, load_recording
 from palpate.pipeline import details
 from palpate.pipeline.first_release import first_release
@@ -20,12 +18,30 @@ from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
 from palpate.touch.touch_model import difference_in_light, reduced
-from palpate.types.estimate import Answers, Trajectory
+from palpate.types.estimate import Answers, Status, Trajectory
 from palpate.types.recording import Recording
-from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+
+# Okabe and Ito's palette, which people with any colour vision can tell apart.
+COLOURS = {
+    "truth": "#8C8C8C",
+    "estimate": "#0E86CC",
+    "sensor": "#D55E00",
+    "contact": "#E69F00",
+    "others": "#CC79A7",
+}
+STATUS_COLOURS: dict[Status, str] = {
+    "tracking": "#009E73",
+    "resting": "#A6B8C2",
+    "ambiguous": "#E69F00",
+    "strained": "#D55E00",
+    "uncertain": "#F0E442",
+    "displaced": "#CC79A7",
+    "indeterminate": "#7F3FBF",
+    "faulty": "#B00020",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,22 +51,14 @@ class Scene:
     name: str
     """Name for people."""
     recording: Recording
-    """The recording."""
     truth: Array | None
     """Ground truth (N, 3) [m, m, rad]; NaN where it is unknown or not trusted."""
     estimate: Trajectory | None = None
     """Estimate at each frame, with covariance, contact and status; None for a recording that was not tracked."""
     answers: Answers = ()
     """All answers at each frame with several, the best first."""
-    friction: Array | None = None
-    """Friction as learnt up to each frame and its standard deviation, (N, 2)."""
     calibration: Calibration | None = None
     """Calibration of the sensor unit."""
-
-    @property
-    def contact(self) -> NDArray[np.bool_] | None:
-        """Contact at each frame, (N,): as tracking found it, or as the recording says."""
-        return self.recording.contact if self.estimate is None else self.estimate.contact
 
 
 def load_scene(path: Path) -> Scene:
@@ -68,19 +76,20 @@ def load_scene(path: Path) -> Scene:
             f"{path}: its {len(estimate)} estimates are not of the {len(recording)} frames of {recording.file}, "
             "which is another recording now; track it again"
         )
-    answers = details.read_answers(path / "answers.csv", estimate.time)
-    friction = details.read_friction(path / "friction.csv", estimate.time)
-    calibration = _calibration(path, settings, recording)
-    return Scene(path.resolve().name, recording, known_truth(recording), estimate, answers, friction, calibration)
-
-
-def _calibration(folder: Path, settings: dict[str, Any], recording: Recording) -> Calibration | None:
-    """Return the calibration of a run: a file or, if it began in contact, the gel after its first release."""
+    calibration = None
     if settings.get("calibration") is not None:
-        return load_calibration(_file_name(settings, "calibration", folder))
-    began_in_contact = "untouched_from_s" in read_json(folder / "summary.json")
-    release = first_release(recording) if began_in_contact else None
-    return release and release.calibration
+        calibration = load_calibration(_file_name(settings, "calibration", path))
+    elif "untouched_from_s" in read_json(path / "summary.json"):  # it began in contact
+        release = first_release(recording)
+        calibration = release and release.calibration
+    return Scene(
+        path.resolve().name,
+        recording,
+        known_truth(recording),
+        estimate,
+        details.read_answers(path / "answers.csv", estimate.time),
+        calibration,
+    )
 
 
 def _file_name(settings: dict[str, Any], name: str, folder: Path) -> str:
@@ -88,22 +97,6 @@ def _file_name(settings: dict[str, Any], name: str, folder: Path) -> str:
     if not isinstance(value, str):
         raise FileError(f"{folder / 'settings.json'}: {name} is {json.dumps(value)}, expected the name of a file")
     return value
-
-
-def contact_points(
-    sensor_pose: ArrayLike, object_pose: ArrayLike, sensor: SensorProfile, field: DistanceField
-) -> Array:
-    """Return the outline's points (N, 2) [m] nearest to the sensor, in the world.
-
-    Takes world_T_sensor and world_T_object (N, 3) and the outline's distance field. Of several tips the nearest counts.
-    """
-    object_pose = np.asarray(object_pose, dtype=np.float64)
-    centers = se2.transform(se2.between(object_pose, sensor_pose)[:, None], sensor.round_centers)
-    distance, gradient, _ = field.value_gradient_hessian(centers)
-    steepness = np.maximum((gradient**2).sum(axis=-1), 1e-6)
-    nearest = centers - (distance / steepness)[..., None] * gradient
-    tip = distance.argmin(axis=1)
-    return se2.transform(object_pose, nearest[np.arange(len(tip)), tip])
 
 
 def touch_images(recording: Recording, calibration: Calibration | None) -> Iterator[tuple[Image, Image | None]]:

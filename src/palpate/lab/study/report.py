@@ -11,7 +11,7 @@ from palpate.files import whole_file
 from palpate.lab.study.figures import main_method, methods_of, study_figures
 from palpate.lab.study.results import ALL
 from palpate.lab.study.trial import Trial
-from palpate.web_page import picture_uri, rendered_page
+from palpate.viewer.page import picture_uri, rendered_page
 
 
 def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial]) -> None:
