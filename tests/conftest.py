@@ -10,7 +10,7 @@ import pytest
 from hypothesis import settings
 
 from palpate.cli.main import main
-from palpate.filter.warm_up import warm_up
+from palpate.tracker import warm_up
 
 # A shared machine may stall for longer than any deadline; random inputs must not differ from run to run.
 settings.register_profile("palpate", deadline=None, derandomize=True)

@@ -16,7 +16,6 @@ from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
 from palpate.touch.background import Background, first_frames
 from palpate.touch.calibration import Calibration, detector_for, view_of
 from palpate.touch.pipeline import GREY, lacks_colours
-from palpate.types.estimate import Status
 from palpate.types.measurements import (
     ContactDirection,
     ContactPlace,
@@ -44,26 +43,28 @@ class InputGate:
 
     def reset(self) -> None:
         """Start again at any time; the untouched gel stays known unless its images may show a touch."""
-        if self._may_touch_since_start:
+        if self.needs_clearance:
             self._detector.forget()
         self._begin()
 
     def _begin(self) -> None:
         rate = self._sensor.rate
         self._poses, self._quality = PoseMonitor(rate), StreamQuality(rate, self._deviation)
-        # Without a calibration the first images are taken as untouched, which is wrong if the sensor was at the object.
-        self._may_touch_since_start = self._detector.background is None
         self._near: deque[bool] = deque(maxlen=first_frames(rate) - 1)  # at these images, all but the last one
+        self.needs_clearance = self._detector.background is None
+        """True if the first images may show a touch, so that `check` needs the predicted clearance with each image.
+
+        Without a calibration they are taken as untouched, which is wrong if the sensor was at the object."""
         self.last: Frame | None = None
         """The last accepted frame."""
         self.paused = False
-        """The sensor was not observed before the checked frame, so a contact in it is a new one."""
+        """True if the sensor was not observed before the checked frame, so that a contact in it is a new one."""
         self.touches_since_start = False
-        """In contact since before the untouched gel was known, so touch cannot measure."""
-
-    def needs_clearance(self, frame: Frame) -> bool:
-        """Return true if `check` needs the predicted clearance at this frame."""
-        return frame.image is not None and self._may_touch_since_start
+        """True in a contact since before the untouched gel was known, so touch cannot measure."""
+        self.hidden_motion = 0.0
+        """Distance that the sensor may have moved in a contact while its pose was frozen [m]."""
+        self.doubt = self.weakness = ""
+        """Reason to doubt the calibration's untouched gel, and a weakness of the stream; empty if all is well."""
 
     def check(
         self,
@@ -72,55 +73,53 @@ class InputGate:
         reads_images: bool = False,
         needs_colours: bool = False,
     ) -> Frame:
-        """Return a frame with its image in the profile's view, and contact as the image shows.
+        """Return a frame from `checked_frame` with its image in the profile's view, and contact as the image shows.
 
-        `frame` comes from `checked_frame`. `clearance` is the predicted distance between sensor and object and its
-        standard deviation [m]. `reads_images` and `needs_colours` are the needs of the touch reader.
-        Raises FrameError if the frame cannot be used; see `Tracker.update`.
+        `clearance` is the predicted distance between sensor and object and its standard deviation [m]; the flags are
+        the needs of the touch reader. Raises FrameError if the frame cannot be used.
         """
-        when = f"frame at {frame.time:.3f} s"
-        if self.last is not None and frame.time <= self.last.time:
-            raise FrameError(f"{when} follows one at {self.last.time:.3f} s; times must increase")
+        when, last = f"frame at {frame.time:.3f} s", self.last
+        if last is not None and frame.time <= last.time:
+            raise FrameError(f"{when} follows one at {last.time:.3f} s; times must increase")
         self._poses.check_time(frame.time)
-        touches_since_start = False
-        if frame.image is not None:
+        image, contact, touches_since_start = frame.image, bool(frame.contact), False
+        if image is not None:
             try:
-                image = self._detector.read(self._view.of(frame.image))
-                if reads_images and needs_colours and self.last is None and lacks_colours(image, None):
+                image = self._detector.read(self._view.of(image))
+                if reads_images and needs_colours and last is None and lacks_colours(image, None):
                     raise SettingError(GREY)
-                frame = replace(frame, image=image, contact=self._detector.update(image))
+                contact = self._detector.update(image)
             except (SettingError, IndexError) as error:  # the latter for an image without three channels
                 raise FrameError(f"{when}: {error}") from error
-            touches_since_start = self._touches_since_start(clearance, bool(frame.contact))
-            frame = replace(frame, contact=frame.contact or touches_since_start)
-        elif reads_images and frame.contact:
+            if clearance is not None:
+                touches_since_start = self._touches_since_start(*clearance, contact)
+            contact = contact or touches_since_start
+        elif reads_images and contact:
             raise FrameError(f"{when} has no image, and learnt touch needs one")
-        jumped = self._poses.check_pose(frame.time, frame.sensor_pose, bool(frame.contact))
-        self.touches_since_start = touches_since_start
-        late = self.last is not None and frame.time - self.last.time > _PAUSE * self._quality.interval
-        self.paused = self.last is not None and (jumped or late)
-        if frame.image is not None and self._poses.drawn_back:
+        jumped = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
+        self.paused = last is not None and (jumped or frame.time - last.time > _PAUSE * self._quality.interval)
+        self.touches_since_start, self.hidden_motion = touches_since_start, self._poses.hidden
+        if image is not None and self._poses.has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
-            self._may_touch_since_start = self.touches_since_start = False
-            return replace(frame, contact=False)
-        return frame
+            contact = self.needs_clearance = self.touches_since_start = False
+        return replace(frame, image=image, contact=contact)
 
-    def _touches_since_start(self, clearance: tuple[float, float] | None, in_contact: bool) -> bool:
-        if self.touches_since_start or not self._may_touch_since_start or clearance is None:
+    def _touches_since_start(self, distance: float, deviation: float, in_contact: bool) -> bool:
+        if self.touches_since_start or not self.needs_clearance:
             return self.touches_since_start
-        distance, deviation = clearance
         if self.background is None:
             self._near.append(distance < _NEAR * deviation)
         elif in_contact or not all(self._near):  # it came to the object after the first images
-            self._may_touch_since_start = False
+            self.needs_clearance = False
         # Mounting and outline may be wrong by some millimetres.
-        return self._may_touch_since_start and distance < -max(deviation, _INSIDE)
+        return self.needs_clearance and distance < -max(deviation, _INSIDE)
 
     def accept(self, frame: Frame) -> None:
         """Make a checked frame the last one."""
-        self.last = frame
+        self.last, detector = frame, self._detector
         in_contact = bool(frame.contact) and frame.image is not None and not self.paused
-        self._quality.add(frame.time, frame.sensor_pose, self._detector.light, in_contact)
+        self.weakness = self._quality.add(frame.time, frame.sensor_pose, detector.light, in_contact)
+        self.doubt = detector.doubt
 
     @property
     def background(self) -> Background | None:
@@ -132,34 +131,7 @@ class InputGate:
         """Distance by which the object may have been pushed while not observed [m], if a contact ends now."""
         if self.paused:
             return self._poses.pushed
-        return max(self._poses.hidden_before, DRAWN_BACK if self._poses.drawn_back else 0.0)
-
-    @property
-    def hidden_motion(self) -> float:
-        """Distance that the sensor may have moved in a contact while its pose was frozen [m]."""
-        return self._poses.hidden
-
-    @property
-    def alarm(self) -> tuple[Status, str] | None:
-        """Status of the last frame that overrides the estimator's, with its reason."""
-        if hidden := self.hidden_motion:
-            return "faulty", f"the sensor's pose is frozen; the sensor may have moved {1e3 * hidden:.0f} mm since"
-        if self.touches_since_start:
-            return (
-                "uncertain",
-                "in contact since before the untouched gel was known: touch cannot measure before a release",
-            )
-        return None
-
-    @property
-    def doubt(self) -> str:
-        """Reason to doubt the calibration's untouched gel; empty if there is none."""
-        return self._detector.doubt
-
-    @property
-    def weakness(self) -> str:
-        """Sentence on a weakness of the stream; empty if all is well."""
-        return self._quality.weakness
+        return max(self._poses.hidden_before, DRAWN_BACK if self._poses.has_drawn_back else 0.0)
 
 
 def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
@@ -188,10 +160,10 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
     if truth is None and frame.object_pose is not None and not _is_missing(frame.object_pose):
         raise FrameError(f"{when} has object pose {frame.object_pose}; it must be three finite numbers or NaN")
     contact = None if frame.contact is None else bool(frame.contact)
-    several = (
-        *checked_measurements(frame.time, frame.measurements, tips),
-        *checked_measurements(frame.time, measurements, tips),
-    )
+    several: tuple[Measurement, ...] = ()
+    for given in (frame.measurements, measurements):
+        if not isinstance(given, tuple) or given:  # without any, as in most frames, there is nothing to check
+            several += checked_measurements(frame.time, given, tips)
     time = float(frame.time)
     return replace(frame, time=time, sensor_pose=pose, contact=contact, object_pose=truth, measurements=several)
 

@@ -1,30 +1,49 @@
 """The tracker: one frame in, one estimate out."""
 
+import logging
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config import TactileChoice, TrackerSettings
-from palpate.errors import EstimationError
-from palpate.filter.contact_point import contact_point
+from palpate.checks import SPAN, TURNS
+from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
+from palpate.errors import EstimationError, SettingError
 from palpate.filter.hypothesis_bank import HypothesisBank
-from palpate.filter.warm_up import warm_up
-from palpate.geometry.shapes import Shape
+from palpate.geometry.shapes import Disc, Shape, check_outline
+from palpate.graph import block_tridiagonal
+from palpate.graph.belief import Belief
+from palpate.graph.compiled import is_cached
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.variables import GRIP, IN_OBJECT
+from palpate.graph.factor_list import make_factors
+from palpate.graph.window import Window
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, correction_of
+from palpate.touch.calibration import Calibration, DirectionCorrection, correction_of
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import check_arguments, check_distance, first_pose_of, with_correction
 from palpate.types.estimate import Estimate, Trajectory
-from palpate.types.measurements import Frame, Measurement
-from palpate.types.sensor import SensorProfile, known_sensor
+from palpate.types.measurements import (
+    ContactDirection,
+    ContactPlace,
+    Frame,
+    Measurement,
+    ObjectPose,
+    Turn,
+    finite_numbers,
+)
+from palpate.types.sensor import POINT, SensorProfile, known_sensor
 
+logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
+
+ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)
+"""First pose of an object that may be anywhere, and its standard deviations [m, m, rad]."""
 _NO_FRAME = "no frame has been taken so far; there is one after the first update"
 
 
@@ -88,6 +107,7 @@ class Tracker:
 
     def _begin(self) -> None:
         self._touched_at = -math.inf  # [s] time of the last frame of contact
+        self._unread = ""  # reason why images are not read, if nobody asked for that
         self._times: list[float] = []
         self._contacts: list[bool] = []
 
@@ -97,28 +117,23 @@ class Tracker:
         `measurements` are those of other sources, added to the frame's own: a camera's `ObjectPose`, or your own. If a
         frame has an image, the image decides whether it is in contact, whatever its flag is.
 
-        Raises FrameError if the frame cannot be used: a time not after the last frame's, a pose that is not finite,
-        neither image nor contact flag, an image of another size, a measurement of a wrong kind. The frame is left out,
-        and later estimates are the same to the last digit as without it. One exception: if a pose is refused because it
-        jumps in a contact, what that frame's image showed of the gel is kept.
-
-        Raises EstimationError, of which FrameError is a kind, if no estimate can be computed, not even by beginning
-        anew from the last pose: the contact is over, and the next frame begins another.
+        Raises FrameError if the frame cannot be used and is left out, and EstimationError if no estimate can be
+        computed, not even by beginning anew from the last pose: the next frame then begins another contact.
         """
-        gate, bank = self._gate, self._bank
+        gate, bank, touch = self._gate, self._bank, self._touch
 
         # 1. Refuse implausible input, and decide contact.
         frame = checked_frame(frame, measurements, len(self._sensor.tips))
-        clearance = bank.clearance(frame.sensor_pose) if gate.needs_clearance(frame) else None
-        frame = gate.check(frame, clearance, self._touch.reads_images, self._touch.needs_colours)
+        needs_clearance = gate.needs_clearance and frame.image is not None
+        clearance = bank.clearance(frame.sensor_pose) if needs_clearance else None
+        frame = gate.check(frame, clearance, touch.reads_images, touch.needs_colours)
         if gate.last is None:
-            check_distance(self._first, frame.sensor_pose)
-            self._touch.begin(frame.image)
+            self._begin_with(frame)
 
         # 2. End a contact that is over.
         if bank.in_contact and (gate.paused or not frame.contact):
             bank.end_contact(gate.unobserved_push)
-            self._touch.end_contact()
+            touch.end_contact()
 
         # 3. Read touch, and correct all hypotheses.
         if frame.contact:
@@ -128,9 +143,7 @@ class Tracker:
 
         # 4. Report.
         gate.accept(frame)
-        self._times.append(frame.time)
-        self._contacts.append(bank.in_contact)
-        return self._estimate(frame)
+        return self._report(frame)
 
     @property
     def tactile(self) -> TactileChoice:
@@ -175,57 +188,149 @@ class Tracker:
             raise EstimationError(_NO_FRAME)
         return Trajectory(np.array(self._times), self._bank.path(), contact=np.array(self._contacts, dtype=bool))
 
+    def _begin_with(self, frame: Frame) -> None:
+        """Take the first frame: warn of a first pose far from the sensor, and choose how images are read."""
+        pose, covariance = self._first
+        apart = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
+        if apart > SPAN + 3.0 * float(np.sqrt(np.diagonal(covariance)[:2].max())):
+            logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
+        self._touch.begin(frame.image)
+        if self._touch.tactile == "none" and self._touch.reason:
+            self._unread = f"touch says nothing, by the first frame: {self._touch.reason}"
+
     def _contact_step(self, frame: Frame) -> None:
         """Take a frame of contact; if its graph has no solution, begin a new one with it."""
         touch = self._measure(frame)
         try:
             self._bank.contact_step(frame.sensor_pose, (*touch, *frame.measurements), frame.time, len(touch))
         except EstimationError as error:
+            self._begin_anew(frame, error)
+
+    def _begin_anew(self, frame: Frame, error: EstimationError) -> None:
+        """Begin a new contact with a frame, after one whose graph has no solution."""
+        reason = (
+            f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
+            "together leave undetermined, or a sensor pose far from the object"
+        )
+        logger.warning("%s; starting a new graph from the last pose", reason)
+        self._touch.end_contact()
+        self._bank.abandon_contact(frame.sensor_pose)
+        touch = self._measure(frame)
+        try:
+            self._bank.contact_step(frame.sensor_pose, (*touch, *frame.measurements), frame.time, len(touch))
+        except EstimationError:
             self._touch.end_contact()
-            touch = self._measure(frame)
-            measurements = *touch, *frame.measurements
-            try:
-                self._bank.begin_anew(frame.sensor_pose, measurements, frame.time, len(touch), error)
-            except EstimationError:
-                self._touch.end_contact()
-                raise
+            raise EstimationError(reason) from error
 
     def _measure(self, frame: Frame) -> Sequence[Measurement]:
-        """Return what touch measures at a frame of contact."""
+        """Return the measurements by touch at a frame of contact."""
         if self._gate.touches_since_start and self._touch.reads_images:
             return ()
         measured = self._touch.read(frame, self._gate.background)
         return checked_measurements(frame.time, measured, len(self._sensor.tips)) if self._is_touch_given else measured
 
-    def _estimate(self, frame: Frame) -> Estimate:
+    def _report(self, frame: Frame) -> Estimate:
         """Return the estimate at the last frame."""
-        gate, bank, now = self._gate, self._bank, self._bank.report()
-        belief = bank.belief
-        touch = None
-        if bank.in_contact:
+        gate, estimate = self._gate, self._bank.report(frame.time, self._gate.hidden_motion)
+        status, reason = estimate.status, gate.doubt or estimate.reason or gate.weakness
+        if estimate.contact:
             self._touched_at = frame.time
-            touch = contact_point(self._contact_model, bank.sensor_in_object, belief, bank.force_angle)
-        reasons = gate.doubt, now.reason, gate.weakness, bank.mirrored_reason, self._unread_images(frame)
-        status, reason = gate.alarm or (now.status, next(filter(None, reasons), ""))
-        grip = 3 + IN_OBJECT[GRIP].start
-        return Estimate(
-            time=frame.time,
-            pose=now.pose,
-            covariance=now.covariance + bank.covariance_of_motion(gate.hidden_motion),
-            contact=bank.in_contact,
-            status=status,
-            reason=reason,
-            answers=now.answers,
-            friction=(float(belief[GRIP][0, 0]), math.sqrt(belief.covariance[0, grip, grip])),
-            contact_point=touch and touch.point,
-            contact_normal=touch and touch.normal,
-            sliding=touch.sliding if touch else math.nan,
-            touch_age=frame.time - self._touched_at,
+            reason = reason or (self._unread if frame.image is not None else "")
+        if gate.hidden_motion:
+            moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"
+            status, reason = "faulty", f"the sensor's pose is frozen; {moved}"
+        elif gate.touches_since_start:
+            known = "touch cannot measure before a release"
+            status, reason = "uncertain", f"in contact since before the untouched gel was known: {known}"
+        self._times.append(frame.time)
+        self._contacts.append(estimate.contact)
+        return replace(estimate, status=status, reason=reason, touch_age=frame.time - self._touched_at)
+
+
+@cache
+def warm_up() -> None:
+    """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
+    if not is_cached(block_tridiagonal._solve):
+        logger.warning("compiling the estimator: once for this version, some 20 s")
+    settings, model = NoiseSettings(), contact_model(Disc(0.05), POINT)
+    deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
+    belief = Belief(np.zeros((1, 3)), settings.priors.mean[None], np.diag(np.square(deviation))[None])
+    touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
+    sensor_pose = np.array([-0.05, 0.0, 0.0])
+    window = Window(make_factors(settings, model), model, belief, sensor_pose, touch, lag=3)
+    window.costs()
+    for step in range(1, 5):
+        window.add(sensor_pose + 1e-4 * step, touch, 0.1 * step)
+    window.take([0, 0])
+    window.disturb([1], 2, np.array([1e-3]), 0.01)
+    window.mean_squares("sticking", 3)
+    window.costs()
+    window.last_errors()
+    window.force_angle(0)
+    bank = HypothesisBank(model, settings, "fixed-lag", np.zeros(3), 0.01 * np.eye(3))
+    bank.contact_step(sensor_pose, touch, 0.0)
+
+
+def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
+    """Raise SettingError or ShapeError unless all are of the right kind and unit; all but the first may be None."""
+    if not isinstance(shape, Shape):
+        raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
+    check_outline(shape)
+    for name, found, kind, maker in (
+        ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),
+        ("model", model, TouchModel, "a palpate.TouchModel(folder)"),
+        ("calibration", calibration, Calibration, "a Calibration, which palpate.load_calibration reads from a file"),
+        ("touch", touch, Touch, "an object with methods measure(frame) and end_contact()"),
+    ):
+        # A class has the methods of its objects.
+        if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
+            raise SettingError(f"{name} is {str(found) if isinstance(found, Path) else found!r}; it must be {maker}")
+    pressure = settings.pressure if settings is not None else ""
+    if not isinstance(pressure, str) and pressure > shape.extent:
+        raise SettingError(
+            f"pressure is {pressure:g} m, and the object is {shape.extent:.3g} m wide; a friction radius is less: "
+            "is it in millimetres?"
         )
 
-    def _unread_images(self, frame: Frame) -> str:
-        """Return the reason why images of a contact are not read, if nobody asked for that; else empty."""
-        is_asked = self._touch.tactile != "none" or not self._touch.reason
-        if is_asked or not self._bank.in_contact or frame.image is None:
-            return ""
-        return f"touch says nothing, by the first frame: {self._touch.reason}"
+
+def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:
+    """Return the first pose (3,) and its covariance (3, 3); raises SettingError on what is none.
+
+    `sigma` are standard deviations (3,) or a covariance (3, 3). Warns of degrees and millimetres.
+    """
+    first = finite_numbers(ANYWHERE if pose is None else pose, (3,))
+    if first is None:
+        allowed = "three finite numbers x [m], y [m], theta [rad], or None"
+        raise SettingError(f"first pose is {pose!r}; it must be {allowed}")
+    if abs(first[2]) > TURNS:
+        turns = abs(first[2]) / (2.0 * np.pi)
+        logger.warning("first pose has theta %.4g rad, %.1f turns: are these degrees?", first[2], turns)
+    if sigma is None:
+        sigma = ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
+    covariance, deviation = finite_numbers(sigma, (3, 3)), finite_numbers(sigma, (3,))
+    if covariance is not None and _is_positive(covariance):
+        deviation = np.sqrt(np.diagonal(covariance))
+    elif deviation is not None and (deviation > 0.0).all():
+        covariance = np.diag(np.square(deviation))
+    else:
+        allowed = "three numbers above 0: x [m], y [m], theta [rad], or a covariance (3, 3)"
+        raise SettingError(f"first pose sigma is {np.asarray(sigma).tolist()}; it must be {allowed}")
+    if (deviation[:2] > ANYWHERE_SIGMA[:2]).any():
+        logger.warning("first pose sigma has %.4g and %.4g m: are these millimetres?", *deviation[:2])
+    if deviation[2] > np.pi:
+        logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])
+    return first, covariance
+
+
+def _is_positive(covariance: Array) -> bool:
+    return np.allclose(covariance, covariance.T) and bool((np.linalg.eigvalsh(covariance) > 0.0).all())
+
+
+def with_correction(noise: NoiseSettings, correction: DirectionCorrection) -> NoiseSettings:
+    """Return the settings with the uncertainty that a calibration leaves in corrected directions."""
+    priors = noise.priors
+    if correction.offset_sigma is not None:
+        priors = replace(priors, direction_bias=(0.0, correction.offset_sigma))
+    if correction.scale_sigma is not None:
+        priors = replace(priors, direction_scale=(0.0, correction.scale_sigma / correction.scale))
+    return replace(noise, priors=priors)

@@ -6,21 +6,19 @@ import sys
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, frames, in_two_contacts, model_of, pushed, sensor
+from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, track
 
 from palpate import Estimate, Frame, Tracker
-from palpate.filter.contact_point import contact_point
-from palpate.graph.belief import Belief
-from palpate.graph.variables import GRIP, IN_OBJECT, OBJECT_SIZE
-from palpate.types.estimate import Answer
 
+ANSWER = Tracker(SHAPES["disc"], sensor(), np.zeros(3)).update(Frame(0.0, np.ones(3), contact=False)).answers[0]
 HALF = 0.2363 / 2  # [m] from the rectangle's centre to its left side
 
 
 def estimate(**changes) -> Estimate:
     pose, covariance = np.array([1.0, 2.0, np.pi / 2]), np.diag([1.0, 4.0, 9.0])
-    whole = Estimate(3.5, pose, covariance, True, "tracking", "", (Answer(pose, covariance, 1.0),), (0.4, 0.1))
+    answer = dataclasses.replace(ANSWER, pose=pose, covariance=covariance)
+    whole = Estimate(3.5, pose, covariance, True, "tracking", "", (answer,), (0.4, 0.1))
     return dataclasses.replace(whole, **changes)
 
 
@@ -57,8 +55,8 @@ def test_estimates_are_equal_by_value():
     assert one != estimate(contact_point=np.array([0.1, 0.3]))
     assert one != estimate() and estimate(sliding=math.nan) == estimate(sliding=math.nan)
     assert one != 3 and one is not None
-    other = Answer(np.zeros(3), np.eye(3), 1.0)
-    assert other == Answer(np.zeros(3), np.eye(3), 1.0) != Answer(np.zeros(3), np.eye(3), 0.5)
+    other = dataclasses.replace(ANSWER, covariance=np.eye(3))
+    assert other == dataclasses.replace(other) != dataclasses.replace(other, weight=0.5)
     for field in dataclasses.fields(Estimate):
         changed = {"status": "strained", "reason": "why", "answers": (other,), "friction": (0.4, 0.2)}
         value = changed.get(field.name, np.full(3, 7.0))
@@ -101,21 +99,6 @@ def test_the_age_of_a_touch():
     ages = [one.touch_age for one in found]
     assert ages[:13] == [0.0] * 13 and ages[23:] == [0.0] * 13
     np.testing.assert_allclose(ages[13:23], np.arange(1, 11) / 30, atol=1e-9)
-
-
-def sliding(grip: float, angle: float) -> float:
-    values = np.zeros((1, OBJECT_SIZE))
-    values[:, IN_OBJECT[GRIP]] = grip
-    known = Belief(np.zeros((1, 3)), values, np.eye(3 + OBJECT_SIZE)[None])
-    return contact_point(model_of("rectangle"), np.array([-HALF, 0.0, 0.0]), known, angle).sliding
-
-
-def test_a_contact_slides_where_the_force_is_outside_the_cone():
-    edge = math.atan(0.4)
-    likely = [sliding(0.4, edge + off) for off in (-0.2, -0.02, 0.0, 0.02, 0.2)]
-    assert likely == pytest.approx([0.0, 0.1587, 0.5, 0.8413, 1.0], abs=1e-4)  # a normal law of 0.02 rad
-    assert sliding(0.4, -edge - 0.02) == pytest.approx(0.8413, abs=1e-4)
-    assert math.isnan(sliding(0.4, math.nan))
 
 
 def test_a_push_inside_the_cone_holds():

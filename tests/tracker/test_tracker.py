@@ -9,9 +9,7 @@ from push_samples import (
     SHAPES,
     Steering,
     frames,
-    gaps,
     in_two_contacts,
-    model_of,
     noisy,
     pushed,
     sensor,
@@ -30,9 +28,7 @@ from tracker_samples import (
     yaw_deviations,
 )
 
-from palpate import PUBLISHED, EstimationError, Frame, Measurement, NoiseSettings, Tracker, Turn
-from palpate.filter.hypothesis_bank import HypothesisBank
-from palpate.graph.variables import DEPTH, IN_OBJECT, OUTLINE_SCALE
+from palpate import PUBLISHED, EstimationError, Frame, Measurement, NoiseSettings, OwnMeasurement, Tracker, Turn
 from palpate.pipeline.metrics import inside_95, nees
 
 Array = np.ndarray
@@ -127,53 +123,30 @@ def test_an_untouched_object_rests(noise):
         assert (estimate.reason, len(estimate.answers)) == ("", 1)
 
 
-def distance_by(object_pose: Array, sensor_pose: Array, moved: int) -> Array:
-    """Derivative (3,) of the disc's distance from the tip by its own pose (0) or the sensor's (1)."""
-
-    def distance(change: Array) -> float:
-        both = [object_pose, sensor_pose]
-        both[moved] = se2.compose(both[moved], se2.exp(change))
-        return gaps(se2.between(*both), model_of("disc")).item()
-
-    return np.array([(distance(step) - distance(-step)) / 2e-6 for step in 1e-6 * np.eye(3)])
-
-
 @pytest.mark.parametrize("smoother", SMOOTHERS)
-def test_the_next_contact_goes_on_from_the_last_marginal(smoother):
-    o, e, contact = in_two_contacts("disc", 40)
-    noise = with_settings(CALIBRATED, first_pose={"rest": (1e-3, 1e-3, 1e-2)})
-    first = np.diag(np.square(noise.first_pose.deviation))
-    bank = HypothesisBank(model_of("disc"), noise, smoother, o[0], first)
-    knew, covariances = [], []
-    for k, (pose, touched) in enumerate(zip(e, contact, strict=True)):
-        if touched:
-            bank.contact_step(pose, (), k / 30)
-        else:
-            bank.end_contact()
-            bank.rest_step(pose, (), k / 30)
-        knew.append(bank.belief)
-        covariances.append(bank.report().covariance)
-    # The tracker says the same.
-    _, found = track("disc", frames(o, e, contact), o[0], settings("none", smoother, noise))
-    np.testing.assert_array_equal(poses(found), [known.pose[0] for known in knew])
-    np.testing.assert_array_equal([estimate.covariance for estimate in found], covariances)
+def test_the_next_contact_starts_from_the_last_marginal(smoother):
+    # The outline is known exactly, so that a first frame of contact adds resting and one distance. Its derivatives by
+    # object and sensor are the normal of a disc in either frame: a point that touches it has no lever.
+    o, e, contact = in_two_contacts("disc", 40, radius=0.0)
+    exact, rest, deviation = (0.0, 1e-9), (1e-3, 1e-3, 1e-2), 1e-3
+    noise = with_settings(
+        CALIBRATED,
+        first_pose={"rest": rest},
+        priors={"depth": exact, "outline_scale": exact},
+        contact={"deviation": deviation},
+    )
+    _, found = track("disc", frames(o, e, contact), o[0], settings("none", smoother, noise), radius=0.0)
     before, resting, again = found[40], found[41:51], found[51]
     for estimate in resting:
         np.testing.assert_array_equal(estimate.pose, before.pose)
         np.testing.assert_array_equal(estimate.covariance, before.covariance)
-    # The first frame of contact adds resting and then one distance, the sensor's pose being uncertain too, less the
-    # depth by which they overlap and what the disc is larger by: with all that is known of them and the pose together.
-    known = knew[50].inflated(np.diag(np.square(noise.first_pose.rest))).covariance[0]
-    gap = np.zeros(len(known))
-    gap[:3], gap[3:][IN_OBJECT[DEPTH]] = distance_by(before.pose, e[51], moved=0), 1.0
-    gap[3:][IN_OBJECT[OUTLINE_SCALE]] = -0.088
-    by_sensor = distance_by(before.pose, e[51], moved=1)
-    of_sensor = by_sensor @ np.diag(np.square(noise.sensor_pose.deviation)) @ by_sensor
-    variance = noise.contact.deviation**2 + gap @ known @ gap + of_sensor
+    known = before.covariance + np.diag(np.square(rest))
+    normal = e[51, :2] - before.pose[:2]
+    gap = np.append(se2.rotation(before.pose[2]).T @ normal / np.hypot(*normal), 0.0)
+    variance = deviation**2 + gap @ known @ gap + noise.sensor_pose.deviation[0] ** 2
     wanted = known - np.outer(known @ gap, known @ gap) / variance
-    np.testing.assert_allclose(knew[51].covariance[0], wanted, rtol=0.01, atol=1e-8)
-    np.testing.assert_allclose(again.covariance, wanted[:3, :3], rtol=0.01, atol=1e-9)
-    assert again.covariance[2, 2] > 4 * noise.first_pose.deviation[2] ** 2  # it was not reset to the first one's
+    np.testing.assert_allclose(again.covariance, wanted, rtol=0.01, atol=1e-9)
+    assert again.covariance[2, 2] > 4 * noise.first_pose.deviation[2] ** 2  # not that of the first pose
     assert yaw_deviations(found)[-1] > yaw_deviations(found)[51]
 
 
@@ -225,7 +198,7 @@ def test_a_gap_is_told_by_the_usual_interval_and_not_by_the_gap_before_it():
     assert touch.begun == 2
 
 
-def test_after_a_graph_that_could_not_be_solved_even_anew_touch_begins_anew(monkeypatch):
+def test_after_a_graph_that_could_not_be_solved_even_anew_touch_begins_anew():
     o, e = pushed("rectangle", 10)
     touch = CountedTouch()
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), touch=touch)
@@ -233,15 +206,14 @@ def test_after_a_graph_that_could_not_be_solved_even_anew_touch_begins_anew(monk
     for frame in seen[:5]:
         tracker.update(frame)
 
-    def fail(self: HypothesisBank, *_: object) -> None:
-        self._window = None
-        raise EstimationError("for the test")
+    class Failing(OwnMeasurement):
+        on = ("object_pose",)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(HypothesisBank, "contact_step", fail)
-        patch.setattr(HypothesisBank, "begin_anew", fail)
-        with pytest.raises(EstimationError, match="for the test"):
-            tracker.update(seen[5])
+        def linearise(self, *_: Array) -> tuple[Array, Array]:
+            return np.full(3, 1e11), np.full((3, 3), 1e11)
+
+    with pytest.raises(EstimationError, match="indeterminate"):
+        tracker.update(seen[5], [Failing()])
     assert touch.begun == 2
     tracker.update(seen[6])
     assert touch.begun == 3

@@ -103,7 +103,7 @@ class Start:
     def pose_and_sigma(self) -> tuple[Numbers | None, Numbers | None]:
         """Return the first pose and its sigma, None where not given. Raises SettingError where options conflict."""
         from palpate.errors import SettingError
-        from palpate.tracker_arguments import ANYWHERE, ANYWHERE_SIGMA
+        from palpate.tracker import ANYWHERE, ANYWHERE_SIGMA
 
         if not self.first_pose_unknown:
             return self.first_pose, self.first_pose_sigma

@@ -8,29 +8,24 @@ likely. A rough first pose is no such guess: it holds until the object is found,
 up.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.filter.consistency import is_uncertain
+from palpate.filter.consistency import ContactFrame, is_uncertain
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.contact import overlap, reaches
-from palpate.graph.factors.direction import true_angle
-from palpate.types.measurements import ContactDirection, Measurement
 
 Array = NDArray[np.float64]
 
 LOG_UNLIKELY = 1.0
 """Log of the odds that nothing else moved the object against that something did."""
-MOST_YOUNG = 20
-"""Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
 _IMPOSSIBLE = 12.0  # largest cost of a contact where the object is not [log]
-_SAME = np.array([2e-3, 2e-3, 0.02])  # [m, m, rad] within which two poses are the same
 _SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal, from place to place
 _PLACE = np.diag(np.square([0.003, 0.01, np.radians(9.0)]))  # [m, m, rad] along the normal, along the outline, yaw
 _STEP, _LONGEST = 0.003, 5.0  # [m] step along the outline, and its largest length
@@ -42,130 +37,83 @@ _UNKNOWN_YAW = np.diag([0.0, 0.0, 100.0**2])  # [rad^2] variance of an unknown y
 _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
 
 
-@dataclass(frozen=True)
-class FirstContact:
-    """The first frame of a contact."""
-
-    sensor_pose: Array
-    """Measured world_T_sensor (3,) [m, m, rad]."""
-    measurements: Sequence[Measurement]
-    """Measurements from touch and other sources."""
-    from_touch: int = 0
-    """Number of leading measurements from touch images."""
-
-    def direction(self, belief: Belief, sign: float) -> float | None:
-        """Return the first measured contact direction [rad] for one belief; None if there is none."""
-        for index, one in enumerate(self.measurements):
-            if isinstance(one, ContactDirection):
-                signs = np.array([sign if index < self.from_touch else 1.0])
-                return float(true_angle(one, belief, signs)[0])
-        return None
-
-
-@dataclass(eq=False)
-class Beginning:
-    """One hypothesis with which a contact may begin."""
-
-    row: int
-    """Hypothesis before the contact that it comes from."""
-    log_prior: float
-    """Log probability."""
-    belief: Belief
-    """Belief about the object, one row."""
-    is_place: bool = False
-    """True for one of several places on the outline, so that pushing is ignored in the first steps."""
-    goes_on: bool = False
-    """True if it is the hypothesis before the contact, and not a new one."""
-
-
 def contact_hypotheses(
-    beliefs: Belief,
-    displaced: Belief,
-    log_prior: Array,
-    sign: Array,
-    is_displaced: NDArray[np.bool_],
-    was_found: bool,
-    model: ContactModel,
-    contact: FirstContact,
-) -> list[Beginning]:
-    """Return the hypotheses with which a contact begins, the likeliest first.
+    rows: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, contact: ContactFrame
+) -> tuple[NDArray[np.int64], Hypotheses]:
+    """Return the row before a contact that each hypothesis comes from with which it begins, and these, likeliest first.
 
-    Arrays are rows of the hypotheses before the contact. `beliefs` hold if nothing moved the object since, `displaced`
+    Those that take images as mirrored come last. The beliefs `rest` hold if nothing moved the object since, `displaced`
     are inflated by the covariance of its displacement. `was_found` is False while only a rough first pose is known.
     """
-    found: list[Beginning] = []
-    for row in range(len(beliefs)):
-        here = beliefs.take([row]), displaced.take([row]), float(log_prior[row]), float(sign[row])
-        if was_found:
-            found += _found_before(row, *here, model, contact)
-        else:
-            found += _not_found_before(row, *here, bool(is_displaced[row]), model, contact)
-    found.sort(key=lambda one: -one.log_prior)
-    return (found if was_found else _merged(found))[:MOST_YOUNG]
+    origins, groups = [], []
+    for group in (np.flatnonzero(~rows.is_mirror), np.flatnonzero(rows.is_mirror)):
+        found: list[tuple[int, Hypotheses]] = []
+        for row in group.tolist():
+            here, beliefs = rows.take([row]), (rest.take([row]), displaced.take([row]))
+            of_row = _found_before if was_found else _not_found_before
+            found += [(row, each) for each in of_row(here, *beliefs, model, contact)]
+        if found:
+            origin = np.concatenate([np.full(len(each.age), row) for row, each in found])
+            begun = reduce(Hypotheses.joined, [each for _, each in found])
+            log_prior, order = begun.log_prior, np.argsort(-begun.log_prior, kind="stable")
+            if not was_found:
+                log_prior, order = _merged(begun, order)
+            order = order[:MOST_YOUNG]
+            origins.append(origin[order])
+            groups.append(replace(begun, log_prior=log_prior).take(order))
+    return np.concatenate(origins), reduce(Hypotheses.joined, groups)
 
 
 def _found_before(
-    row: int,
-    belief: Belief,
-    displaced: Belief,
-    log_prior: float,
-    sign: float,
-    model: ContactModel,
-    contact: FirstContact,
-) -> list[Beginning]:
-    poses, likely = poses_in_contact(displaced, model, contact, sign) if is_rough(displaced, model) else (displaced, [])
-    first = Beginning(row, log_prior, belief if len(likely) else displaced, goes_on=not len(likely))
-    places = [
-        Beginning(row, log_prior + float(each) - LOG_UNLIKELY, poses.take([index]), True)
-        for index, each in enumerate(likely)
-    ]
-    return [first, *places]
+    row: Hypotheses, rest: Belief, displaced: Belief, model: ContactModel, contact: ContactFrame
+) -> list[Hypotheses]:
+    if is_rough(displaced, model):
+        poses, likely = poses_in_contact(displaced, model, contact, row.sign)
+        if len(likely):
+            return [_new(row, rest, row.log_prior), *_places(row, poses, likely)]
+    return [replace(row, belief=displaced)]
 
 
 def _not_found_before(
-    row: int,
-    belief: Belief,
-    displaced: Belief,
-    log_prior: float,
-    sign: float,
-    is_displaced: bool,
-    model: ContactModel,
-    contact: FirstContact,
-) -> list[Beginning]:
-    poses, likely = poses_in_contact_and_belief(displaced, model, contact, sign)
-    as_left = poses_in_contact_and_belief(belief, model, contact, sign)[1] if is_displaced else likely
-    as_expected = log_prior + max(log_sum(as_left), -_IMPOSSIBLE)
+    row: Hypotheses, rest: Belief, displaced: Belief, model: ContactModel, contact: ContactFrame
+) -> list[Hypotheses]:
+    is_displaced = bool(row.consistency.displacement[0] > 0.0)
+    poses, likely = poses_in_contact(displaced, model, contact, row.sign, is_guess=False)
+    as_left = poses_in_contact(rest, model, contact, row.sign, is_guess=False)[1] if is_displaced else likely
+    as_expected = row.log_prior + max(np.logaddexp.reduce(as_left), -_IMPOSSIBLE)
     if not is_rough(displaced, model):
-        return [Beginning(row, as_expected, displaced)]
-    is_guess = is_uncertain(displaced.pose_covariance[0])  # too far off for one graph to find it
-    first = [] if is_guess and len(likely) and not is_displaced else [Beginning(row, as_expected, belief)]
-    places = [
-        Beginning(row, log_prior + float(each) - LOG_UNLIKELY, poses.take([index]), True)
-        for index, each in enumerate(likely)
-    ]
-    return [*first, *places]
+        return [_new(row, displaced, as_expected)]
+    is_too_far = is_uncertain(displaced.pose_covariance[0])  # for one graph to find it
+    if is_too_far and len(likely) and not is_displaced:
+        return _places(row, poses, likely)
+    return [_new(row, rest, as_expected), *_places(row, poses, likely)]
 
 
-def _merged(beginnings: Sequence[Beginning]) -> list[Beginning]:
-    """Return the hypotheses, likeliest first, with those at the same pose put together."""
-    kept: list[Beginning] = []
-    for one in beginnings:
-        same = [other for other in kept if are_near(other.belief.pose[0], one.belief.pose[0])]
+def _new(row: Hypotheses, belief: Belief, log_prior: Array) -> Hypotheses:
+    """Return new hypotheses in place of one."""
+    count = len(log_prior)
+    rows = row.take([0] * count)
+    return replace(rows, belief=belief, log_prior=log_prior, weight=np.ones(count), age=np.zeros(count, np.int64))
+
+
+def _places(row: Hypotheses, poses: Belief, likely: Array) -> list[Hypotheses]:
+    """Return the hypotheses that contact is at one of several places; pushing is ignored in their first steps."""
+    if not len(likely):
+        return []
+    new = _new(row, poses, row.log_prior + likely - LOG_UNLIKELY)
+    return [replace(new, disturbed_steps_left=np.full(len(likely), AHEAD + 1))]  # after the first step
+
+
+def _merged(rows: Hypotheses, order: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Return log probabilities (B,) and the rows of different poses, of rows in the order of likelihood."""
+    log_prior, kept = rows.log_prior.copy(), []
+    for row in order:
+        same = [other for other in kept if are_near(rows.belief.pose[other], rows.belief.pose[row])]
         if same:
-            same[0].log_prior = log_sum([same[0].log_prior, one.log_prior])
+            log_prior[same[0]] = np.logaddexp(log_prior[same[0]], log_prior[row])
         elif len(kept) < MOST_YOUNG:
-            kept.append(one)
-    return kept
-
-
-def log_sum(logs: ArrayLike) -> float:
-    """Return the log of the sum of numbers whose logs are given."""
-    return float(np.logaddexp.reduce(logs))
-
-
-def are_near(pose: Array, others: Array) -> NDArray[np.bool_]:
-    """Return True (...) where poses (..., 3) and others (..., 3) are the same for all that matters."""
-    return np.all(np.abs(se2.log(se2.between(pose, others))) < _SAME, axis=-1)
+            kept.append(row)
+    return log_prior, np.array(kept)
 
 
 def is_rough(belief: Belief, model: ContactModel) -> bool:
@@ -182,75 +130,64 @@ def is_round(model: ContactModel) -> bool:
     return bool(np.ptp(np.abs(outline_places(model)[0] - model.friction_center)) < _ROUND)
 
 
-def poses_in_contact(belief: Belief, model: ContactModel, contact: FirstContact, sign: float) -> tuple[Belief, Array]:
+def poses_in_contact(
+    belief: Belief, model: ContactModel, contact: ContactFrame, sign: Array, is_guess: bool = True
+) -> tuple[Belief, Array]:
     """Return beliefs (N rows) at places where a contact may begin, likeliest first, and their log probabilities (N,).
 
-    Yaw follows from the contact direction; without one it is as believed, or one of several. The belief only says how
-    likely each place is: the object is within _PLACE of it.
+    Yaw follows from the contact direction; without one it is as believed, or one of several. A belief that is a guess
+    only says how likely each place is: the object is within _PLACE of it. Another counts as much as the contact: the
+    product of both Gaussians is the belief at each place, and its weight the place's probability.
     """
     pose, around = _at_places(belief, model, contact, sign)
-    covariance = belief.pose_covariance[0]
-    if is_round(model):
-        around[:, 2, 2] = covariance[2, 2]
-    off = se2.log(se2.between(belief.pose[0], pose))
-    # After a long doubt a covariance may be singular.
-    far = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(covariance, hermitian=True), off)
-    return _likely_first(belief, pose, around, far, -0.5 * far)
-
-
-def poses_in_contact_and_belief(
-    belief: Belief, model: ContactModel, contact: FirstContact, sign: float
-) -> tuple[Belief, Array]:
-    """Return the same if the belief is no guess, so that it counts as much as the contact.
-
-    The product of both Gaussians is the belief at each place, and its weight the place's probability.
-    """
-    pose, around = _at_places(belief, model, contact, sign)
-    off = belief.pose[0] - pose
-    off[:, 2] = se2.wrap(off[:, 2])
     known = belief.pose_covariance[0]
-    if known[2, 2] > _ANY_YAW**2 and not is_round(model):
-        known = known + _UNKNOWN_YAW
-    known = _turned(known, belief.pose[0, 2])
-    gain = around @ np.linalg.pinv(around + known, hermitian=True)
-    by_gain = (gain @ off[..., None])[..., 0]
-    far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
-    likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
-    return _likely_first(belief, pose + by_gain, around - gain @ around, far, likely)
+    if is_guess:
+        if is_round(model):
+            around[:, 2, 2] = known[2, 2]
+        off = se2.log(se2.between(belief.pose[0], pose))
+        # After a long doubt a covariance may be singular.
+        far = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(known, hermitian=True), off)
+        likely = -0.5 * far
+    else:
+        off = belief.pose[0] - pose
+        off[:, 2] = se2.wrap(off[:, 2])
+        if known[2, 2] > _ANY_YAW**2 and not is_round(model):
+            known = known + _UNKNOWN_YAW
+        known = _turned(known, belief.pose[0, 2])
+        gain = around @ np.linalg.pinv(around + known, hermitian=True)
+        by_gain = (gain @ off[..., None])[..., 0]
+        far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
+        likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
+        pose, around = pose + by_gain, around - gain @ around
+    order = np.array([index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2], np.int64)
+    here = belief.take(np.zeros(len(order), np.int64))
+    joint, pose, around = here.covariance, pose[order], around[order]
+    joint[:, :3, :], joint[:, :, :3] = 0.0, 0.0
+    joint[:, :3, :3] = _turned(0.5 * (around + around.transpose(0, 2, 1)), -pose[:, 2])
+    pose[:, 2] = se2.wrap(pose[:, 2])
+    return replace(here, pose=pose, covariance=joint), likely[order]
 
 
-def _at_places(belief: Belief, model: ContactModel, contact: FirstContact, sign: float) -> tuple[Array, Array]:
+def _at_places(belief: Belief, model: ContactModel, contact: ContactFrame, sign: Array) -> tuple[Array, Array]:
     """Return object poses (N, 3) at which the sensor touches each place, and covariances (N, 3, 3) in the world."""
     center, normal = outline_places(model)
     center = center - overlap(belief, reaches(model, center - model.radius * normal, normal)) * normal
-    direction, sensor_pose = contact.direction(belief, sign), contact.sensor_pose
+    directions, sensor_pose = contact.directions(belief, sign), contact.sensor_pose
     around = _PLACE
     if is_round(model):
         yaw = np.array([[sensor_pose[2] - belief.pose[0, 2]]])
-        if direction is not None:  # the place follows from yaw
-            turn = -np.exp(1j * (yaw[0] + direction)) / normal[:1]
+        if directions:  # the place follows from yaw
+            turn = -np.exp(1j * (yaw[0] + directions[0][0])) / normal[:1]
             center, normal = (center[:1] - model.friction_center) * turn + model.friction_center, normal[:1] * turn
         around = _PLACE + _UNKNOWN_YAW
-    elif direction is not None:
-        yaw = (np.angle(-normal) - direction)[:, None]
+    elif directions:
+        yaw = (np.angle(-normal) - directions[0][0])[:, None]
     else:
         yaw = np.array(_likely_yaws(belief, sensor_pose))[None]
     place = center[:, None] - np.exp(1j * yaw) * model.center
     seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
     pose = se2.compose(sensor_pose, se2.inverse(seen))
     return pose, _turned(around, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
-
-
-def _likely_first(belief: Belief, pose: Array, covariance: Array, far: Array, likely: Array) -> tuple[Belief, Array]:
-    """Return the belief at those poses (N, 3) that are not too far [variances]; covariances are along world axes."""
-    order = np.array([index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2], np.int64)
-    here = belief.take(np.zeros(len(order), np.int64))
-    joint, turned = here.covariance, pose[order]
-    joint[:, :3, :], joint[:, :, :3] = 0.0, 0.0
-    known = covariance[order]
-    joint[:, :3, :3] = _turned(0.5 * (known + known.transpose(0, 2, 1)), -turned[:, 2])
-    turned[:, 2] = se2.wrap(turned[:, 2])
-    return replace(here, pose=turned, covariance=joint), likely[order]
 
 
 def _turned(covariance: Array, angle: ArrayLike) -> Array:
@@ -273,22 +210,15 @@ def _likely_yaws(belief: Belief, sensor_pose: Array) -> list[float]:
 @lru_cache(maxsize=8)
 def outline_places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return centres of a tip in contact, all around the outline, and outward normals there (N,), object frame."""
-    start = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
     centred = replace(model, parts=np.zeros(1, np.complex128))
-
-    def touching(pose: Array) -> np.void:
-        return centred.touching(pose[None])[0, 0]
-
-    pose, places, normals = start, [], []
+    pose = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
     for _ in range(4):  # the distance is that to the nearest point, except at the grid's border
-        touch = touching(pose)
+        touch = centred.touching(pose[None])[0, 0]
         way = touch["gap"] * touch["normal"]
         pose = pose - [[way.real, way.imag, 0.0]]
-    gone = 0.0
+    places, normals, gone = [], [], 0.0
     for _ in range(int(_LONGEST / _STEP)):
-        touch = touching(pose)
-        place = complex(*pose[0, :2])
-        normal = complex(touch["normal"])
+        place, normal = complex(*pose[0, :2]), complex(centred.touching(pose[None])[0, 0]["normal"])
         gone += _STEP
         if len(places) > 2 and abs(place - places[0]) < 1.5 * _STEP:
             break

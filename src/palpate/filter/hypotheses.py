@@ -1,32 +1,36 @@
-"""Hypotheses about one object as rows of arrays, their weights, and which of them are worth keeping.
+"""Hypotheses about one object as rows of arrays, their weights, and the selection of those worth keeping.
 
 A hypothesis is judged by the costs of its steps, without pushing in steps in which any of them ignores it, and by the
 cost of unusual friction. Errors of neighbouring steps are much the same, so that only a small share of the costs counts
 and no single step decides.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import Priors
 from palpate.filter.consistency import Consistency
-from palpate.filter.contact_hypotheses import MOST_YOUNG, are_near
-from palpate.filter.paths import Paths, no_paths
+from palpate.geometry import se2
 from palpate.graph.belief import Belief, RowArrays
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
+MOST_YOUNG = 20
+"""Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
 POOR = 1e-3
 """Weight, relative to the best hypothesis, below which one hardly counts."""
+AHEAD = 6
+"""Steps after an alarm or the begin of a contact in which something else may move the object."""
 _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0  # share of the costs that counts; largest cost of a step beyond the best one's
 _PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
 _LOST = 2.0  # [m] standard deviation at which a solution has diverged
+_OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +58,14 @@ class Hypotheses(RowArrays):
     next_alarm: Counts
     """First step of the contact at which an alarm is of something new, (B,)."""
     ignored_motion: Flags
-    """True in steps of the contact in which pushing is ignored, (B, N) for the steps of `Window.costs`."""
-    path: Paths
-    """Poses up to the current window, (B,)."""
-    online: Paths
-    """Poses in the current contact as they were estimated at their frames, (B,)."""
-
-    def __len__(self) -> int:
-        return len(self.weight)
+    """True in the last steps of the contact in which pushing is ignored, (B, N), at least those of `Window.costs`."""
+    online: Array
+    """Poses in the last steps of the contact as they were estimated at their frames, (B, N, 3)."""
 
     @staticmethod
     def one(belief: Belief, sign: float) -> "Hypotheses":
         """Return a single hypothesis."""
-        no, none = np.zeros(1, np.bool_), np.zeros(1, np.int64)
+        none = np.zeros(1, np.int64)
         return Hypotheses(
             belief,
             unobservable_yaw=np.zeros(1),
@@ -74,19 +73,31 @@ class Hypotheses(RowArrays):
             log_prior=np.zeros(1),
             weight=np.ones(1),
             sign=np.full(1, sign),
-            is_mirror=no,
+            is_mirror=np.zeros(1, np.bool_),
             age=none,
             disturbed_steps_left=none,
             next_alarm=none,
             ignored_motion=np.zeros((1, 0), np.bool_),
-            path=no_paths(1),
-            online=no_paths(1),
+            online=np.zeros((1, 0, 3)),
         )
 
     @property
     def whole_belief(self) -> Belief:
         """Belief with the unobservable yaw."""
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * np.diag([0.0, 0.0, 1.0]))
+
+    def with_observable_yaw(self) -> "Hypotheses":
+        """Return hypotheses about a round object with the large variance of its yaw kept out of the graph.
+
+        The graph would otherwise learn yaw from its own linearisation errors.
+        """
+        whole = self.whole_belief
+        variance = whole.covariance[:, 2, 2]
+        held_out = np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
+        less = np.ones(whole.covariance.shape[:2])
+        less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
+        belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
+        return replace(self, belief=belief, unobservable_yaw=held_out)
 
     @property
     def is_lost(self) -> Flags:
@@ -98,7 +109,7 @@ class Hypotheses(RowArrays):
 def costs_of_contact(rows: Hypotheses, costs: Array) -> Array:
     """Return the share that counts of a contact's costs (B,), from those of its steps (B, N, 2); see `Window.costs`."""
     costs = costs.copy()
-    costs[:, rows.ignored_motion.any(axis=0), 1] = 0.0
+    costs[:, rows.ignored_motion[:, -costs.shape[1] :].any(axis=0), 1] = 0.0
     costs = costs.sum(axis=2)
     return _COST_SHARE * np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
 
@@ -109,8 +120,6 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
     None of them is poor, the same as a better one, or one too many. While all are young there may be as many as at the
     beginning of a contact.
     """
-    if len(rows) == 1:
-        return np.zeros(1, np.int64), np.ones(1)
     unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
     scores = rows.log_prior - costs_of_contact(rows, costs) - 0.5 * _PRIOR_SHARE * unusual
     if not (lost := rows.is_lost).all():
@@ -129,3 +138,8 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
         most = max(most, MOST_YOUNG)
     kept = kept[:most]
     return np.array(kept), relative[kept] / sum(relative[kept])
+
+
+def are_near(pose: Array, others: Array) -> Flags:
+    """Return True (...) where poses (..., 3) and others (..., 3) are the same for all that matters."""
+    return np.all(np.abs(se2.log(se2.between(pose, others))) < [2e-3, 2e-3, 0.02], axis=-1)  # [m, m, rad]

@@ -2,80 +2,58 @@
 
 While nothing is doubtful there is one hypothesis. Others are added, and the one in which nothing happened is kept,
 
-- if touch and pushing contradict each other: something else may have moved the object (`disturbance`);
+- if touch and pushing contradict each other: something else may have moved the object (`disturbance_alarms`);
 - if a contact begins with a rough belief: the sensor may have met the object at several places (`contact_hypotheses`);
-- until it is known how touch images lie: they may be mirrored (`mirrored_images`).
+- until it is known how touch images lie: turned by half a turn or mirrored, touch measures the other side of the tip.
+  A second group of hypotheses takes all of touch with the opposite sign, and the wrong group is soon contradicted by
+  how the object moves.
 
 During a contact all hypotheses are rows of one `Window`. To branch, prune and reorder them is to take rows, of the
 window and of all other arrays alike; the best hypothesis is the first row.
 """
 
-import functools
 import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
-from palpate.filter.answers import LIKELY, ambiguity_in_words, answers_of, is_ambiguous, joint_covariance
-from palpate.filter.consistency import ConsistencyMonitor
-from palpate.filter.contact_hypotheses import (
-    LOG_UNLIKELY,
-    MOST_YOUNG,
-    FirstContact,
-    contact_hypotheses,
-    is_rough,
-    is_round,
-    outline_places,
-)
-from palpate.filter.disturbance import (
-    AHEAD,
-    BACK,
-    SLIDES,
-    SPREAD,
-    STILL_GOING_ON,
-    detects_disturbance,
-    suspects_disturbance,
-)
-from palpate.filter.hypotheses import Hypotheses, costs_of_contact, worth_keeping
-from palpate.filter.mirrored_images import MIRRORED, MirroredImages
-from palpate.filter.paths import extended, no_paths, poses_of
+from palpate.filter.consistency import Consistency, ConsistencyMonitor, ContactFrame, disturbance_alarms
+from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, POOR, Hypotheses, costs_of_contact, worth_keeping
 from palpate.filter.rest import measured_at_rest
+from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factor_list import make_factors
 from palpate.graph.factors.factor import Step
-from palpate.graph.variables import LAG
+from palpate.graph.variables import GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
-from palpate.types.estimate import REASONS, Answer, Status
+from palpate.types.estimate import REASONS, Answer, Estimate
 from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Counts = NDArray[np.int64]
 
-_OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
-
-
-class Report(NamedTuple):
-    """Estimate of the object by all hypotheses."""
-
-    pose: Array
-    """Pose of the best hypothesis, (3,) [m, m, rad]."""
-    covariance: Array
-    """Covariance (3, 3) of all hypotheses about the best, tangent space at its pose (right, body frame)."""
-    status: Status
-    """Status of the estimate."""
-    reason: str
-    """Reason of the status in words; empty where all is well."""
-    answers: tuple[Answer, ...]
-    """All poses that may be the object's, the best first."""
+_BACK = 10  # steps before an alarm in which a hand may have moved the object
+_SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
+_SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the sensor that become hypotheses
+_LIKELY = 0.1  # weight from which a hypothesis makes an estimate ambiguous, and is watched for disturbances
+_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad] distance between ambiguous poses
+_UNDECIDED = 0.48  # [s] for which one group is contradicted and the other is not: 15 frames at 30 Hz
+_EDGE = 0.02
+"""Angle over which sticking turns into sliding at the cone's edge [rad]. While a contact slides, the graph holds the
+force at the edge, so that friction and angle err together; on simulated pushes, of the steps with a given probability
+about that share did slide."""
+_MIRRORED = (
+    "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
+    "it with palpate calibrate --presses, for the outline may be mirrored or the first pose wrong instead"
+)
 
 
 class HypothesisBank:
@@ -96,7 +74,7 @@ class HypothesisBank:
         self._factors = make_factors(settings, model)
         self._lag = LAG if smoother == "fixed-lag" else 2**62
         self._monitor = ConsistencyMonitor(model, settings)
-        self._images = MirroredImages(may_be_mirrored)
+        self._may_be_mirrored, self._is_mirrored = may_be_mirrored, False
         outline_places(model)  # computed now, not when a contact begins
         self.begin(first_pose, first_covariance)
 
@@ -106,16 +84,21 @@ class HypothesisBank:
         joint = np.diag(np.concatenate([np.zeros(3), np.square(priors.deviation)]))
         joint[:3, :3] = covariance
         belief = Belief(pose[None], priors.mean[None], joint[None])
-        self._rows = Hypotheses.one(belief, sign=-1.0 if self._images.is_mirrored else 1.0)
+        self._rows = Hypotheses.one(belief, sign=-1.0 if self._is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)  # once there was one hypothesis that is sure
-        self._window: Window | None = None
-        self._steps = 0  # of this contact
-        self._times: list[float] = []  # of this contact's last frames [s]
+        self._history: list[NDArray] = []  # poses (B, N, 3) up to the current window, and rows (B,) that were taken
         self._sensor_pose: Array | None = None  # at the last frame
         self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
-        self._resting_since: float | None = None  # [s]
         self._is_indeterminate = False
-        self._images.end_contact()
+        self._begin_rest()
+
+    def _begin_rest(self) -> None:
+        self._window: Window | None = None
+        self._resting_since: float | None = None  # [s]
+        self._times: list[float] = []  # of the last frames of a contact [s]
+        self._steps = 0  # of a contact
+        self._contradicted = np.zeros(2, np.bool_)  # in a contact: images as they are, and mirrored
+        self._contradicted_since = math.inf  # [s]
 
     @property
     def in_contact(self) -> bool:
@@ -127,73 +110,88 @@ class HypothesisBank:
         """Belief of the best hypothesis, one row."""
         return self._rows.belief.take([0])
 
-    def report(self) -> Report:
-        """Return the estimate at the last frame."""
-        rows, monitor = self._rows, self._monitor
-        rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
-        poses, weights, whole = rows.belief.pose, rows.weight, rows.whole_belief
-        covariances = monitor.covariance(rows.consistency, whole)
-        status: Status = monitor.status(rows.consistency, whole, covariances[0], self.in_contact)
-        if not self.in_contact:
-            covariances = covariances + monitor.displacement_covariance(rows.consistency)
-        reason = rows.consistency.contradiction_in_words(0)
-        if is_ambiguous(poses, covariances, weights):
-            status = "ambiguous"
-            reason = reason or ambiguity_in_words(poses, weights)
-        elif self._is_indeterminate:
-            status = "indeterminate"
-        return Report(
-            poses[0].copy(),
-            joint_covariance(poses, covariances, weights),
-            status,
-            reason or REASONS[status],
-            answers_of(poses, covariances, weights),
-        )
-
-    @property
-    def mirrored_reason(self) -> str:
-        """Sentence for users whose touch images are mirrored, else empty."""
-        return MIRRORED if self._images.is_mirrored else ""
-
-    @property
-    def force_angle(self) -> float:
-        """Angle of the pushing force from the outline's inward normal [rad], by the best hypothesis; NaN if unknown."""
-        return self._window.force_angle(0) if self._window else math.nan
-
-    @property
-    def sensor_in_object(self) -> Array:
-        """Sensor pose in the object frame (3,) in contact, by the best hypothesis."""
-        assert self._window is not None
-        return self._window.sensor_in_object[0]
-
     def clearance(self, sensor_pose: Array) -> tuple[float, float]:
         """Return the distance of a sensor pose (3,) from the object and its standard deviation [m]."""
         gap, deviation = self._monitor.clearance(self.belief, sensor_pose)
         return float(gap[0]), float(deviation[0])
 
-    def covariance_of_motion(self, length: float) -> Array:
-        """Return the covariance (3, 3) of an unknown motion of the object of this size [m]."""
-        return self._monitor.covariance_of_motion(length)
-
     def path(self) -> Array:
         """Return the object poses at all frames so far (N, 3), by the best hypothesis."""
-        settled = poses_of(self._rows.path[0])
-        return np.concatenate([settled, self._window.object_path()[0]]) if self._window else settled
+        parts = [np.empty((0, 3))] if self._window is None else [self._window.object_path()[0]]
+        row = 0
+        for entry in reversed(self._history):
+            if entry.ndim == 1:
+                row = entry[row]
+            else:
+                parts.append(entry[row])
+        return np.concatenate(parts[::-1])
+
+    def report(self, time: float, hidden_motion: float = 0.0) -> Estimate:
+        """Return the estimate at the last frame, which has this time [s].
+
+        Since its pose was measured, the sensor may have moved by `hidden_motion` [m].
+        """
+        window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
+        rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
+        poses, weights, belief = rows.belief.pose, rows.weight, rows.belief
+        covariances = belief.covariance[:, :3, :3].copy()
+        covariances[:, 2, 2] += rows.unobservable_yaw
+        covariances, status, reason = self._monitor.assessed(rows.consistency, covariances, window is not None)
+        covariance, ambiguity = covariances[0], None
+        if len(weights) > 1:
+            covariance, ambiguity = _joint(poses, covariances, weights)
+        if ambiguity is not None:
+            status, reason = "ambiguous", reason or ambiguity
+        elif self._is_indeterminate:
+            status = "indeterminate"
+        if hidden_motion:
+            covariance = covariance + self._monitor.covariance_of_motion(hidden_motion)
+        kept = np.flatnonzero(weights)
+        friction = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
+        return Estimate(
+            time=time,
+            pose=poses[0].copy(),
+            covariance=covariance,
+            contact=window is not None,
+            status=status,
+            reason=reason or REASONS[status] or (_MIRRORED if self._is_mirrored else ""),
+            answers=tuple(Answer(poses[row].copy(), covariances[row].copy(), float(weights[row])) for row in kept),
+            friction=friction,
+            **({} if window is None else self._contact(window, poses[0], friction[0])),
+        )
+
+    def _contact(self, window: Window, pose: Array, friction: float) -> dict[str, Any]:
+        """Return contact point, outward normal and the probability of sliding, by the best hypothesis."""
+        nearest = self._model.touching(np.ascontiguousarray(window.sensor_in_object[:1])[None])[0, 0]
+        turn = complex(math.cos(pose[2]), math.sin(pose[2]))
+        point = complex(*pose[:2]) + turn * nearest["point"]
+        normal = turn * nearest["normal"] / abs(nearest["normal"])
+        beyond = math.atan(friction) - abs(window.force_angle(0))
+        return {
+            "contact_point": np.array([point.real, point.imag]),
+            "contact_normal": np.array([normal.real, normal.imag]),
+            "sliding": 0.5 * math.erfc(beyond / (math.sqrt(2.0) * _EDGE)),
+        }
 
     def rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise.
 
         Raises EstimationError, with nothing changed, if measurements leave no solution.
         """
-        rows = self._measured_at_rest(measurements, time) if measurements else self._rows
-        consistency = self._monitor.test_clearance(rows.consistency, rows.belief, sensor_pose)
+        monitor, since = self._monitor, time if self._resting_since is None else self._resting_since
+        if measurements:
+            known = self._factors, self._model, monitor
+            kept, rows, is_found = measured_at_rest(self._rows, measurements, (since, time), *known)
+            self._take(kept)
+            self._rows, self._touched = rows, None if is_found else self._touched
+        rows = self._rows
+        consistency = monitor.test_clearance(rows.consistency, rows.belief, sensor_pose)
         if self._touched is not None:
             touched_from, at = self._touched
-            consistency = self._monitor.test_release(consistency, rows.belief, touched_from, sensor_pose, time - at)
-        path = extended(rows.path, rows.belief.pose[:, None])
-        self._rows = replace(rows, consistency=consistency, path=path)
-        self._resting_since = time if self._resting_since is None else self._resting_since
-        self._sensor_pose, self._is_indeterminate = sensor_pose, False
+            consistency = monitor.test_release(consistency, rows.belief, touched_from, sensor_pose, time - at)
+        self._rows = replace(rows, consistency=consistency)
+        self._history.append(rows.belief.pose[:, None])
+        self._sensor_pose, self._resting_since, self._is_indeterminate = sensor_pose, since, False
 
     def contact_step(
         self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int = 0
@@ -202,64 +200,37 @@ class HypothesisBank:
 
         The first `from_touch` measurements are read from touch images.
         """
-        if self._window is None:
-            self._begin_contact(FirstContact(sensor_pose, measurements, from_touch), time)
-        else:
-            self._decide_mirrored(time)
-            self._continue_contact(sensor_pose, measurements, time, from_touch)
-        self._is_indeterminate = False
-        self._rows = replace(self._rows, age=self._rows.age + 1)
-        self._steps += 1
-        if self._most > 1:
-            self._branch_at_alarms()
-            self._reweight_and_prune()
-        mirror = np.flatnonzero(self._rows.is_mirror)
-        if len(mirror) and self._rows.consistency.is_displaced[mirror[0]]:
-            self._take(~self._rows.is_mirror)
-
-    def begin_anew(
-        self,
-        sensor_pose: Array,
-        measurements: Sequence[Measurement],
-        time: float,
-        from_touch: int,
-        error: EstimationError,
-    ) -> None:
-        """Go on with a new graph from the best last pose, if the old one had no solution.
-
-        Raises EstimationError if this fails, too; the contact is then over.
-        """
-        reason = (
-            f"frame at {time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
-            "together leave undetermined, or a sensor pose far from the object"
-        )
-        logger.warning("%s; starting a new graph from the last pose", reason)
-        left = poses_of(self._rows.online[0], min(self._steps, self._lag))
-        self._window, self._steps, self._resting_since = None, 1, None
-        rows = self._rows.take([0])
-        before = sensor_pose if self._sensor_pose is None else self._sensor_pose
-        pushed = float(np.hypot(*(sensor_pose - before)[:2]))
-        anew = Hypotheses.one(rows.belief.inflated(self.covariance_of_motion(pushed)), float(rows.sign[0]))
+        frame = ContactFrame(sensor_pose, measurements, time, from_touch)
+        if self._window is not None and self._rows.is_mirror.any():
+            self._decide_mirrored(self._window, time)
+        window = self._begin_contact(frame) if self._window is None else self._continue_contact(self._window, frame)
+        rows, is_disturbed = self._rows, self._rows.disturbed_steps_left > 0
+        consistency, monitor, is_measured = rows.consistency, self._monitor, False
+        if any(isinstance(one, ObjectPose) for one in measurements):
+            consistency, is_measured = self._tested_by_object_poses(frame)
+        belief, errors = window.belief(), window.last_errors()
+        if errors is not None:
+            consistency = monitor.test_innovations(consistency, errors, ~is_disturbed)
+        if is_measured or consistency.apart.any():
+            consistency = monitor.test_outline(consistency, belief, sensor_pose, is_measured)
+        ignored = np.concatenate([rows.ignored_motion, is_disturbed[:, None]], axis=1)
         self._rows = replace(
             rows,
-            belief=anew.belief,
-            consistency=rows.consistency.without_errors(),
-            log_prior=anew.log_prior,
-            weight=anew.weight,
-            age=anew.age,
-            disturbed_steps_left=anew.disturbed_steps_left,
-            next_alarm=anew.next_alarm,
-            ignored_motion=np.zeros((1, 1), np.bool_),
-            path=extended(rows.path, left[None]),
-            online=anew.online,
+            belief=belief,
+            consistency=consistency,
+            age=rows.age + 1,
+            disturbed_steps_left=rows.disturbed_steps_left - is_disturbed,
+            ignored_motion=ignored[:, -window.steps_with_costs :],
+            online=np.concatenate([rows.online, belief.pose[:, None]], axis=1)[:, -self._lag :],
         )
-        try:
-            self._window = self._new_window(self._rows, FirstContact(sensor_pose, measurements, from_touch), time)
-        except EstimationError:
-            raise EstimationError(reason) from error
-        self._times = []
-        self._update_belief(sensor_pose, time)
-        self._is_indeterminate = True
+        self._times, self._steps = [*self._times, time][-LAG:], self._steps + 1
+        self._sensor_pose, self._touched = sensor_pose, (sensor_pose, time)
+        if self._most > 1:
+            self._branch_at_alarms(window)
+            self._reweight_and_prune(window)
+        mirror = np.flatnonzero(self._rows.is_mirror)
+        if len(mirror) and self._rows.consistency.displacement[mirror[0]]:
+            self._take(~self._rows.is_mirror)
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor released the object, which something else may have moved meanwhile by this much [m]."""
@@ -269,7 +240,7 @@ class HypothesisBank:
         if not (lost := self._rows.is_lost).all():
             self._take(~lost)
         rows = self._rows
-        moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, SPREAD), moved)
+        moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
         self._rows = replace(
             rows,
@@ -278,140 +249,124 @@ class HypothesisBank:
             log_prior=rows.log_prior - costs_of_contact(rows, self._window.costs()),
             disturbed_steps_left=np.zeros_like(rows.age),
             next_alarm=np.zeros_like(rows.age),
-            ignored_motion=np.zeros((len(rows), 0), np.bool_),
-            path=extended(rows.path, self._window.object_path()),
-            online=no_paths(len(rows)),
+            ignored_motion=rows.ignored_motion[:, :0],
+            online=rows.online[:, :0],
         )
-        self._window = self._resting_since = None
-        self._images.end_contact()
+        self._history.append(self._window.object_path())
+        self._is_indeterminate = False
+        self._begin_rest()
+
+    def abandon_contact(self, sensor_pose: Array) -> None:
+        """Give up a graph that has no solution; the next step begins another from the best last pose."""
+        self._window = None
+        self._take([0])
+        self._history.append(self._rows.online)
+        before = sensor_pose if self._sensor_pose is None else self._sensor_pose
+        pushed = self._monitor.covariance_of_motion(float(np.hypot(*(sensor_pose - before)[:2])))
+        rows = self._rows
+        self._rows = replace(
+            Hypotheses.one(rows.belief.inflated(pushed), float(rows.sign[0])),
+            unobservable_yaw=rows.unobservable_yaw,
+            consistency=rows.consistency.without_errors(),
+        )
+        self._is_indeterminate = True
+        self._begin_rest()
 
     # Steps of a contact
 
-    def _begin_contact(self, contact: FirstContact, time: float) -> None:
+    def _begin_contact(self, frame: ContactFrame) -> Window:
         """Take the first frame of a contact in all hypotheses with which it may begin."""
-        self._steps, self._times = 0, []
-        rows = self._rows
-        touch = contact.measurements[: contact.from_touch]
-        is_sure = self._is_found and len(rows) == 1
-        if self._images.is_open and is_sure and any(isinstance(one, ContactDirection) for one in touch):
-            rows = rows.joined(replace(rows, sign=-rows.sign, is_mirror=~rows.is_mirror))
-        consistency = self._monitor.test_first_contact(
-            rows.consistency, rows.belief, contact.sensor_pose, contact.measurements, rows.sign, contact.from_touch
-        )
-        rows = replace(rows, consistency=consistency)
+        touch = frame.measurements[: frame.from_touch]
+        is_sure = self._is_found and len(self._rows.age) == 1
+        if self._may_be_mirrored and is_sure and any(isinstance(one, ContactDirection) for one in touch):
+            self._take([0, 0])
+            both = np.array([False, True])
+            self._rows = replace(self._rows, sign=self._rows.sign * np.where(both, -1.0, 1.0), is_mirror=both)
+        rows, monitor = self._rows, self._monitor
+        consistency = monitor.test_first_contact(rows.consistency, rows.belief, frame, rows.sign)
+        self._rows = rows = replace(rows, consistency=consistency)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
-        displaced = rest.inflated(
-            self._monitor.displacement_covariance(consistency) + self._monitor.contradiction_covariance(consistency)
-        )
+        doubt = monitor.displacement_covariance(consistency) + monitor.contradiction_covariance(consistency)
+        displaced = rest.inflated(doubt)
         if self._most == 1:
-            rows = replace(rows, belief=displaced, ignored_motion=np.zeros((len(rows), 1), np.bool_))
+            self._rows = replace(rows, belief=displaced)
         else:
-            groups = [rows.is_mirror == mirror for mirror in (False, True)]
-            begun = [_begun(rows, rest, displaced, each, self._is_found, self._model, contact) for each in groups]
-            rows = begun[0] if not groups[1].any() else begun[0].joined(begun[1])
-        self._rows = rows = self._without_unobservable_yaw(rows, contact.measurements)
-        self._window = self._new_window(rows, contact, time)
-        self._check_solved()
-        self._drop_lost()
-        self._test_and_update(contact.sensor_pose, contact.measurements, time)
-
-    def _new_window(self, rows: Hypotheses, contact: FirstContact, time: float) -> Window:
-        return Window(
+            origins, begun = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, frame)
+            self._take(origins)
+            self._rows = begun
+        rows = self._rows
+        is_measured = any(isinstance(one, ObjectPose) for one in frame.measurements)
+        if is_measured or not is_round(self._model):
+            self._rows = replace(rows, belief=rows.whole_belief, unobservable_yaw=np.zeros(len(rows.age)))
+        else:
+            self._rows = rows.with_observable_yaw()
+        self._window = Window(
             self._factors,
             self._model,
-            rows.belief,
-            contact.sensor_pose,
-            contact.measurements,
-            time,
+            self._rows.belief,
+            frame.sensor_pose,
+            frame.measurements,
+            frame.time,
             self._lag,
             self._settings.priors,
-            rows.sign,
-            contact.from_touch,
+            self._rows.sign,
+            frame.from_touch,
         )
+        self._drop_lost(self._window)
+        return self._window
 
-    def _continue_contact(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int
-    ) -> None:
+    def _continue_contact(self, window: Window, frame: ContactFrame) -> Window:
         """Take the next frame of a contact in all hypotheses."""
-        assert self._window is not None
-        is_disturbed = self._rows.disturbed_steps_left > 0
-        disturbance = np.where(is_disturbed[:, None], STILL_GOING_ON, 0.0)
-        leaving = self._window.add(sensor_pose, measurements, time, disturbance, from_touch)
-        self._check_solved()
-        ignored = np.concatenate([self._rows.ignored_motion, is_disturbed[:, None]], axis=1)
-        self._rows = replace(
-            self._rows,
-            disturbed_steps_left=self._rows.disturbed_steps_left - is_disturbed,
-            ignored_motion=ignored[:, -self._window.steps_with_costs :],
-            path=self._rows.path if leaving is None else extended(self._rows.path, leaving[:, None]),
-        )
-        tested = ~is_disturbed[~self._window.is_lost]
-        self._drop_lost()
-        self._test_and_update(sensor_pose, measurements, time, tested)
+        still_going_on = np.array([0.0, _SPREAD / np.sqrt(_BACK)])  # slide [m] by a hand: mean and standard deviation
+        disturbance = np.where(self._rows.disturbed_steps_left[:, None] > 0, still_going_on, 0.0)
+        leaving = window.add(frame.sensor_pose, frame.measurements, frame.time, disturbance, frame.from_touch)
+        is_lost = window.is_lost
+        if is_lost.any():
+            self._drop_lost(window)
+        if leaving is not None:
+            self._history.append(leaving[~is_lost, None])
+        self._is_indeterminate = False
+        return window
 
-    def _test_and_update(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, tested: Flags | None = None
-    ) -> None:
-        """Run the consistency tests of a frame of contact, and take the window's beliefs."""
-        rows, measured = self._rows, [one for one in measurements if isinstance(one, ObjectPose)]
-        if measured:
-            step = Step(sensor_pose, self._sensor_pose, measurements, [*self._times, time])
-            measured = [one for one in measured if step.is_in_window(one)]
-            recent = [poses_of(path, len(self._times)) for path in rows.online]
-            expected = np.concatenate([np.stack(recent), rows.belief.pose[:, None]], axis=1)
-            places = step.nearest(measured) - 1
-            consistency = self._monitor.test_object_poses(
-                rows.consistency, rows.belief, [expected[:, place] for place in places], measured, step.moved
-            )
-            self._rows = replace(rows, consistency=consistency)
-        self._update_belief(sensor_pose, time, tested)
+    def _tested_by_object_poses(self, frame: ContactFrame) -> tuple[Consistency, bool]:
+        """Test measured poses of the object against the estimates before this step; True if there are any."""
         rows = self._rows
-        consistency = self._monitor.test_outline(rows.consistency, rows.belief, sensor_pose, bool(measured))
-        self._rows, self._touched = replace(rows, consistency=consistency), (sensor_pose, time)
+        step = Step(frame.sensor_pose, self._sensor_pose, frame.measurements, [*self._times, frame.time])
+        measured = [one for one in frame.measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
+        estimated = np.concatenate([rows.online, rows.belief.pose[:, None]], axis=1)
+        expected = [estimated[:, place - 1] for place in step.nearest(measured)]
+        known = rows.consistency, rows.belief
+        return self._monitor.test_object_poses(*known, expected, measured, step.moved), bool(measured)
 
-    def _update_belief(self, sensor_pose: Array, time: float, tested: Flags | None = None) -> None:
-        """Take the window's beliefs, and test its errors in some rows, by default in all."""
-        assert self._window is not None
-        rows, belief, errors = self._rows, self._window.belief(), self._window.last_errors()
-        consistency = rows.consistency
-        if errors is not None:
-            tested = np.ones(len(rows), np.bool_) if tested is None else tested
-            consistency = self._monitor.test_innovations(consistency, errors, tested)
-        online = extended(rows.online, belief.pose[:, None])
-        self._rows = replace(rows, belief=belief, consistency=consistency, online=online)
-        self._sensor_pose, self._times = sensor_pose, [*self._times, time][-LAG:]
-
-    def _branch_at_alarms(self) -> None:
+    def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
-        assert self._window is not None
         rows = self._rows
-        is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
-        alarms = is_watched & suspects_disturbance(self._window, self._steps)
-        for is_mirror in (True, False):
-            group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
-            if len(group):
-                self._branch(int(group[0]))
+        is_watched = (rows.weight > _LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
+        alarms = is_watched & disturbance_alarms(window, self._steps, is_suspicion_enough=True)
+        if alarms.any():
+            for is_mirror in (True, False):
+                group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
+                if len(group):
+                    self._branch(window, int(group[0]))
 
-    def _branch(self, row: int) -> None:
+    def _branch(self, window: Window, row: int) -> None:
         """Add the hypotheses that something else moved the object, sliding it by several lengths, to one row."""
-        assert self._window is not None
-        before = len(self._rows)
-        first = max(self._steps - BACK, 1)
-        new = np.arange(before, before + len(SLIDES))
-        self._take(np.concatenate([np.arange(before), np.full(len(SLIDES), row)]))
-        self._window.disturb(new, self._steps - first, SLIDES, SPREAD)
-        rows, belief = self._rows, self._window.belief()
-        is_new = np.arange(len(rows)) >= before
+        before = len(self._rows.weight)
+        steps = self._steps - max(self._steps - _BACK, 1)
+        new = np.arange(before, before + len(_SLIDES))
+        self._take(np.concatenate([np.arange(before), np.full(len(_SLIDES), row)]))
+        window.disturb(new, steps, _SLIDES, _SPREAD)
+        rows = self._rows
+        is_new = np.arange(len(rows.weight)) >= before
+        squares = np.where(is_new[:, None, None], 0.0, rows.consistency.squares)
         ignored = rows.ignored_motion.copy()
-        ignored[before:, ignored.shape[1] - (self._steps - first) :] = True
-        next_alarm = np.where(is_new, self._steps + BACK + AHEAD, rows.next_alarm)
-        next_alarm[row] = self._steps + BACK + AHEAD
+        ignored[before:, ignored.shape[1] - steps :] = True
+        next_alarm = np.where(is_new, self._steps + _BACK + AHEAD, rows.next_alarm)
+        next_alarm[row] = self._steps + _BACK + AHEAD
         self._rows = replace(
             rows,
-            belief=rows.belief.take(~is_new).joined(belief.take(is_new)),
-            consistency=replace(
-                rows.consistency, squares=np.where(is_new[:, None, None], 0.0, rows.consistency.squares)
-            ),
+            belief=rows.belief.take(~is_new).joined(window.belief().take(is_new)),
+            consistency=replace(rows.consistency, squares=squares),
             log_prior=np.where(is_new, rows.log_prior - LOG_UNLIKELY, rows.log_prior),
             weight=np.where(is_new, 1.0, rows.weight),
             age=np.where(is_new, 0, rows.age),
@@ -419,146 +374,94 @@ class HypothesisBank:
             next_alarm=next_alarm,
             ignored_motion=ignored,
         )
-        self._drop_lost()
+        if window.is_lost.any():
+            self._drop_lost(window)
         mirror_last = np.argsort(self._rows.is_mirror, kind="stable")
         self._take(mirror_last)
 
-    def _reweight_and_prune(self) -> None:
+    def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
-        assert self._window is not None
-        groups = [np.flatnonzero(self._rows.is_mirror == mirror) for mirror in (False, True)]
-        order, weights = [], []
-        for group in groups:
-            if not len(group):
-                continue
-            is_sure = self._is_found or self._rows.is_mirror[group[0]]
-            most = self._most if is_sure else max(self._most, MOST_YOUNG)
-            costs = self._window.costs()[group]
-            kept, weight = worth_keeping(self._rows.take(group), costs, self._settings.priors, most)
-            order.append(group[kept])
-            weights.append(weight)
-        order = np.concatenate(order)
-        if not np.array_equal(order, np.arange(len(self._rows))):
-            self._take(order)
-        is_single = np.array([len(group) == 1 for group in groups])[self._rows.is_mirror.astype(np.int64)]
+        is_mirror, priors = self._rows.is_mirror, self._settings.priors
+        kept, weights = [], []
+        for group in (np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)):
+            if len(group) > 1:
+                is_sure = self._is_found or is_mirror[group[0]]
+                most = self._most if is_sure else max(self._most, MOST_YOUNG)
+                order, weight = worth_keeping(self._rows.take(group), window.costs()[group], priors, most)
+                kept, weights = [*kept, *group[order]], [*weights, *weight]
+            else:
+                kept, weights = [*kept, *group], [*weights, *np.ones(len(group))]
+        if kept != list(range(len(is_mirror))):
+            self._take(kept)
+        rows, count = self._rows, np.count_nonzero(self._rows.is_mirror)
+        is_single = np.where(rows.is_mirror, count, len(kept) - count) == 1
         self._rows = replace(
-            self._rows,
-            weight=np.concatenate(weights),
-            log_prior=np.where(is_single, 0.0, self._rows.log_prior),
-            ignored_motion=self._rows.ignored_motion & ~is_single[:, None],
+            rows,
+            weight=np.array(weights),
+            log_prior=np.where(is_single, 0.0, rows.log_prior),
+            ignored_motion=rows.ignored_motion & ~is_single[:, None],
         )
         if is_single[0] and not self._is_found:
-            self._is_found = not is_rough(self.belief, self._model)
+            self._is_found = not is_rough(rows.belief, self._model)
 
-    def _decide_mirrored(self, time: float) -> None:
-        """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses."""
-        rows, window = self._rows, self._window
-        if not rows.is_mirror.any() or window is None:
-            return
-        detected, undisturbed = detects_disturbance(window, self._steps), rows.ignored_motion.sum(axis=1) == 0
-        contradicted = []
-        for mirror in (False, True):
-            group = np.flatnonzero(rows.is_mirror == mirror)
-            best = group[undisturbed[group]][:1]
-            contradicted.append(bool(detected[best[0] if len(best) else group[0]]))
-        is_sure = np.count_nonzero(rows.is_mirror) == 1
-        self._images.decide((contradicted[0], contradicted[1]), is_sure, time)
-        if self._images.is_open:
-            return
-        self._take(rows.is_mirror == self._images.is_mirrored)
-        self._rows = replace(self._rows, is_mirror=np.zeros(len(self._rows), np.bool_))
-        if self._images.is_mirrored:
-            logger.warning("frame at %.3f s: %s", time, MIRRORED)
+    def _decide_mirrored(self, window: Window, time: float) -> None:
+        """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses.
 
-    # Rest
-
-    def _measured_at_rest(self, measurements: Sequence[Measurement], time: float) -> Hypotheses:
-        """Return the hypotheses that have a solution with measurements of the resting object."""
-        monitor, since = self._monitor, time if self._resting_since is None else self._resting_since
-        solved: list[Hypotheses] = []
-        for row in range(len(self._rows)):
-            rows = self._rows.take([row])
-            whole, state = rows.whole_belief, rows.consistency
-            prior = whole.inflated(monitor.displacement_covariance(state))
-            doubted = prior.inflated(monitor.contradiction_covariance(state))
-            given = measurements, self._factors, self._model, since, time
-            try:
-                belief, is_of_pose = measured_at_rest(whole, doubted, *given)
-            except EstimationError:
-                if row == len(self._rows) - 1 and not solved:
-                    raise
-                continue
-            step = Step(prior.pose[0], None, measurements, [since, time], at_rest=True)
-            measured = [one for one in measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
-            state = monitor.test_object_poses(state, prior, [prior.pose] * len(measured), measured, moved=0.0)
-            if is_of_pose:  # the object may have been found elsewhere
-                state, self._touched = state.found(), None
-            solved.append(replace(rows, belief=belief, unobservable_yaw=np.zeros(1), consistency=state))
-        return functools.reduce(Hypotheses.joined, solved)
-
-    def _without_unobservable_yaw(self, rows: Hypotheses, measurements: Sequence[Measurement]) -> Hypotheses:
-        """Return hypotheses for the graph of a contact, with the large variance of a round object's yaw held out.
-
-        The graph would otherwise learn yaw from its own linearisation errors.
+        They are as they are or mirrored if the other group is contradicted for a while and this one is not; mirrored
+        only if one pose is left, since if several are needed something else is wrong.
         """
-        whole = rows.whole_belief
-        variance = whole.covariance[:, 2, 2]
-        held_out = np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
-        if any(isinstance(one, ObjectPose) for one in measurements) or not held_out.any() or not is_round(self._model):
-            return replace(rows, belief=whole, unobservable_yaw=np.zeros(len(rows)))
-        less = np.ones(whole.covariance.shape[:2])
-        less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
-        belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
-        return replace(rows, belief=belief, unobservable_yaw=held_out)
-
-    # Rows
+        is_mirror = self._rows.is_mirror
+        detected, is_disturbed = disturbance_alarms(window, self._steps), self._rows.ignored_motion.sum(axis=1) > 0
+        groups = np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)
+        best = [[*group[~is_disturbed[group]], group[0]][0] for group in groups]
+        self._contradicted = self._contradicted | detected[best]
+        as_is, mirrored = self._contradicted.tolist()
+        if as_is or mirrored:
+            self._contradicted_since = min(self._contradicted_since, time)
+        if not as_is or not mirrored:
+            is_sure = np.count_nonzero(is_mirror) == 1
+            if time - self._contradicted_since <= _UNDECIDED or not (is_sure or mirrored):
+                return
+        self._may_be_mirrored, self._is_mirrored = False, as_is and not mirrored
+        self._take(is_mirror == self._is_mirrored)
+        self._rows = replace(self._rows, is_mirror=np.zeros_like(self._rows.is_mirror))
+        if self._is_mirrored:
+            logger.warning("frame at %.3f s: %s", time, _MIRRORED)
 
     def _take(self, rows: Indices) -> None:
         """Keep these hypotheses, in this order; one may be taken several times."""
-        self._rows = self._rows.take(rows)
+        places = np.arange(len(self._rows.weight))[rows]
+        if np.array_equal(places, np.arange(len(self._rows.weight))):
+            return
+        self._history.append(places)
+        self._rows = self._rows.take(places)
         if self._window is not None:
-            self._window.take(rows)
+            self._window.take(places)
 
-    def _check_solved(self) -> None:
-        """Raise EstimationError if no hypothesis with images as they are has a solution."""
-        assert self._window is not None
-        if self._window.is_lost[~self._rows.is_mirror].all():
+    def _drop_lost(self, window: Window) -> None:
+        """Drop hypotheses without a solution; raises EstimationError if none with images as they are has one."""
+        if window.is_lost[~self._rows.is_mirror].all():
+            self._window = None
             raise EstimationError("the linear system of the window is indeterminate")
-
-    def _drop_lost(self) -> None:
-        """Drop hypotheses without a solution."""
-        assert self._window is not None
-        if (lost := self._window.is_lost).any():
-            self._take(~lost)
+        self._take(~window.is_lost)
 
 
-def _begun(
-    rows: Hypotheses,
-    rest: Belief,
-    displaced: Belief,
-    group: Flags,
-    was_found: bool,
-    model: ContactModel,
-    contact: FirstContact,
-) -> Hypotheses:
-    """Return the hypotheses with which a contact begins, from those of a group (B,) before it."""
-    rows, rest, displaced = rows.take(group), rest.take(group), displaced.take(group)
-    if not len(rows):
-        return rows
-    is_displaced = rows.consistency.is_displaced
-    begun = contact_hypotheses(rest, displaced, rows.log_prior, rows.sign, is_displaced, was_found, model, contact)
-    taken = rows.take([one.row for one in begun])
-    belief = begun[0].belief
-    for one in begun[1:]:
-        belief = belief.joined(one.belief)
-    is_place, goes_on = (np.array([getattr(one, name) for one in begun]) for name in ("is_place", "goes_on"))
-    return replace(
-        taken,
-        belief=belief,
-        log_prior=np.array([one.log_prior for one in begun]),
-        weight=np.where(goes_on, taken.weight, 1.0),
-        age=np.where(goes_on, taken.age, 0),
-        disturbed_steps_left=np.where(is_place, AHEAD, 0),
-        next_alarm=np.zeros(len(begun), np.int64),
-        ignored_motion=is_place[:, None],
-    )
+def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:
+    """Return the covariance (3, 3) of all hypotheses about the best, and what makes them ambiguous in words.
+
+    The covariance is in the tangent space at its pose (right, body frame). They are ambiguous if another hypothesis is
+    likely and far from the best, or if all together are spread out.
+    """
+    from_best = se2.log(se2.between(poses[0], poses))
+    joint = np.zeros((3, 3))
+    for weight, covariance, apart in zip(weights, covariances, from_best, strict=True):
+        joint += weight * (covariance + np.outer(apart, apart))
+    is_far = (np.abs(from_best) > _APART).any(axis=1)
+    is_spread = (np.diagonal(joint) > _APART**2).any()
+    if np.count_nonzero(weights) < 2 or not (is_spread or ((weights > _LIKELY) & is_far).any()):
+        return joint, None
+    apart = np.abs(from_best[weights > 0.5 * POOR])
+    if len(apart) < 2:
+        return joint, ""
+    far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
+    return joint, f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"

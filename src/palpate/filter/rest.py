@@ -5,39 +5,69 @@ contact with the object in place of the sensor: with g = 0 and e = o, a perturba
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
+from palpate.filter.consistency import ConsistencyMonitor
+from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.factor import Factor, Linear, Step, Terms
 from palpate.graph.values import Values
 from palpate.graph.variables import CONTACT_SIZE, IN_STEP, SENSOR, SHARED_SIZE, STEP_SIZE
-from palpate.types.measurements import Measurement
+from palpate.types.measurements import Measurement, ObjectPose
 
 Array = NDArray[np.float64]
 _ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
 
 
 def measured_at_rest(
-    belief: Belief,
-    doubted: Belief,
+    rows: Hypotheses,
     measurements: Sequence[Measurement],
+    times: tuple[float, float],
     factors: Sequence[Factor],
     model: ContactModel,
-    since: float,
-    now: float,
-) -> tuple[Belief, bool]:
-    """Return the belief (one row) about a resting object after measurements, and True if these depend on its pose.
+    monitor: ConsistencyMonitor,
+) -> tuple[list[int], Hypotheses, bool]:
+    """Return the rows that have a solution with measurements of the resting object, these, and True if it was found.
 
-    Those that do are combined with the `doubted` belief, which is inflated by what may have moved the object. The
-    object rests since a time [s], and measurements may have any time from then to now [s]. Raises EstimationError if
-    there is no solution.
+    It is found by measurements of its pose. They are combined with a belief that is inflated by what may have moved it.
+    The object rests since the first of the times [s], and measurements may have any time from then to the second, now.
+    Raises EstimationError if no hypothesis has a solution.
     """
-    step = Step(belief.pose[0], None, measurements, [since, now], at_rest=True)
+    kept: list[int] = []
+    solved: list[Hypotheses] = []
+    is_found = False
+    for row in range(len(rows.age)):
+        one = rows.take([row])
+        whole, state = one.whole_belief, one.consistency
+        prior = whole.inflated(monitor.displacement_covariance(state))
+        doubted = prior.inflated(monitor.contradiction_covariance(state))
+        step = Step(whole.pose[0], None, measurements, times, at_rest=True)
+        try:
+            belief, is_of_pose = _solved(whole, doubted, step, factors, model)
+        except EstimationError:
+            if row == len(rows.age) - 1 and not solved:
+                raise
+            continue
+        measured = [each for each in measurements if isinstance(each, ObjectPose) and step.is_in_window(each)]
+        state = monitor.test_object_poses(state, prior, [prior.pose] * len(measured), measured, moved=0.0)
+        if is_of_pose:  # the object may have been found elsewhere
+            state, is_found = state.found(), True
+        kept.append(row)
+        solved.append(replace(one, belief=belief, unobservable_yaw=np.zeros(1), consistency=state))
+    return kept, reduce(Hypotheses.joined, solved), is_found
+
+
+def _solved(
+    belief: Belief, doubted: Belief, step: Step, factors: Sequence[Factor], model: ContactModel
+) -> tuple[Belief, bool]:
+    """Return the belief (one row) after the measurements of a step, and True if these depend on the object's pose."""
     terms = [(factor, factor.terms(step)) for factor in factors if factor.holds_at_rest]
     given = [(factor, Terms(0 * new.step, new.data)) for factor, new in terms if new is not None]
     if not given:
@@ -70,19 +100,21 @@ def measured_at_rest(
 def _linearised(
     given: Sequence[tuple[Factor, Terms]], model: ContactModel, pose: Array, values: Array
 ) -> list[tuple[Linear, Array]]:
-    """Return terms linearised at an object pose (3,) and variables (OBJECT_SIZE,), each with its Jacobian by both."""
+    """Return terms linearised at an object pose (3,) and variables (OBJECT_SIZE,), each with its Jacobian by both.
+
+    The Jacobians are (T, R, 3 + OBJECT_SIZE).
+    """
     shared = np.zeros((1, SHARED_SIZE))
     shared[0, CONTACT_SIZE:] = values
-    nothing = np.zeros((1, 1, 3))
-    at = Values(model, nothing, pose[None, None].copy(), shared, np.zeros((1, 1, 2)), np.ones(1))
-    rows = [(factor, factor.linearise(at, terms)) for factor, terms in given]
-    return [(each, _by_object(factor, each.jacobian[0])) for factor, each in rows]
-
-
-def _by_object(factor: Factor, jacobian: Array) -> Array:
-    """Return the columns (T, R, 3 + OBJECT_SIZE) of the object's pose and variables of a Jacobian (T, R, C)."""
-    (in_step, in_shared), (of_step, of_shared) = factor.columns
-    every = np.zeros((*jacobian.shape[:2], STEP_SIZE + SHARED_SIZE))
-    every[..., in_step : in_step + of_step] = jacobian[..., :of_step]
-    every[..., STEP_SIZE + in_shared : STEP_SIZE + in_shared + of_shared] = jacobian[..., of_step:]
-    return np.concatenate([every[..., IN_STEP[SENSOR]], every[..., STEP_SIZE + CONTACT_SIZE :]], axis=-1)
+    at = Values(model, np.zeros((1, 1, 3)), pose[None, None].copy(), shared, np.zeros((1, 1, 2)), np.ones(1))
+    found: list[tuple[Linear, Array]] = []
+    for factor, terms in given:
+        linear = factor.linearise(at, terms)
+        jacobian, ((in_step, in_shared), (of_step, of_shared)) = linear.jacobian[0], factor.columns
+        every = np.zeros((*jacobian.shape[:2], STEP_SIZE + SHARED_SIZE))
+        every[..., in_step : in_step + of_step] = jacobian[..., :of_step]
+        every[..., STEP_SIZE + in_shared : STEP_SIZE + in_shared + of_shared] = jacobian[..., of_step:]
+        found.append(
+            (linear, np.concatenate([every[..., IN_STEP[SENSOR]], every[..., STEP_SIZE + CONTACT_SIZE :]], axis=-1))
+        )
+    return found

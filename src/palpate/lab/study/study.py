@@ -21,7 +21,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import held_folder, read_json, whole_file
 from palpate.lab.parallel import spread
 from palpate.lab.study.trial import Method, Outcome, StudySettings, Trial, read_trial, track_recording, write_trial
-from palpate.tracker_arguments import first_pose_of
+from palpate.tracker import first_pose_of
 
 logger = logging.getLogger(__name__)
 FORMAT = {"format": "palpate-study", "version": 2}

@@ -30,8 +30,7 @@ from palpate.touch.calibration import (
 )
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import TouchModel, shipped_model
-from palpate.tracker import Tracker
-from palpate.tracker_arguments import with_correction
+from palpate.tracker import Tracker, with_correction
 from palpate.types.estimate import Trajectory
 from palpate.types.measurements import Frame, Measurement
 from palpate.types.recording import Recording
