@@ -290,7 +290,7 @@ def test_an_object_pose_with_a_covariance_that_is_none(covariance):
 def test_a_small_covariance_is_not_taken_for_symmetric():
     covariance = np.diag([1e-8, 1e-8, 1e-6])
     covariance[0, 1] = 5e-9
-    with pytest.raises(EstimationError, match=r"it must be a symmetric \(3, 3\)"):
+    with pytest.raises(EstimationError, match="it must be a symmetric"):
         ObjectPose(np.zeros(3), covariance)
     covariance[1, 0] = 5e-9 + 1e-18
     ObjectPose(np.zeros(3), covariance)
