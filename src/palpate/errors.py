@@ -1,6 +1,10 @@
 """The errors palpate raises on bad input. Each message names what is wrong, what was found and what is allowed."""
 
-from palpate.printable import printable, shortened
+import re
+
+# Control characters, those that turn the direction of writing, and halves of characters, which names of files hold
+# whose bytes are no text.
+_UNPRINTABLE = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class PalpateError(Exception):
@@ -8,7 +12,8 @@ class PalpateError(Exception):
 
     def __str__(self) -> str:
         """The message, in which what a file holds is not at length and no control characters."""
-        return shortened(printable(super().__str__()))
+        text = printable(super().__str__())
+        return text if len(text) <= 1600 else f"{text[:800]} ... {text[-400:]}"
 
 
 class FileError(PalpateError):
@@ -31,5 +36,15 @@ class FrameError(EstimationError):
     """A frame cannot be used and is left out.
 
     Later estimates are the same to the last digit as if it had not come. One exception: if a pose is refused because it
-    leaps in a contact, what that frame's image showed of the gel is kept.
+    jumps in a contact, what that frame's image showed of the gel is kept.
     """
+
+
+def printable(text: str) -> str:
+    r"""Return the text with characters that are not to reach a terminal written as Python does, such as \x1b."""
+    return _UNPRINTABLE.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def one_line(error: Exception) -> str:
+    """Return the message of an error of a library as one short line."""
+    return " ".join(str(error).split())[:200]

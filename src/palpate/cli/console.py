@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from palpate.printable import printable
+from palpate.errors import printable
 
 LINE_EVERY = 30.0
 """Time between lines of progress in a log [s]."""

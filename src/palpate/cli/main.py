@@ -22,8 +22,7 @@ from palpate.cli.train import train
 from palpate.cli.truth import truth, truth_camera, truth_print
 from palpate.cli.tune import tune
 from palpate.cli.view import view
-from palpate.errors import PalpateError
-from palpate.printable import PrintableFormatter
+from palpate.errors import PalpateError, printable
 
 COMMANDS = {
     "demo": demo,
@@ -60,7 +59,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"palpate {__version__}")
         return 0
     log = logging.StreamHandler()
-    log.setFormatter(PrintableFormatter("palpate: %(message)s"))
+    log.format = lambda record: printable(f"palpate: {record.getMessage()}")
     logging.basicConfig(handlers=[log], level=logging.WARNING)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text

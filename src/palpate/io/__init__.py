@@ -11,9 +11,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from palpate.errors import FileError, PalpateError, SettingError
+from palpate.errors import FileError, PalpateError, SettingError, one_line
 from palpate.io.rosbag_reader import existing_bag
-from palpate.printable import one_line
 from palpate.types.estimate import Trajectory
 from palpate.types.recording import Recording
 

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.errors import FileError
+from palpate.errors import FileError, one_line
 from palpate.files import csv_rows, in_file, read_text, whole_file
 from palpate.io.text_files import text_start
-from palpate.printable import one_line
 from palpate.types.estimate import Trajectory
 
 DESCRIPTION = "palpate estimates with covariance (.csv)"

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, METRES, is_near
-from palpate.errors import FileError, PalpateError, SettingError, ShapeError
+from palpate.errors import FileError, PalpateError, SettingError, ShapeError, one_line
 from palpate.files import existing_file, read_json, read_text
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 from palpate.io.scanned_outline import is_scan, shape_of_scan
 from palpate.io.text_files import NUMBER
-from palpate.printable import one_line
 
 logger = logging.getLogger(__name__)
 

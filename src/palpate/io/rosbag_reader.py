@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import FileError
+from palpate.errors import FileError, one_line
 from palpate.files import existing_file
 from palpate.io.mcap_file import CutShort, is_mcap, mcap_messages
 from palpate.io.ros_messages import (
@@ -27,7 +27,6 @@ from palpate.io.ros_messages import (
     poses_of,
     stamp_of,
 )
-from palpate.printable import one_line
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)

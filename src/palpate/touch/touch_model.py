@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST
-from palpate.errors import FileError
+from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_json, whole_file
-from palpate.printable import one_line
 from palpate.touch.cells import area_means, light_of, lit
 
 Difference = NDArray[np.float32]
