@@ -16,8 +16,8 @@ from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Recta
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
 from palpate.graph.contact_geometry import contact_model
-from palpate.lab.simulate.folder import plan
 from palpate.lab.simulate.limit_surface import Steering, push
+from palpate.lab.simulate.recordings import plan
 from palpate.pipeline.metrics import deviations
 
 matplotlib.use("Agg")

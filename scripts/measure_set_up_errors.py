@@ -3,7 +3,7 @@
     palpate simulate FOLDER --ideal --count 18 --seed 87501 --seconds 15
     python scripts/measure_set_up_errors.py FOLDER
 
-Each recording is tracked without errors, with each error that `lab/simulate/systematic.py` draws, and with all of them;
+Each recording is tracked without errors, with each error that `set_up_errors` draws, and with all of them;
 then with the outline taken for exact. Eight minutes on two cores.
 """
 

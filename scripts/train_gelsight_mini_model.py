@@ -13,7 +13,7 @@ from pathlib import Path
 
 from palpate.cli.console import progress_bar
 from palpate.geometry.shapes import SHAPES
-from palpate.lab.simulate.folder import plan, simulate_folder
+from palpate.lab.simulate.recordings import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
 from palpate.lab.train.train import TrainSettings, train
 from palpate.touch.touch_model import SHIPPED_OF

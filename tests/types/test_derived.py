@@ -5,7 +5,7 @@ import pytest
 from recording_samples import runs
 
 from palpate import Disc, SensorProfile
-from palpate.lab.simulate.episodes import episode_numbers
+from palpate.lab.simulate.recordings import episode_numbers
 from palpate.types.recording import contact_flags, held, impossible, spikes
 
 

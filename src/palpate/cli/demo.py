@@ -46,7 +46,7 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = Fa
 def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
     from palpate.geometry.shapes import SHAPES
-    from palpate.lab.simulate.folder import plan
+    from palpate.lab.simulate.recordings import plan
 
     (simulation,) = plan({SHAPE: SHAPES[SHAPE]}, 1, SEED, seconds=SECONDS).values()
     return simulation.run(progress)

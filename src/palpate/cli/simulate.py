@@ -45,7 +45,7 @@ class Pushes:
         from palpate.errors import SettingError
         from palpate.geometry.shapes import SHAPES
         from palpate.io.outlines import load_shape
-        from palpate.lab.simulate.folder import plan
+        from palpate.lab.simulate.recordings import plan
         from palpate.types.sensor import known_sensor
 
         shapes = {}
@@ -94,7 +94,7 @@ def simulate(
     import time
 
     from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
-    from palpate.lab.simulate.folder import simulate_folder
+    from palpate.lab.simulate.recordings import simulate_folder
     from palpate.lab.simulate.replay import replay_folder
 
     begin = time.perf_counter()
@@ -128,7 +128,7 @@ def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[s
     """Return recordings by the names of their replays, and the errors of unreadable ones."""
     from palpate.errors import FileError, SettingError
     from palpate.io import load_recording
-    from palpate.lab.simulate.folder import SUFFIX
+    from palpate.lab.simulate.recordings import SUFFIX
 
     sources: dict[str, Path] = {}
     found: dict[str, Recording] = {}

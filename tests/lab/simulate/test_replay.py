@@ -18,8 +18,8 @@ from palpate import (
     write_recording,
 )
 from palpate.geometry import se2
-from palpate.lab.simulate.folder import SUFFIX
 from palpate.lab.simulate.real_motion import real_contacts, real_motion
+from palpate.lab.simulate.recordings import SUFFIX
 from palpate.lab.simulate.replay import replay_folder, replay_recording
 from palpate.lab.simulate.unit import draw_unit
 
@@ -87,12 +87,11 @@ def test_the_gel_touches_where_the_tip_did_after_a_time_of_rest(gap):
     np.testing.assert_allclose(center[REST:, 0], -HALF - (unit.radius - depth[REST:] + gap), atol=1e-6)
     np.testing.assert_allclose(center[REST:, 1], along, atol=1e-6)
     np.testing.assert_array_equal(truth(made)[REST:], truth(recording))
-    np.testing.assert_array_equal(made.extra["real_sensor_pose"][REST:], recording.sensor_pose)
     # Before, the object rests and the sensor comes from 1 cm away.
-    assert len(made) == REST + 40 and "0.6 s of rest added before" in made.source
+    assert len(made) == REST + 40
     np.testing.assert_allclose(made.time[: REST + 1], np.arange(REST + 1) / 30.0, atol=1e-9)
     assert not contact(made)[:REST].any() and contact(made)[REST:].all()
-    assert (truth(made)[:REST] == truth(recording)[0]).all() and np.isnan(made.extra["real_sensor_pose"][:REST]).all()
+    assert (truth(made)[:REST] == truth(recording)[0]).all()
     clear = made.shape.signed_distance(center[:REST]) - unit.radius
     assert clear[0] == pytest.approx(0.01 + gap, abs=1e-6) and (np.diff(clear) < 0).all()
     assert (depth[:REST] == 0).all() and (depth[REST:] > 0).all()
@@ -142,7 +141,7 @@ def test_short_unknown_truth_is_bridged_and_stays_unknown():
     gaps[10], gaps[-3:] = np.nan, np.nan
     made = replay_recording(replace(recording, object_pose=gaps))
     assert len(made) == REST + 40 - 3  # unknown poses at the end are left out
-    assert np.flatnonzero(np.isnan(truth(made)[:, 0])).tolist() == [REST + 10] and "1 frame bridged" in made.source
+    assert np.flatnonzero(np.isnan(truth(made)[:, 0])).tolist() == [REST + 10]
     # Turning evenly and sticking, the object goes as bridged.
     motion = real_motion(replace(recording, object_pose=gaps), 30.0)
     np.testing.assert_allclose(motion.object_pose[REST + 10], truth(recording)[10], atol=5e-6)
@@ -230,7 +229,7 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
         write_recording(one, tmp_path / f"{name}{SUFFIX}")
     a, b, c, d = ((tmp_path / f"{name}{SUFFIX}").read_bytes() for name in "abcd")
     assert a == b and len({a, c, d}) == 3
-    assert "images of unit 7;" in replay_recording(recording, seed=1, unit=7).source
+    assert replay_recording(recording, seed=1, unit=7).source.endswith("images of unit 7")
     replay_folder(tmp_path / "two", {f"x{SUFFIX}": recording, f"y{SUFFIX}": renamed}, seed=1, workers=2)
     assert (tmp_path / f"two/x{SUFFIX}").read_bytes() == a and (tmp_path / f"two/y{SUFFIX}").read_bytes() == d
 

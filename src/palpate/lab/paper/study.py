@@ -26,7 +26,7 @@ from palpate.lab.paper.graph import Model, compared_frames, track_episodes
 from palpate.lab.paper.images import Images, draw_pairs, episodes_of, joined, read_images, turn_between
 from palpate.lab.paper.transform_network import Pairs, expanded, fit_all, fit_linear, validation_loss
 from palpate.lab.parallel import spread
-from palpate.lab.simulate.folder import plan, simulate_folder
+from palpate.lab.simulate.recordings import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
 from palpate.pipeline.track import track as track_with_palpate
 

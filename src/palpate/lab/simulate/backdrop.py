@@ -1,10 +1,7 @@
 """The image without contact: three coloured lights on a gel, drawn for each unit, and marks on its skin.
 
-Modelled on seventeen real DIGITs: red glows on the upper left, green on the upper right and blue below, each as a
-soft cone or one with a sharp, curved border, some broken into streaks; a dim band at the top, vignette, tint and
-specks. White balance keeps the mean of each channel near 95; its spread varies between units.
-
-A flat gel is lit evenly from its sides: a real GelSight Mini and a real GelSlim are soft all over.
+Modelled on seventeen real DIGITs: soft or sharp cones of red, green and blue, a dim band at the top, vignette, tint and
+specks. A flat gel is lit evenly from its sides, as a real GelSight Mini and a real GelSlim are.
 """
 
 import math
@@ -34,7 +31,7 @@ class Backdrop:
     sharpest: float
     """Largest sharpness of the borders and streaks of a light, 0 to 1."""
     has_band: bool
-    """A band at the top gets little light."""
+    """True if a band at the top gets little light."""
 
 
 ROUND = Backdrop(
@@ -54,8 +51,8 @@ def draw_illumination(
     """
     right, up = _grid(height, width)
     horizon = up[0, 0] * rng.uniform(0.55, 0.95)
-    dim = _step((horizon - up + rng.uniform(-0.25, 0.25) * right) / rng.uniform(0.06, 0.3))
-    dim = dim if kind.has_band else np.ones_like(dim)
+    band = _step((horizon - up + rng.uniform(-0.25, 0.25) * right) / rng.uniform(0.06, 0.3))
+    dim = band if kind.has_band else np.ones_like(band)
     sharpness = rng.uniform(0.0, 1.0) * kind.sharpest
     lights = [_cone(bearing, right, up, sharpness, rng) for bearing in glow]
     dimmed = [light * (0.25 + 0.75 * dim) for light in lights[:2]]
@@ -77,7 +74,10 @@ def draw_no_contact(
     mean, spread = rng.uniform(*kind.mean), rng.uniform(*kind.spread)
     image = mean + spread * (image - image.mean(axis=(0, 1))) / image.std(axis=(0, 1))
     image = np.maximum(image, 28.0 + 0.15 * image)  # stray light: nothing is black
-    _add_specks(image, rng)
+    least, most = GRAIN_RADIUS
+    for _ in range(rng.poisson(1.5)):  # dots of dust and dents, bright or dark
+        row, column, radius = rng.uniform((0, 0, least), (height, width, most))
+        image += grain((height, width), (row, column), radius)[..., None] * rng.uniform(*GRAIN_LEVELS, 3)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
@@ -103,19 +103,13 @@ def _cone(bearing: float, right: Image, up: Image, sharpness: float, rng: np.ran
     cone = _step(border / (0.04 + 0.4 * (1.0 - sharpness) * rng.uniform(0.3, 1.0)))
     source = side * rng.uniform(1.5, 2.6) + rng.uniform(-0.4, 0.4, 2)
     fan = np.arctan2(up - source[1], right - source[0]) - np.arctan2(-source[1], -source[0])
-    streaks = _streaks(fan, rng) * _step(2.5 * _cloud(right.shape, 4, rng) - 0.5)
+    fine = np.convolve(rng.normal(size=721 + 12), np.hanning(13) / 2.1, mode="valid")
+    coarse = np.convolve(rng.normal(size=721 + 34), np.hanning(35) / 3.6, mode="valid")
+    stripes = np.interp(np.mod(fan + np.pi, 2.0 * np.pi), np.linspace(0.0, 2.0 * np.pi, 721), 0.4 * fine + 0.7 * coarse)
+    streaks = stripes.astype(np.float32) * _step(2.5 * _cloud(right.shape, 4, rng) - 0.5)
     amount = rng.uniform(0.1, 0.9) * sharpness
     share = rng.uniform(0.3, 1.2) * (abs(side[0]) + 0.2)  # the light from below stands too far back for a cone
     return (0.6 * glow + share * cone * (0.3 + glow)) * np.maximum(1.0 + amount * streaks, 0.3)
-
-
-def _streaks(fan: Image, rng: np.random.Generator) -> Image:
-    """Draw random stripes, about 1 in height, over the angle at the light [rad], 0 towards the image's middle."""
-    turned = np.mod(fan + np.pi, 2.0 * np.pi)
-    angle = np.linspace(0.0, 2.0 * np.pi, 721)
-    fine = np.convolve(rng.normal(size=721 + 12), np.hanning(13) / 2.1, mode="valid")
-    coarse = np.convolve(rng.normal(size=721 + 34), np.hanning(35) / 3.6, mode="valid")
-    return np.interp(turned, angle, 0.4 * fine + 0.7 * coarse).astype(np.float32)
 
 
 def _cloud(size: tuple[int, ...], cells: int, rng: np.random.Generator) -> Image:
@@ -147,12 +141,3 @@ def scratch(
     across = np.cos(angle) * right + np.sin(angle) * down
     along = np.cos(angle) * down - np.sin(angle) * right
     return ((np.abs(across) < 0.5 * width) & (np.abs(along) < 0.5 * length)).astype(np.float64)
-
-
-def _add_specks(image: NDArray[np.floating], rng: np.random.Generator) -> None:
-    """Add a few dots of dust and dents, bright or dark."""
-    height, width, _ = image.shape
-    least, most = GRAIN_RADIUS
-    for _ in range(rng.poisson(1.5)):
-        row, column, radius = rng.uniform((0, 0, least), (height, width, most))
-        image += grain((height, width), (row, column), radius)[..., None] * rng.uniform(*GRAIN_LEVELS, 3)

@@ -1,9 +1,10 @@
 """Touch images: the inside of a gel pressed against an object.
 
-The undeformed gel overlaps the object; the overlap is the local indentation. The gel follows around the contact, and
-three coloured lights show its slopes (`optics`). Only the change against the gel at rest is added to the image without
-contact. The sensor is described by W. Yuan, S. Dong, E. Adelson, "GelSight", 2017; Z. Si, W. Yuan, "Taxim", 2022
-simulate it from calibration images, here the lights are a drawn model and no images are needed.
+The undeformed gel overlaps the object; the overlap is the local indentation, around which the gel follows. Three
+coloured lights show the slopes, and only the change against the gel at rest is added to the image without contact. Seen
+from inside, a round gel at rest is hollow and an imprint is a bump: a light makes the far side of the hollow glow, but
+the near flank of the bump, which casts a shadow. The sensor is described by W. Yuan, S. Dong, E. Adelson, "GelSight",
+2017, the lights by M. K. Johnson, E. H. Adelson, "Retrographic sensing", 2009.
 """
 
 import functools
@@ -15,17 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.lab.simulate.optics import marker_transmission, shading
-from palpate.lab.simulate.unit import SensorUnit
+from palpate.lab.simulate.unit import Markers, SensorUnit
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-_FILLET = np.float32(5e-4)  # [m] radius of the object's upper and lower rim
-_SKIRTS = (1.6e-3, 6e-4)  # [m] widths over which the gel follows around a contact, wide one first
-_SKIN = 1.5e-4  # [m] thickness of the coating; no feature is finer
-_COARSE = 4  # [px] the skirts are smooth enough for an image smaller by this factor
-_SAG_STEP = 1e-4  # [m] between tabulated sections of the gel
+_COARSE = 4  # [px] skirts and shadows are smooth enough for an image smaller by this factor
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ def render(
     shape: Shape,
     sensor_in_object: ArrayLike,
     indentation: ArrayLike,
-    shear: ArrayLike = 0.0,
+    shear: float = 0.0,
     rng: np.random.Generator | None = None,
     side: Side = Side(),
 ) -> NDArray[np.uint8]:
@@ -59,17 +55,15 @@ def render(
 
     sensor_in_object is object_T_sensor, (3,) or (N, 3) [m, m, rad]. indentation is that of the deepest point of the
     pad, () or (N,) [m]; there is no contact at 0 and below. shear is the force of the object on the gel along the
-    sensor's y, () or (N,) [N]. Camera noise is added if there is an rng.
+    sensor's y [N]. Camera noise is added if there is an rng.
     """
-    poses = np.asarray(sensor_in_object, dtype=np.float64)
-    depth, force = np.asarray(indentation, dtype=np.float64), np.asarray(shear, dtype=np.float64)
+    poses, depth = np.asarray(sensor_in_object, dtype=np.float64), np.asarray(indentation, dtype=np.float64)
     if poses.ndim == 2:
-        many = zip(poses, np.broadcast_to(depth, len(poses)), np.broadcast_to(force, len(poses)), strict=True)
-        images = [render(unit, shape, *each, rng=rng, side=side) for each in many]
-        return np.stack(images) if images else np.empty((0, *unit.no_contact.shape), np.uint8)
+        many = zip(poses, np.broadcast_to(depth, len(poses)), strict=True)
+        return np.stack([render(unit, shape, *each, shear, rng, side) for each in many])
     if not float(depth) > 0.0:
         return touch_image(unit, None, rng=rng)
-    return touch_image(unit, prism_overlap(unit, shape, poses, float(depth), side), float(force), rng)
+    return touch_image(unit, prism_overlap(unit, shape, poses, float(depth), side), float(shear), rng)
 
 
 def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, indentation: float, side: Side) -> Image:
@@ -85,8 +79,9 @@ def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, i
     z = unit.place[1]
     within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
     # The depths below the side and below the rim join in a quarter circle.
-    rounded = _FILLET - np.hypot(np.maximum(_FILLET - overlap, 0.0), np.maximum(_FILLET - within, 0.0))
-    return np.maximum(rounded + np.maximum(np.minimum(overlap, within) - _FILLET, 0.0), 0.0)
+    fillet = np.float32(5e-4)  # [m]
+    rounded = fillet - np.hypot(np.maximum(fillet - overlap, 0.0), np.maximum(fillet - within, 0.0))
+    return np.maximum(rounded + np.maximum(np.minimum(overlap, within) - fillet, 0.0), 0.0)
 
 
 def ball_overlap(unit: SensorUnit, radius: float, place: tuple[float, float], indentation: float) -> Image:
@@ -113,12 +108,14 @@ def touch_image(
     height = None if overlap is None else gel_height(unit, overlap, shear)
     difference = np.zeros(image.shape, np.float32) if height is None else shading(unit, height)
     if unit.markers is not None:
-        image = (image + difference) * marker_transmission(
-            unit.markers, image.shape, unit.pitch, height, shear * unit.shear_compliance
-        )
+        shift = shear * unit.shear_compliance
+        image = (image + difference) * _marker_transmission(unit.markers, image.shape, unit.pitch, height, shift)
         difference = np.zeros_like(image)
     if rng is not None:
-        difference = cv2.add(difference, _noise(unit, rng), dtype=cv2.CV_32F)
+        # Looking up random bytes is many times faster than drawing normal values.
+        draws = np.frombuffer(rng.bytes(math.prod(image.shape)), np.uint8)
+        noise = np.float32(unit.noise) * _normal_quantiles()[draws].reshape(image.shape)
+        difference = cv2.add(difference, noise, dtype=cv2.CV_32F)
     return np.asarray(cv2.add(image, difference, dtype=cv2.CV_8U), np.uint8)
 
 
@@ -131,16 +128,111 @@ def gel_height(unit: SensorUnit, overlap: Image, shear: float = 0.0) -> Image:
     import cv2
 
     overlap = overlap * unit.softness
-    size = (overlap.shape[1], overlap.shape[0])
-    contact = cv2.resize(overlap, (size[0] // _COARSE, size[1] // _COARSE), interpolation=cv2.INTER_AREA)
+    contact, size = _smaller(overlap)
     shift = np.float32(shear * unit.shear_compliance / (_COARSE * unit.pitch))
     skirt = contact
-    for width in _SKIRTS:
+    for width in (1.6e-3, 6e-4):  # [m] over which the gel follows, wide one first
         # Each mean holds the contact fixed, which approximates a stretched membrane.
         skirt = cv2.GaussianBlur(np.maximum(contact, skirt), (0, 0), unit.halo * width / (_COARSE * unit.pitch))
         skirt = skirt - shift * cv2.Sobel(skirt, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     height = np.maximum(overlap, cv2.resize(skirt, size, interpolation=cv2.INTER_LINEAR))
-    return np.asarray(cv2.GaussianBlur(height * unit.softness, (0, 0), _SKIN / unit.pitch), np.float32)
+    skin = 1.5e-4  # [m] thickness of the coating; no feature is finer
+    return np.asarray(cv2.GaussianBlur(height * unit.softness, (0, 0), skin / unit.pitch), np.float32)
+
+
+def shading(unit: SensorUnit, height: Image) -> Image:
+    """Return the change of the image (height, width, 3) [grey levels] of a gel pressed in by height [m]."""
+    import cv2
+
+    rest_right, rest_up, rest_lit, strength, response = _rest(unit)
+    scale = 1.0 / (8.0 * unit.pitch)
+    right = rest_right - cv2.Sobel(height, cv2.CV_32F, 1, 0, ksize=3, scale=scale)
+    up = rest_up + cv2.Sobel(height, cv2.CV_32F, 0, 1, ksize=3, scale=scale)
+    shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
+    lit = np.empty((*height.shape, 3), np.float32)
+    shadow = _shadows(unit, height)
+    for index, (x, y, z) in enumerate(unit.light.astype(np.float32)):
+        facing = np.maximum((x * right + y * up + z) * shrink, 0.0) * (1.0 - shadow[..., index])
+        lit[..., index] = (facing - rest_lit[index]) * strength[index]
+    difference = np.asarray(cv2.transform(lit, unit.colour.T.astype(np.float32)), np.float32)
+    # A fold at the contact's rim takes up to 60 grey levels away, over 0.8 mm.
+    surroundings = cv2.GaussianBlur(height, (0, 0), 8e-4 / unit.pitch)
+    fold = np.float32(unit.fold * 3.5e5) * (height - surroundings)
+    fold /= 1.0 + np.abs(fold) / np.float32(60.0)
+    return np.asarray(difference * response + fold[..., None], np.float32)
+
+
+def _shadows(unit: SensorUnit, height: Image) -> Image:
+    """Return the share of each light that is blocked, (height, width, 3), 0 to unit.shadow."""
+    import cv2
+
+    coarse, size = _smaller(height)
+    pitch = _COARSE * unit.pitch
+    shadow = np.empty((*coarse.shape, 3), np.float32)
+    for index, (x, y, z) in enumerate(unit.light):
+        level = math.hypot(x, y)
+        above = np.zeros_like(coarse)
+        for reach in np.linspace(4e-4, 4e-3, 8):  # [m] from a point towards a light
+            step = np.array([(1.0, 0.0, reach * x / level / pitch), (0.0, 1.0, -reach * y / level / pitch)])
+            there = cv2.warpAffine(
+                coarse, step, coarse.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=0.0
+            )
+            above = np.maximum(above, there - coarse - np.float32(reach * z / level))
+        shadow[..., index] = unit.shadow * above / (above + np.float32(1.5e-4))  # it sets in over 0.15 mm of height
+    return np.asarray(cv2.resize(shadow, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _smaller(image: Image) -> tuple[Image, tuple[int, int]]:
+    """Return an image smaller by `_COARSE`, and its own size as OpenCV has it, columns first."""
+    import cv2
+
+    size = (image.shape[1], image.shape[0])
+    small = cv2.resize(image, (size[0] // _COARSE, size[1] // _COARSE), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32), size
+
+
+@functools.lru_cache(maxsize=16)
+def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
+    """Return slopes of the gel at rest to the right and up, its lighting (3, ...), light strengths, camera response.
+
+    The response (height, width, 3) is the camera's grey levels per grey level of light; it is 1 at a level of 100.
+    """
+    right, up = unit.rest_slope
+    shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
+    light = unit.light.astype(np.float32)[:, :, None, None]
+    lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)
+    # Light scattered in the gel fills the gaps between cones and streaks.
+    strength = np.asarray(0.6 + 0.4 * np.minimum(unit.illumination, 2.5), np.float32)
+    response = np.asarray((np.maximum(unit.no_contact, 20) / 100.0) ** unit.response, np.float32)
+    return right, up, lit, strength, response
+
+
+def _marker_transmission(
+    markers: Markers, shape: tuple[int, ...], pitch: float, height: Image | None, shift: float
+) -> Image:
+    """Return the share of light that the markers let pass at each pixel, (height, width, 1).
+
+    pitch is the width of a pixel [m], height (height, width) the indentation of the skin [m], None for no contact, and
+    shift the motion of the skin in contact towards +y [m].
+    """
+    import cv2
+
+    dots = markers.dots
+    if height is not None:
+        smooth = cv2.GaussianBlur(height, (0, 0), 4e-4 / pitch)  # [m] over which the skin moves as one
+        slope = [cv2.Sobel(smooth, cv2.CV_32F, *by, ksize=3, scale=0.125 / pitch) for by in ((1, 0), (0, 1))]
+        held = smooth / max(float(smooth.max()), 1e-6)
+        apart = 4e-4  # [m] by which a slope of 1 moves a marker outwards
+        motion = [shift * held - apart * slope[0], -apart * slope[1]]
+        column, row = np.ascontiguousarray(dots.T)
+        moved = [cv2.remap(each, column, row, cv2.INTER_LINEAR)[:, 0] / pitch for each in motion]
+        dots = dots + np.stack(moved, axis=-1)
+    dark = np.zeros(shape[:2], np.uint8)
+    bits = 4  # of a position below a pixel, as OpenCV draws it
+    for column, row in np.rint(dots * 2**bits).astype(int).tolist():
+        cv2.circle(dark, (column, row), round(markers.radius * 2**bits), 255, cv2.FILLED, cv2.LINE_AA, bits)
+    soft = cv2.GaussianBlur(dark, (0, 0), 0.6).astype(np.float32)  # [px] soft border of a marker
+    return 1.0 - np.float32(markers.dark / 255.0) * soft[..., None]
 
 
 def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
@@ -166,11 +258,11 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
     y, z = unit.place
     sag = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z
     sag = np.maximum(sag - sag[(z > side.below) & (z < side.above)].min(), 0.0)
-    step = 0.5 * unit.pitch
+    step, apart = 0.5 * unit.pitch, 1e-4  # [m] between columns and between levels
     across = np.arange(float(y.min()), float(y.max()) + 2.0 * step, step)
-    levels = np.arange(math.ceil(float(sag.max()) / _SAG_STEP) + 2) * _SAG_STEP
+    levels = np.arange(math.ceil(float(sag.max()) / apart) + 2) * apart
     table = np.stack(np.broadcast_arrays(-unit.sag(across) - levels[:, None], across), axis=-1)
-    return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(_SAG_STEP)
+    return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(apart)
 
 
 @functools.cache
@@ -180,10 +272,3 @@ def _normal_quantiles() -> Image:
 
     values = ndtri((np.arange(256) + 0.5) / 256.0)
     return (values / values.std()).astype(np.float32)
-
-
-def _noise(unit: SensorUnit, rng: np.random.Generator) -> Image:
-    """Draw camera noise; looking up random bytes is many times faster than drawing normal values."""
-    shape = unit.no_contact.shape
-    draws = np.frombuffer(rng.bytes(math.prod(shape)), np.uint8)
-    return np.float32(unit.noise) * _normal_quantiles()[draws].reshape(shape)

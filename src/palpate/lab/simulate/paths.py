@@ -1,7 +1,6 @@
 """Paths of the sensor: the drawn contact on an outline, and the way to it, away from it and round the object.
 
 All paths start and end at rest and are poses (N, 3) [m, m, rad], one per frame, without the pose they start from.
-A kind of contact is a class for scoring, such as "rectangle-corners".
 """
 
 from dataclasses import dataclass
@@ -43,8 +42,8 @@ def kinds(shape: Shape) -> tuple[str, ...]:
 def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Generator) -> Touch:
     """Draw a contact of one kind that the gel can reach; raises SettingError if none is found.
 
-    It begins within 12 degrees of a round gel's apex and 45 of the normal, and within 5 and 25 for a flat pad or a
-    hand, whose middle is up to 30 % of its width off.
+    It begins within 12 degrees of a round gel's apex, and heads within 45 of the normal; within 5 and 25 for a flat
+    pad or a hand, whose middle is up to 30 % of its width off.
     """
     yaw_limit, heading_limit = np.radians((5.0, 25.0) if sensor.width else (12.0, 45.0))
     for _ in range(TRIES):
@@ -61,9 +60,7 @@ def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Ge
         # The gel must come in freely over the last 6 cm.
         path = _parts(center, yaw, sensor) - np.linspace(0.0, 0.06, 25)[:, None, None] * unit_vector(heading)
         if (shape.signed_distance(path) > sensor.radius - 1e-4).all():
-            cos, sin = np.cos(yaw), np.sin(yaw)
-            x, y = sensor.center
-            return Touch(np.append(center - np.array([cos * x - sin * y, sin * x + cos * y]), yaw), heading)
+            return Touch(np.append(center - se2.rotation(yaw) @ sensor.center, yaw), heading)
     raise SettingError(f"no place was found where the gel of {sensor.name!r} reaches the object at its {kind}")
 
 
@@ -104,11 +101,8 @@ class Surroundings:
         reach = np.hypot(*(shape.outline(200) - shape.centroid).T).max()
         self.radius = float(reach) + sensor.radius + 0.5 * sensor.width + 0.03
         """[m]"""
-        self._shape = shape
-        self._middle = np.append(shape.centroid, 0.0)
-        self._center = np.append(sensor.center, 0.0)
-        self._parts = sensor.round_centers
-        self._rate = sensor.rate
+        self._shape, self._rate, self._parts = shape, sensor.rate, sensor.round_centers
+        self._middle, self._center = np.append(shape.centroid, 0.0), np.append(sensor.center, 0.0)
 
     def start(self, touch: Touch, object_pose: Array) -> Array:
         """Return world_T_sensor (3,) on the circle, from which a straight line leads to a contact."""
@@ -119,8 +113,7 @@ class Surroundings:
         """Return the straight path to 3 mm before a contact, at 0.08 m/s."""
         goal = se2.compose(object_pose, touch.sensor_pose)
         goal[:2] -= 0.003 * unit_vector(object_pose[2] + touch.heading)
-        length = float(np.hypot(*(goal - sensor_pose)[:2]))
-        return self._straight(sensor_pose, goal, self._frames(length / 0.08))
+        return self._straight(sensor_pose, goal, 0.08)
 
     def leave(self, sensor_pose: Array, object_pose: Array, frames: int = 0) -> Array:
         """Return the straight path to the circle at 0.12 m/s, in a number of frames or more.
@@ -130,8 +123,7 @@ class Surroundings:
         turns = sorted(np.radians(np.arange(-90, 91, 10)), key=abs)
         goals = [self._along(sensor_pose, sensor_pose[2] + np.pi + turn, object_pose) for turn in turns]
         goal = next((goal for goal in goals if self._is_free(sensor_pose, goal, object_pose)), goals[0])
-        length = float(np.hypot(*(goal - sensor_pose)[:2]))
-        return self._straight(sensor_pose, goal, max(self._frames(length / 0.12), frames))
+        return self._straight(sensor_pose, goal, 0.12, frames)
 
     def travel(self, sensor_pose: Array, goal: Array, object_pose: Array) -> Array:
         """Return the shorter path round the object to a pose, at 0.25 m/s and 2 rad/s."""
@@ -164,8 +156,10 @@ class Surroundings:
         distance = self._shape.signed_distance(parts).min(axis=1)
         return bool((distance > distance[0] - 1e-4).all())
 
-    def _straight(self, start: Array, goal: Array, frames: int) -> Array:
+    def _straight(self, start: Array, goal: Array, speed: float, frames: int = 0) -> Array:
+        """Return the straight path at a mean speed [m/s], in a number of frames or more."""
         way = goal - start
+        frames = max(self._frames(float(np.hypot(*way[:2])) / speed), frames)
         way[2] = se2.wrap(float(way[2]))
         return start + minimum_jerk(frames)[:, None] * way
 

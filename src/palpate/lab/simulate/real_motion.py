@@ -1,11 +1,9 @@
 """The motion of a real push, prepared for a touch sensor in the place of the real tip.
 
 Nothing is smoothed. Frames at about the sensor's rate stay as they are, others are interpolated to it. An object pose
-that is unknown for a short time in contact is bridged: seen from the sensor, it moves evenly from the last known pose
-to the next. The worst frame of such bridges, measured on stretches of real pushes with all poses known: with one tip
-0.2 mm and 0.05 degrees off in the median and 1.1 mm and 0.6 degrees in 95 % over 0.13 s, but 6 mm and 3 degrees in 95 %
-over 0.3 s, in which a hand may knock the object. Two fingers hold it: over 1.5 s it is 1.1 mm and 1.8 degrees off in
-95 %, of which the camera's noise makes 0.7 mm and 0.9 degrees.
+that is unknown for a short time in contact is bridged: seen from the sensor, it moves evenly. The worst frame of such
+bridges is 1.1 mm and 0.6 degrees off in 95 % with one tip over 0.13 s, and 1.1 mm and 1.8 degrees with two fingers over
+1.5 s.
 """
 
 from dataclasses import dataclass, replace
@@ -24,12 +22,6 @@ from palpate.types.space import LONGEST_GAP
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-REST = 0.6
-"""Time without contact at the start [s]: a little more than contact detection needs to see the gel."""
-SMOOTH = 7
-"""Frames over which the sliding speed is averaged, for motion capture is noisy."""
-_STEP = 1e-6  # [m] for the gradient of a distance
-
 
 @dataclass(frozen=True, eq=False)
 class RealMotion:
@@ -45,8 +37,6 @@ class RealMotion:
     """Frames with a recorded object pose, (N,)."""
     contact: Flags
     """(N,)"""
-    added: Flags
-    """Frames of rest that were put before the recording, (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,26 +64,17 @@ def real_motion(recording: Recording, rate: float) -> RealMotion:
         raise SettingError(f"{name}: has no object poses, from which a replay takes its motion")
     if recording.contact is None or not recording.contact.any():
         raise SettingError(f"{name}: has no contact flags, or none that is set; a replay takes its contacts from them")
-    longest = 1.6 if len(recording.sensor.tips) > 1 else 0.12  # [s] from known pose to known pose
-    try:
-        pose = _bridged(recording, longest)
-    except SettingError as error:
-        raise SettingError(f"{name}: {error}") from error
+    pose = _bridged(recording)
     there = np.flatnonzero(~np.isnan(pose[:, 0]))
     span = slice(there[0], there[-1] + 1)
-    motion = RealMotion(
-        time=recording.time[span],
-        sensor_pose=recording.sensor_pose[span],
-        object_pose=pose[span],
-        known=~np.isnan(recording.object_pose[span, 0]),
-        contact=recording.contact[span],
-        added=np.zeros(span.stop - span.start, np.bool_),
-    )
+    known = ~np.isnan(recording.object_pose[span, 0])
+    motion = RealMotion(recording.time[span], recording.sensor_pose[span], pose[span], known, recording.contact[span])
     if not motion.contact.any():
         raise SettingError(f"{name}: the object's pose is unknown in all of its contacts")
     motion = _at_rate(motion, rate)
-    if motion.contact[motion.time - motion.time[0] < REST].any():
-        motion = _after_rest(motion, recording.shape, recording.sensor, rate)
+    rest = 0.6  # [s], a little more than the detector of contact needs to see the gel
+    if motion.contact[motion.time - motion.time[0] < rest].any():
+        motion = _after_rest(motion, recording.shape, recording.sensor, int(np.ceil(rest * rate - 1e-9)), rate)
     return replace(motion, time=motion.time - motion.time[0])
 
 
@@ -102,11 +83,12 @@ def real_contacts(shape: Shape, sensor: SensorProfile, sensor_pose: Array, objec
     object_T_sensor = se2.between(object_pose, sensor_pose)
     centers = se2.transform(object_T_sensor[:, None], sensor.centers)
     middle = centers.mean(axis=1)
-    steps = _STEP * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    step = 1e-6  # [m]
+    steps = step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     right, left, up, down = shape.signed_distance(middle[:, None] + steps).T
     normal = np.column_stack((right - left, up - down))
     length = np.hypot(normal[:, 0], normal[:, 1])[:, None]
-    normal /= np.maximum(length, _STEP * 1e-3)  # 0 in the middle of a slot, where two places are as near
+    normal /= np.maximum(length, step * 1e-3)  # 0 in the middle of a slot, where two places are as near
     return Contacts(
         point=middle - shape.signed_distance(middle)[:, None] * normal,
         normal=normal,
@@ -118,8 +100,7 @@ def real_contacts(shape: Shape, sensor: SensorProfile, sensor_pose: Array, objec
 def sliding(motion: RealMotion, contacts: Contacts) -> Array:
     """Return the sliding speed of the object over the real tip, (N,) [m/s], positive towards the sensor's +y.
 
-    Averaged over `SMOOTH` frames, and 0 without contact. It is the motion over the object of the tip's point that
-    touches now.
+    It is the motion over the object of the tip's point that touches now; 0 without contact.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -130,9 +111,8 @@ def sliding(motion: RealMotion, contacts: Contacts) -> Array:
     speed = np.append(0.0, ((se2.transform(step, point) - point) * along).sum(axis=1) / np.diff(motion.time))
     slip = np.zeros(len(speed))
     for first, end in runs(motion.contact):
-        within = speed[first + 1 : end]
-        if len(within):
-            slip[first + 1 : end] = uniform_filter1d(within, SMOOTH, mode="nearest")
+        if len(within := speed[first + 1 : end]):
+            slip[first + 1 : end] = uniform_filter1d(within, 7, mode="nearest")  # motion capture is noisy
             slip[first] = slip[first + 1]
     return slip
 
@@ -143,10 +123,11 @@ def runs(flags: Flags) -> list[tuple[int, int]]:
     return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
 
 
-def _bridged(recording: Recording, longest: float) -> Array:
+def _bridged(recording: Recording) -> Array:
     """Return object poses (N, 3), unknown ones bridged; NaN at either end if they cannot be."""
     assert recording.object_pose is not None and recording.contact is not None
     time, pose, n = recording.time, recording.object_pose.copy(), len(recording)
+    longest = 1.6 if len(recording.sensor.tips) > 1 else 0.12  # [s] from known pose to known pose
     for first, end in runs(~recording.contact):
         # An untouched object rests, from its pose after the last contact to that before the next.
         stretch = np.arange(max(first - 1, 0), min(end + 1, n))
@@ -159,8 +140,8 @@ def _bridged(recording: Recording, longest: float) -> Array:
         before, seconds = first - 1, time[end] - time[first - 1]
         if seconds > longest:
             raise SettingError(
-                f"frames {first} to {end - 1}, in contact, have no known object pose: {seconds:.2f} s from known to "
-                f"known, and up to {longest:g} s can be bridged"
+                f"{recording.file or 'the recording'}: frames {first} to {end - 1}, in contact, have no known object "
+                f"pose: {seconds:.2f} s from known to known, and up to {longest:g} s can be bridged"
             )
         ends = se2.between(recording.sensor_pose[[before, end]], pose[[before, end]])
         way = ends[1] - ends[0]
@@ -189,24 +170,19 @@ def _at_rate(motion: RealMotion, rate: float) -> RealMotion:
         object_pose=se2.interpolated(time, motion.time, motion.object_pose),
         known=motion.known[before] & motion.known[after],
         contact=motion.contact[nearer],
-        added=np.zeros(len(time), np.bool_),
     )
 
 
-def _after_rest(motion: RealMotion, shape: Shape, sensor: SensorProfile, rate: float) -> RealMotion:
-    """Prepend a time of rest in which the sensor comes straight to the object from 1 cm away."""
-    count = int(np.ceil(REST * rate - 1e-9))
+def _after_rest(motion: RealMotion, shape: Shape, sensor: SensorProfile, count: int, rate: float) -> RealMotion:
+    """Prepend frames of rest, in which the sensor comes straight to the object from 1 cm away."""
     off = 0.01 * (1.0 - np.append(0.0, minimum_jerk(count)[:-1]))
-    first_object, first_sensor = motion.object_pose[0], motion.sensor_pose[0]
-    normal = real_contacts(shape, sensor, first_sensor[None], first_object[None]).normal
-    away = se2.transform(np.append([0.0, 0.0], first_object[2]), normal)
-    sensor_pose = first_sensor + np.column_stack((off[:, None] * away, np.zeros(count)))
-    none = np.zeros(count, np.bool_)
+    normal = real_contacts(shape, sensor, motion.sensor_pose[:1], motion.object_pose[:1]).normal
+    away = se2.transform(np.append([0.0, 0.0], motion.object_pose[0, 2]), normal)
+    coming = motion.sensor_pose[0] + np.column_stack((off[:, None] * away, np.zeros(count)))
     return RealMotion(
         time=np.concatenate((motion.time[0] + np.arange(-count, 0) / rate, motion.time)),
-        sensor_pose=np.concatenate((sensor_pose, motion.sensor_pose)),
-        object_pose=np.concatenate((np.repeat(first_object[None], count, axis=0), motion.object_pose)),
+        sensor_pose=np.concatenate((coming, motion.sensor_pose)),
+        object_pose=np.concatenate((np.repeat(motion.object_pose[:1], count, axis=0), motion.object_pose)),
         known=np.concatenate((np.repeat(motion.known[:1], count), motion.known)),
-        contact=np.concatenate((none, motion.contact)),
-        added=np.concatenate((~none, motion.added)),
+        contact=np.concatenate((np.zeros(count, np.bool_), motion.contact)),
     )

@@ -1,28 +1,38 @@
-"""Simulated recordings: a drawn sensor unit pushes an object in a drawn world."""
+"""Simulated recordings: a drawn sensor unit pushes an object in a drawn world; and folders of them."""
 
 import json
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from palpate.errors import SettingError
+from palpate.errors import FileError, PalpateError, SettingError
+from palpate.files import held_folder
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
-from palpate.lab.parallel import one_thread
-from palpate.lab.simulate.episodes import episode_numbers
+from palpate.io.recording_mcap import source_of, write_recording
+from palpate.lab.parallel import one_thread, spread
 from palpate.lab.simulate.gel import draw_side, render
-from palpate.lab.simulate.pushes import SECONDS, Sequence, draw_sequence, measured
-from palpate.lab.simulate.set_up_errors import Wear, draw_errors, with_errors, worn
-from palpate.lab.simulate.unit import SensorUnit, draw_unit
+from palpate.lab.simulate.paths import kinds
+from palpate.lab.simulate.pushes import SECONDS, draw_sequence, measured
+from palpate.lab.simulate.scene import load_mujoco
+from palpate.lab.simulate.set_up_errors import draw_errors, with_errors, worn
+from palpate.lab.simulate.unit import draw_unit
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 
+Item = TypeVar("Item")
 COUNT = 100_000
 """Most recordings of one object in a folder: number n of a folder with seed s has the seed s * COUNT + n."""
+SUFFIX = ".mcap"
+"""Extension of recordings."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +63,7 @@ class Simulation:
     """Nominal profile of the sensor."""
 
     def __post_init__(self) -> None:
-        for name, value in (("seed", self.seed), ("unit", self.unit or 0)):
-            if value < 0:
-                raise SettingError(f"{name} is {value}; allowed is 0 or more")
+        check_not_negative(seed=self.seed, unit=self.unit)
         if not 0.05 <= (extent := self.shape.extent) <= 0.5:  # larger than a gel, and passed in a few seconds
             raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
         if not SECONDS[0] <= self.seconds <= SECONDS[1]:
@@ -88,10 +96,16 @@ class Simulation:
             gel = replace(self.sensor, radius=unit.radius)
             hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)
             sequence = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
-            wear = errors.wear if errors else None
-            images = _images(unit, wear, self.shape, sequence, camera, progress) if self.images else None
-        motion = sequence.motion
-        knocked = {"knocked": motion.knocked.astype(np.float64)} if self.knocks else {}
+            motion, images = sequence.motion, None
+            if self.images:
+                images, side = [], draw_side(camera)
+                poses = se2.between(motion.object_pose, sequence.sensor_pose)
+                units = worn(unit, errors.wear if errors else None, sequence.time)
+                for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
+                    images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
+                    if progress:
+                        progress(len(images))
+        captured = "simulated motion capture with drawn noise; exact in extra/{}_clean"
         exact = Recording(
             time=sequence.time,
             sensor_pose=measured(sequence.sensor_pose, noise),
@@ -103,8 +117,7 @@ class Simulation:
             image=images,
             source=self.source,
             frames={
-                "sensor_pose": "simulated motion capture with drawn noise; exact in extra/sensor_pose_clean",
-                "object_pose": "simulated motion capture with drawn noise; exact in extra/object_pose_clean",
+                **{name: captured.format(name) for name in ("sensor_pose", "object_pose")},
                 "contact": "contacts of the simulation",
                 "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation "
                 "[m], pad_angle [rad] from the gel's apex; shown_angle [rad], the same as images show it"
@@ -119,7 +132,7 @@ class Simulation:
                 "shown_angle": unit.shown_angle(motion.pad_angle),
                 "sensor_pose_clean": sequence.sensor_pose,
                 "object_pose_clean": motion.object_pose,
-                **knocked,
+                **({"knocked": motion.knocked.astype(np.float64)} if self.knocks else {}),
             },
         )
         return with_errors(exact, errors) if errors else exact
@@ -132,33 +145,121 @@ class Simulation:
 
 
 def simulate_recording(
-    shape: Shape,
-    kind: str,
-    seed: int,
-    seconds: float = 15.0,
-    images: bool = True,
-    progress: Callable[[int], None] | None = None,
-    **options: Any,
+    shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True, **options: Any
 ) -> Recording:
     """Simulate a sequence of pushes; arguments and options are the fields of `Simulation`."""
-    return Simulation(shape, kind, seed, seconds, images, **options).run(progress)
+    return Simulation(shape, kind, seed, seconds, images, **options).run()
 
 
-def _images(
-    unit: SensorUnit,
-    wear: Wear | None,
-    shape: Shape,
-    sequence: Sequence,
-    rng: np.random.Generator,
-    progress: Callable[[int], None] | None,
-) -> tuple[bytes, ...]:
-    motion = sequence.motion
-    side = draw_side(rng)
-    poses = se2.between(motion.object_pose, sequence.sensor_pose)
-    units = worn(unit, wear, sequence.time)
-    images: list[bytes] = []
-    for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
-        images.append(encode_image(render(now, shape, *contact, rng=rng, side=side)))
-        if progress:
-            progress(len(images))
-    return tuple(images)
+def episode_numbers(contact: ArrayLike) -> NDArray[np.int64]:
+    """Number the contact episodes 0, 1, ... of flags (N,); -1 outside contact.
+
+    As in the published system, an episode ends after more than 10 frames without contact and counts from 5 on.
+    """
+    flags = np.asarray(contact, np.bool_)
+    touching = np.flatnonzero(flags)
+    run = np.cumsum(np.diff(touching, prepend=-(10**9)) > 11) - 1
+    counts = np.bincount(run) >= 5 if len(run) else np.zeros(0, np.bool_)
+    episode = np.full(flags.shape, -1, np.int64)
+    episode[touching] = np.where(counts, np.cumsum(counts) - 1, -1)[run]
+    return episode
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Files of a folder after it was filled."""
+
+    made: tuple[str, ...]
+    """New files."""
+    kept: tuple[str, ...]
+    """Files that were there already."""
+    failed: dict[str, str]
+    """Files that could not be made, with the reason."""
+
+
+def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any) -> dict[str, Simulation]:
+    """Return the recordings of a folder by file name: `count` of each named object, its kinds of contact in turn.
+
+    Options are further fields of `Simulation`. Raises SettingError on a value that is not allowed.
+    """
+    if not 1 <= count <= COUNT:
+        raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
+    check_not_negative(seed=seed)
+    found: dict[str, Simulation] = {}
+    for number in range(seed * COUNT, seed * COUNT + count):
+        for name, shape in shapes.items():
+            places = kinds(shape)
+            kind = places[number % COUNT % len(places)]
+            _, *place = kind.split("-", 1)
+            found[f"{'-'.join([name, *place])}-{number:06d}{SUFFIX}"] = Simulation(shape, kind, number, **options)
+    return found
+
+
+def simulate_folder(folder: Path, simulations: Mapping[str, Simulation], **options: Any) -> Outcome:
+    """Simulate recordings by file name and write them to a folder; options are those of `fill_folder`."""
+    load_mujoco()
+    return fill_folder(folder, simulations, lambda each: each.source, Simulation.run, **options)
+
+
+def fill_folder(
+    folder: Path,
+    items: Mapping[str, Item],
+    source: Callable[[Item], str],
+    make: Callable[[Item], Recording],
+    workers: int = 1,
+    resume: bool = False,
+    dask: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Outcome:
+    """Make a recording of each item by file name and write it to a folder, each whole or not at all.
+
+    With `resume`, recordings that are there are kept if their source is that of the item; otherwise they are an error.
+    A PalpateError of `make` does not stop the rest. `workers` and `dask` are those of `parallel.spread`; `progress` is
+    called with the number of recordings done. Raises SettingError on recordings made with other options, FileError if
+    the folder cannot be written.
+    """
+    with held_folder(folder):
+        there = {path.name for path in folder.glob(f"*{SUFFIX}")}
+        if there and not resume:
+            raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
+        kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}
+        missing = [(name, item) for name, item in items.items() if name not in kept]
+        made: list[str] = []
+        failed: dict[str, str] = {}
+        with closing(spread(partial(_made, make=make), missing, workers, dask)) as results:
+            for name, result in results:
+                if isinstance(result, str):
+                    failed[name] = result
+                else:
+                    write_recording(result, folder / name, overwrite=True)
+                    made.append(name)
+                if progress:
+                    progress(len(kept) + len(made) + len(failed))
+        return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
+
+
+def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[str, Recording | str]:
+    """Return a recording, or the reason that there is none; the calling process writes the files."""
+    name, item = named
+    try:
+        return name, make(item)
+    except PalpateError as error:
+        return name, str(error)
+
+
+def _is_whole(path: Path, wanted: str) -> bool:
+    """Check that a file is the undamaged recording of this source; raises SettingError if it is another one."""
+    try:
+        found = source_of(path)
+    except FileError:  # cut off by a broken copy or a failed disk
+        return False
+    if found != wanted:
+        raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
+    return True
+
+
+def check_not_negative(**numbers: int | None) -> None:
+    """Raise SettingError if one of these is below 0; None is not."""
+    for name, value in numbers.items():
+        if (value or 0) < 0:
+            raise SettingError(f"{name} is {value}; allowed is 0 or more")

@@ -1,11 +1,9 @@
 """The MuJoCo model of a push: an object on many small feet, a table, and a pusher that carries a soft gel.
 
-Friction with the table comes from the feet alone: the object's motion follows from their positions and from Coulomb's
-law at each of them. Nothing here assumes a limit surface.
+The object's motion follows from Coulomb's law at each of its feet. Nothing here assumes a limit surface.
 """
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,6 @@ WARM_UP = 15.0
 """Time in which friction and stiffness of a gel drift [s]; then they stay."""
 _HEIGHT = 0.02  # [m] of every object; the gel touches it half way up
 _FOOT_RADIUS = 0.002  # [m]
-_IMPEDANCE = 0.9  # of the gel in MuJoCo's sense, constant over depth: a linear spring
 _FLAT_PARTS = 25  # spheres of a flat pad: at the Mini's width 0.7 mm apart
 
 
@@ -46,11 +43,9 @@ class WorldSettings:
 
 
 def draw_settings(shape: Shape, rng: np.random.Generator) -> WorldSettings:
-    """Draw a world for one object.
+    """Draw a world for one object: a block of wood or plastic on a table, and used, dusty elastomer.
 
-    Mass and table friction are those of a block of wood or plastic on a table. Used, dusty elastomer has a friction of
-    0.25 to 0.6 on such a block, so the contact slips in some worlds and sticks in others. The gel gives 0.4 to 1 mm
-    at a force of 2.6 N, as a DIGIT's does.
+    The contact slips in some worlds and sticks in others. The gel gives 0.4 to 1 mm at 2.6 N, as a DIGIT's does.
     """
     return WorldSettings(
         feet=_draw_feet(shape, rng),
@@ -115,11 +110,10 @@ def build_model(
 
 
 def gel_spheres(sensor: SensorProfile) -> tuple[Array, Array]:
-    """Return centres (n, 2) and radii (n,) [m] of the spheres that make up a gel.
+    """Return centres (n, 2) and radii (n,) [m] of the spheres that make up a gel, each a spring of its own.
 
-    A round tip is one sphere and a flat pad a row of them, for each finger of a hand. Each is a spring of its own, so
-    pressure and torque on a pad follow from the depth of its parts. Centres are relative to the middle of the tips'
-    centres of curvature.
+    A round tip is one sphere and a flat pad a row of them, for each finger of a hand. Centres are relative to the
+    middle of the tips' centres of curvature.
     """
     row = np.linspace(-0.5, 0.5, _FLAT_PARTS) * sensor.flat_width if sensor.flat_width else np.zeros(1)
     # Each sphere is as large as the round edge of the pad allows; spheres of 10 mm are flat to 6 micrometres together.
@@ -169,22 +163,16 @@ def _is_convex(polygon: Any) -> Any:
 def _add_pusher(mujoco: Any, spec: Any, centers: Array, radii: Array) -> None:
     pusher = spec.worldbody.add_body(name="pusher", pos=[0, 0, _FOOT_RADIUS + 0.5 * _HEIGHT], gravcomp=1.0)
     pusher.explicitinertial, pusher.mass, pusher.inertia = True, 1.0, [1e-3, 1e-3, 1e-3]
-    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    for kind, axis in ((slide, [1, 0, 0]), (slide, [0, 1, 0]), (hinge, [0, 0, 1])):
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    for kind, axis in ((slide, [1, 0, 0]), (slide, [0, 1, 0]), (mujoco.mjtJoint.mjJNT_HINGE, [0, 0, 1])):
         pusher.add_joint(type=kind, axis=axis, armature=1e4)  # so heavy that contact does not slow it down
     # The gel slides freely up and down, so contact does not carry the object.
     gel = pusher.add_body(name="gel", gravcomp=1.0)
     gel.add_joint(type=slide, axis=[0, 0, 1], stiffness=1.0, damping=0.05)
     for i, ((x, y), radius) in enumerate(zip(centers.tolist(), radii.tolist(), strict=True)):
-        gel.add_geom(
-            name=f"gel{i}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[radius, 0, 0],
-            pos=[x, y, 0],
-            mass=0.02 / len(radii),  # [kg] light against the object
-            contype=0,
-            conaffinity=0,
-        )
+        sphere = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0], "pos": [x, y, 0]}
+        light = 0.02 / len(radii)  # [kg] against the object
+        gel.add_geom(name=f"gel{i}", mass=light, contype=0, conaffinity=0, **sphere)
 
 
 def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, pose: Array, gel_parts: int) -> None:
@@ -192,26 +180,25 @@ def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, p
     body = spec.worldbody.add_body(name="object", pos=[x, y, 0], quat=[np.cos(theta / 2), 0, 0, np.sin(theta / 2)])
     body.add_freejoint()
     geom, half = mujoco.mjtGeom, 0.5 * _HEIGHT
-    plain = {"pos": [0, 0, _FOOT_RADIUS + half], "contype": 0, "conaffinity": 0}
-    names = ["part0"]
+    parts: list[dict[str, Any]]
     if isinstance(shape, Disc):
-        body.add_geom(
-            name="part0", type=geom.mjGEOM_CYLINDER, size=[shape.radius, half, 0], mass=settings.mass, **plain
-        )
+        parts = [{"type": geom.mjGEOM_CYLINDER, "size": [shape.radius, half, 0], "mass": settings.mass}]
     elif isinstance(shape, Rectangle):
         size = [0.5 * shape.size_x, 0.5 * shape.size_y, half]
-        body.add_geom(name="part0", type=geom.mjGEOM_BOX, size=size, mass=settings.mass, **plain)
+        parts = [{"type": geom.mjGEOM_BOX, "size": size, "mass": settings.mass}]
     else:
-        parts = convex_parts(shape)
-        names = [f"part{i}" for i in range(len(parts))]
-        areas = np.array([_area(part) for part in parts])
-        for name, part, share in zip(names, parts, areas / areas.sum(), strict=True):
-            prism = np.column_stack((np.repeat(part, 2, axis=0), np.tile([-half, half], len(part))))
-            spec.add_mesh(name=name, uservert=prism.ravel())
-            body.add_geom(name=name, type=geom.mjGEOM_MESH, meshname=name, mass=settings.mass * share, **plain)
+        outlines, parts = convex_parts(shape), []
+        areas = np.array([_area(outline) for outline in outlines])
+        for i, (outline, share) in enumerate(zip(outlines, areas / areas.sum(), strict=True)):
+            prism = np.column_stack((np.repeat(outline, 2, axis=0), np.tile([-half, half], len(outline))))
+            spec.add_mesh(name=f"part{i}", uservert=prism.ravel())
+            parts.append({"type": geom.mjGEOM_MESH, "meshname": f"part{i}", "mass": settings.mass * share})
     friction = [settings.gel_friction] * 2 + [0, 0, 0]
-    for name, i in product(names, range(gel_parts)):
-        spec.add_pair(name=f"{name}-{i}", geomname1=name, geomname2=f"gel{i}", condim=3, friction=friction)
+    for k, part in enumerate(parts):
+        body.add_geom(name=f"part{k}", pos=[0, 0, _FOOT_RADIUS + half], contype=0, conaffinity=0, **part)
+        for i in range(gel_parts):
+            pair = {"geomname1": f"part{k}", "geomname2": f"gel{i}", "condim": 3, "friction": friction}
+            spec.add_pair(name=f"part{k}-{i}", **pair)
     friction = [settings.table_friction] * 2 + [0, 0, 0]
     solver = {"solref": [0.04, 1.0], "solimp": [0.5, 0.5, 0.001, 0.5, 2.0]}
     for i, (px, py) in enumerate(settings.feet):
@@ -235,11 +222,11 @@ def set_gel(model: Any, sensor: SensorProfile, friction: float, stiffness: float
     the inverse inertia A, see "Computation: constraint model" in its documentation. k = 1 / (d t)^2 for critical
     damping, with the time constant t of the contact pair.
     """
+    impedance = 0.9  # constant over depth: a linear spring
     inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in ("gel", "object"))
     per_sphere = 3.0 / _FLAT_PARTS if sensor.flat_width else 1.0
-    k = per_sphere * stiffness * (1.0 - _IMPEDANCE) / _IMPEDANCE**2 * inverse_inertia
-    time_constant = 1.0 / (_IMPEDANCE * np.sqrt(k))
+    k = per_sphere * stiffness * (1.0 - impedance) / impedance**2 * inverse_inertia
     pairs = [i for i in range(model.npair) if model.pair(i).name.startswith("part")]
     model.pair_friction[pairs, :2] = friction
-    model.pair_solref[pairs] = (time_constant, 1.0)
-    model.pair_solimp[pairs] = (_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0)
+    model.pair_solref[pairs] = (1.0 / (impedance * np.sqrt(k)), 1.0)
+    model.pair_solimp[pairs] = (impedance, impedance, 0.001, 0.5, 2.0)

@@ -1,19 +1,14 @@
 """Errors of a real set-up that last all through a recording, and wear of the gel while it is used.
 
-- Mounting: the sensor is 1 mm and 1 degree off the robot's kinematics, in any direction, as with a bracket printed at
-  home and a ruler.
+- Mounting: the sensor is 1 mm and 1 degree off the robot's kinematics, as with a bracket printed at home and a ruler.
 - Outline: 1 to 2 % too large or too small, as outlines from a drawing or a scan are.
 - Time: the images of every second recording are a frame late, as from cameras without a trigger.
 - First pose: 2 to 5 mm and 1 to 3 degrees off, as an object placed by hand on marks; its sigma says so.
 - Gel: over the first 15 s friction and stiffness each drift by up to 20 %, as the gel warms and gathers dust.
-- Light: over the same time all three lights grow or fade together by up to 5 %, and each by up to 5 % besides. A red
-  LED loses some 0.7 % of its light per kelvin, a blue or green one a fifth of that, and a closed housing warms by ten
-  kelvin and more. The detector of contact has to stay quiet at this.
-- Marks: none to two grains, dents or scratches appear at any moment and stay. Real units have one or two of them from
-  years of use, so one in a recording is many.
+- Light: over the same time all three lights grow or fade together by up to 5 %, and each by up to 5 % besides.
+- Marks: none to two grains, dents or scratches appear at any moment and stay.
 
-A change of the skin all over is not drawn: real images minutes apart differ by 14 grey levels of a smooth pattern
-(`docs/study/wear.json`), which is one level in 15 s. The bench of faults has it.
+A change of the skin all over is one grey level in 15 s (`docs/study/wear.json`) and is not drawn.
 """
 
 import math
@@ -72,8 +67,7 @@ class Wear:
     def applied(self, unit: SensorUnit, seconds: float, duration: float) -> SensorUnit:
         """Return the unit at a time [s] of a recording of this duration [s].
 
-        The image without contact changes as the lights that reach each pixel do, so its colours and its slope from one
-        side to the other drift.
+        The image without contact changes as the lights that reach each pixel do.
         """
         strength = 1.0 + self.light * min(seconds, WARM_UP)
         colour = strength[:, None] * unit.colour
@@ -107,24 +101,41 @@ class SetUpErrors:
 
 def draw_errors(rng: np.random.Generator) -> SetUpErrors:
     """Draw the errors of one recording; the same generator gives the same."""
-    (low, high), (least, most) = (2e-3, 5e-3), (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
+
+    def offset(length: float, turn: float) -> Array:
+        angle = rng.uniform(-np.pi, np.pi)
+        return np.array([length * np.cos(angle), length * np.sin(angle), turn * rng.choice([-1.0, 1.0])])
+
+    def rms(low: float, high: float) -> float:
+        return float(np.sqrt((low * low + low * high + high * high) / 3.0))  # of a uniform distribution
+
+    near, turned = (2e-3, 5e-3), (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
     drift = 0.2 / WARM_UP
     return SetUpErrors(
-        mounting=_offset(rng, 1e-3, np.radians(1.0)),
+        mounting=offset(1e-3, np.radians(1.0)),
         outline=1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.02),
         late=int(rng.integers(2)),
-        first_pose=_offset(rng, rng.uniform(low, high), rng.uniform(least, most)),
-        first_pose_sigma=np.array([_rms(low, high) / np.sqrt(2.0)] * 2 + [_rms(least, most)]),
+        first_pose=offset(rng.uniform(*near), rng.uniform(*turned)),
+        first_pose_sigma=np.array([rms(*near) / np.sqrt(2.0)] * 2 + [rms(*turned)]),
         gel_drift=(rng.uniform(-drift, drift), rng.uniform(-drift, drift)),
-        # A generator of its own: later draws from rng do not depend on the wear.
-        wear=draw_wear(rng.spawn(1)[0]),
+        wear=draw_wear(rng.spawn(1)[0]),  # a generator of its own: later draws from rng do not depend on the wear
     )
 
 
 def draw_wear(rng: np.random.Generator) -> Wear:
-    """Draw the change of a unit's light and skin."""
+    """Draw the change of a unit's light and skin; a mark is a scratch as often as a grain."""
     light = rng.uniform(-0.05, 0.05) + rng.uniform(-0.05, 0.05, 3)
-    return Wear(light / WARM_UP, tuple(_draw_mark(rng) for _ in range(rng.integers(3))))
+    marks = []
+    for _ in range(rng.integers(3)):
+        when, row, column, angle = rng.uniform((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, math.pi)).tolist()
+        if rng.random() < 0.5:
+            red, green, blue = rng.uniform(*GRAIN_LEVELS, 3).tolist()
+            width, length = rng.uniform(*GRAIN_RADIUS), 0.0
+        else:
+            red = green = blue = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
+            width, length = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
+        marks.append(Mark(when, (row, column), width, length, angle, (red, green, blue)))
+    return Wear(light / WARM_UP, tuple(marks))
 
 
 def worn(unit: SensorUnit, wear: Wear | None, time: Array) -> Iterator[SensorUnit]:
@@ -158,25 +169,3 @@ def with_errors(recording: Recording, errors: SetUpErrors) -> Recording:
             "first_pose": "stated with an error; first_pose_sigma is its standard deviation",
         },
     )
-
-
-def _draw_mark(rng: np.random.Generator) -> Mark:
-    """Draw a mark, a scratch as often as a grain."""
-    when, row, column, angle = rng.uniform((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, math.pi)).tolist()
-    if rng.random() < 0.5:
-        red, green, blue = rng.uniform(*GRAIN_LEVELS, 3).tolist()
-        return Mark(when, (row, column), rng.uniform(*GRAIN_RADIUS), 0.0, angle, (red, green, blue))
-    level = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
-    width, length = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
-    return Mark(when, (row, column), width, length, angle, (level, level, level))
-
-
-def _offset(rng: np.random.Generator, length: float, turn: float) -> Array:
-    """Draw a pose (3,) at this distance [m] and angle [rad] from the identity, in any direction."""
-    angle = rng.uniform(-np.pi, np.pi)
-    return np.array([length * np.cos(angle), length * np.sin(angle), turn * rng.choice([-1.0, 1.0])])
-
-
-def _rms(low: float, high: float) -> float:
-    """Return the root mean square of a uniform distribution."""
-    return float(np.sqrt((low * low + low * high + high * high) / 3.0))

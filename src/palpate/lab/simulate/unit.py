@@ -14,8 +14,6 @@ from palpate.types.sensor import SensorProfile
 
 Image = NDArray[np.float32]
 
-_MAX_CROSSTALK = np.array([(0.2, 0.3, 0.4), (0.3, 0.2, 0.5), (0.2, 0.4, 0.2)])  # of each light in each channel
-
 
 @dataclass(frozen=True, eq=False)
 class Markers:
@@ -105,8 +103,8 @@ class SensorUnit:
     def shown_angle(self, pad_angle: Any) -> Any:
         """Return the angle (...) [rad] at which a nominal sensor would see a contact that is at pad_angle (...) [rad].
 
-        An image does not reveal the unit's pitch, offset, roll and radius, so this is the angle that can be learnt from
-        it. A flat gel shows its edges, and the two angles are the same.
+        An image does not reveal the unit's own pitch, offset, roll and radius. A flat gel shows its edges, and the two
+        angles are the same.
         """
         if self.flat_width:
             return pad_angle
@@ -125,9 +123,8 @@ class SensorUnit:
 def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     """Draw a unit; the same seed gives the same unit. Raises SettingError for a sensor without images or a pad.
 
-    The image shows 90 to 102 % of the pad's width. Relative to the profile's radius, the gel's radii are
-    those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm. A flat gel is flat
-    to a tenth of a millimetre along the pad, and its edges are less or more round; half of them have markers.
+    The gel's radii are those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm.
+    A flat gel is flat to a tenth of a millimetre along the pad, and its edges are less or more round.
     """
     height, width, half_width = profile.image_height, profile.image_width, profile.half_width
     flat = profile.flat_width
@@ -143,7 +140,8 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     elevation = rng.uniform(math.radians(12.0), math.radians(40.0), 3)
     level = np.cos(elevation)
     light = np.stack([level * np.cos(bearing), level * np.sin(bearing), np.sin(elevation)], axis=-1)
-    crosstalk = rng.uniform(0.0, 1.0, (3, 3)) * _MAX_CROSSTALK
+    # Of each light in each channel.
+    crosstalk = rng.uniform(0.0, 1.0, (3, 3)) * np.array([(0.2, 0.3, 0.4), (0.3, 0.2, 0.5), (0.2, 0.4, 0.2)])
     colour = (np.eye(3) + crosstalk) * rng.uniform(130.0, 210.0, (3, 1))
     colour *= np.where(rng.random((3, 1)) < 0.1, rng.uniform(0.2, 0.6, (3, 1)), 1.0)  # every tenth light is weak
     # A light makes the far side of a round gel glow, which is hollow, and the near side of a flat one.

@@ -1,5 +1,6 @@
 """A simulated world: the sensor follows its commanded path, the object moves by physics, a finger may shove it."""
 
+from collections import deque
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -9,14 +10,11 @@ from scipy.interpolate import CubicHermiteSpline
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.lab.simulate.paths import minimum_jerk
+from palpate.lab.simulate.paths import minimum_jerk, unit_vector
 from palpate.lab.simulate.scene import WARM_UP, WorldSettings, build_model, load_mujoco, set_gel
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
-
-MAX_FINGER_FORCE = 15.0
-"""Largest force of the finger that shoves the object [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +34,8 @@ class Motion:
     indentation: Array
     """Depth of the object in the gel, (N,) [m]; 0 without contact."""
     pad_angle: Array
-    """Position of the contact on the gel, (N,) [rad]: its angle from the apex seen from the centre of curvature,
-    positive towards the sensor's +y; NaN without contact. On a flat pad it is the normal's at the deepest point."""
+    """Angle of the contact from the gel's apex, (N,) [rad], seen from the centre of curvature and positive towards the
+    sensor's +y; NaN without contact. On a flat pad it is the normal's at the deepest point."""
     knocked: NDArray[np.bool_]
     """Shove by a finger since the frame before, (N,)."""
 
@@ -61,32 +59,11 @@ class Shove:
     seconds: float
     """Duration [s]."""
 
-
-class Finger:
-    """A finger during a shove: a spring that only pushes, and not harder than MAX_FINGER_FORCE."""
-
-    def __init__(self, shove: Shove, start: Array, time_step: float) -> None:
-        """Place the finger at the pushed point (2,) [m] in the world; time_step is in [s]."""
-        self.point = shove.point
-        """Point of the object that is pushed, (2,) [m] in the object frame."""
-        self._direction = np.array([np.cos(shove.direction), np.sin(shove.direction)])
-        path = shove.length * minimum_jerk(max(round(shove.seconds / time_step), 2))
-        self._speed = np.gradient(path, time_step).tolist()
-        self._position = (float(start @ self._direction) + path).tolist()
-        self._step = 0
-
-    @property
-    def is_done(self) -> bool:
-        """True after the last time step of the shove."""
-        return self._step == len(self._position)
-
-    def force(self, point: Array, velocity: Array) -> Array:
-        """Return the force (2,) [N] in the next time step on the pushed point, (2,) [m] and [m/s] in the world."""
-        ahead = self._position[self._step] - float(point @ self._direction)
-        faster = self._speed[self._step] - float(velocity @ self._direction)
-        self._step += 1
-        # 2000 N/m and 40 N s/m: the object lags the finger by 1 to 2 mm.
-        return min(max(2000.0 * ahead + 40.0 * faster, 0.0), MAX_FINGER_FORCE) * self._direction
+    def path(self, start: Array, time_step: float) -> list[tuple[float, float]]:
+        """Return position [m] and speed [m/s] along the direction at each time step [s], from a point (2,) [m]."""
+        way = self.length * minimum_jerk(max(round(self.seconds / time_step), 2))
+        places = float(start @ unit_vector(self.direction)) + way
+        return list(zip(places.tolist(), np.gradient(way, time_step).tolist(), strict=True))
 
 
 class World:
@@ -109,7 +86,7 @@ class World:
         self._settings, self._age = settings, 0
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
-        self._finger: Finger | None = None
+        self._shove, self._finger = Shove(np.zeros(2), 0.0, 0.0, 0.0), deque[tuple[float, float]]()
         self._sensor, self._rate = sensor, sensor.rate
         self._sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
         self._velocity = np.zeros(3)
@@ -129,28 +106,25 @@ class World:
     def shove(self, shove: Shove) -> None:
         """Begin a shove of the object at its present pose; it goes on during `run`, independent of the sensor."""
         start = se2.transform(self.object_pose, shove.point)
-        self._finger = Finger(shove, start, self._model.opt.timestep)
+        self._shove, self._finger = shove, deque(shove.path(start, self._model.opt.timestep))
 
     def run(self, sensor_poses: ArrayLike) -> Motion:
         """Move the sensor from its present pose through poses (N, 3) [m, m, rad], one per frame; return the motion.
 
         Between frames the sensor follows cubics without a jump in velocity. Raises SettingError if the object topples
-        or the simulation breaks down, which does not happen in worlds of `draw_settings`.
+        or the simulation breaks down.
         """
         path, velocity = self._interpolated(np.asarray(sensor_poses, dtype=np.float64))
         data, model, step = self._data, self._model, self._mujoco.mj_step
         qpos, qvel = data.qpos, data.qvel
-        frames = len(path) // self._steps
-        rows = np.zeros((frames, 10))
-        index = 0
-        for frame in range(frames):
+        rows = np.zeros((len(path) // self._steps, 10))
+        for frame in range(len(rows)):
             self._drift()
-            for _ in range(self._steps):
+            for index in range(frame * self._steps, (frame + 1) * self._steps):
                 qpos[:3] = path[index]
                 qvel[:3] = velocity[index]
                 rows[frame, 9] += self._push()
                 step(model, data)
-                index += 1
             rows[frame, :3] = self.object_pose
             rows[frame, 3:9] = self._touch()
             self._check(frame)
@@ -185,13 +159,20 @@ class World:
         return path, np.column_stack((rate[:, :2] + turn, rate[:, 2]))
 
     def _push(self) -> bool:
-        """Apply the finger's force, level with the centre of mass, for the next time step; True if it pushes."""
+        """Apply the finger's force, level with the centre of mass, for the next time step; True if it pushes.
+
+        The finger is a spring that only pushes, with up to 15 N; at 2000 N/m and 40 N s/m the object lags it by 1 to
+        2 mm.
+        """
         self._applied[:] = 0.0
-        if self._finger is None or self._finger.is_done:
+        if not self._finger:
             return False
-        point = se2.transform(self.object_pose, self._finger.point)
+        place, speed = self._finger.popleft()
+        direction = unit_vector(self._shove.direction)
+        point = se2.transform(self.object_pose, self._shove.point)
+        ahead, faster = place - float(point @ direction), speed - float(self._velocity_at(point) @ direction)
+        force = min(max(2000.0 * ahead + 40.0 * faster, 0.0), 15.0) * direction
         x, y = point - se2.transform(self.object_pose, self._middle)
-        force = self._finger.force(point, self._velocity_at(point))
         self._applied[:2], self._applied[5] = force, x * force[1] - y * force[0]
         return bool(force.any())
 
