@@ -20,10 +20,11 @@ from palpate.graph.belief import Belief, RowArrays
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.contact import overlap, reaches
 from palpate.graph.factors.direction import true_angle
+from palpate.graph.factors.factor import Step
 from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.graph.window import Window
 from palpate.types.estimate import Status
-from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
+from palpate.types.measurements import ContactDirection, ObjectPose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -53,29 +54,6 @@ _FRAMES, _SEVERAL = 10, 3  # a contradiction counts from several of the last fra
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
 
 
-@dataclass(frozen=True)
-class ContactFrame:
-    """One frame of contact."""
-
-    sensor_pose: Array
-    """Measured world_T_sensor (3,) [m, m, rad]."""
-    measurements: Sequence[Measurement]
-    """Measurements from touch and other sources."""
-    time: float
-    """[s]"""
-    from_touch: int = 0
-    """Number of leading measurements from touch images."""
-
-    def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
-        """Return the measured contact directions, each as true angles (B,) [rad] and a variance [rad^2].
-
-        `sign` (B,) is -1 where touch images are taken as mirrored.
-        """
-        signs = [sign if index < self.from_touch else np.ones_like(sign) for index in range(len(self.measurements))]
-        pairs = zip(self.measurements, signs, strict=True)
-        return [(true_angle(one, belief, s), one.variance) for one, s in pairs if isinstance(one, ContactDirection)]
-
-
 @dataclass(frozen=True, eq=False)
 class Consistency(RowArrays):
     """State of the tests in each hypothesis."""
@@ -91,9 +69,9 @@ class Consistency(RowArrays):
     0 where they agree, (B, 2, _FRAMES) [m]."""
 
     @staticmethod
-    def begin(rows: int) -> "Consistency":
-        """Return the state before any test."""
-        return Consistency(np.zeros((rows, _STEPS, 3)), np.ones(rows), np.zeros(rows), np.zeros((rows, 2, _FRAMES)))
+    def begin() -> "Consistency":
+        """Return the state of one hypothesis before any test."""
+        return Consistency(np.zeros((1, _STEPS, 3)), np.ones(1), np.zeros(1), np.zeros((1, 2, _FRAMES)))
 
     def contradictions(self) -> Array:
         """Return the possible error (B, 2) [m] of the pose, for contradicting measured poses and their outline."""
@@ -106,6 +84,10 @@ class Consistency(RowArrays):
     def found(self) -> "Consistency":
         """Return the state with the object found again."""
         return replace(self, displacement=np.zeros_like(self.displacement))
+
+    def displaced(self, least: Array) -> "Consistency":
+        """Return the state of an object that was moved by at least these distances (B,) [m]."""
+        return replace(self, displacement=np.maximum(self.displacement, least))
 
 
 def disturbance_alarms(window: Window, steps: int, is_suspicion_enough: bool = False) -> Flags:
@@ -139,36 +121,36 @@ class ConsistencyMonitor:
         variance = np.einsum("bi,bij,bj->b", by_belief, belief.covariance, by_belief) + self._contact_deviation**2
         return gap, np.sqrt(variance)
 
-    def test_clearance(self, state: Consistency, belief: Belief, sensor_pose: Array) -> Consistency:
-        """Test that a sensor that touches nothing is outside the object."""
-        gap, deviation = self.clearance(belief, sensor_pose)
-        return _displaced(state, np.where(gap < -_SURPRISE * deviation, -gap, 0.0))
-
-    def test_release(
-        self, state: Consistency, belief: Belief, touched_from: Array, sensor_pose: Array, since: float
+    def test_rest(
+        self, state: Consistency, belief: Belief, sensor_pose: Array, touched: tuple[Array, float] | None
     ) -> Consistency:
-        """Test that a sensor released the object by moving away from its last pose in contact (3,), since a time [s].
+        """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
-        If it moved on into the object without touching it, the object was taken away.
+        `touched` is its last pose in contact (3,) and the time since then [s]. If it moved on into the object without
+        touching it, the object was taken away.
         """
-        before, by_before = self._gap(belief, touched_from)
+        gap, deviation = self.clearance(belief, sensor_pose)
+        state = state.displaced(np.where(gap < -_SURPRISE * deviation, -gap, 0.0))
+        if touched is None:
+            return state
+        before, by_before = self._gap(belief, touched[0])
         now, by_now = self._gap(belief, sensor_pose)
         apart = by_now - by_before
         variance = np.einsum("bi,bij,bj->b", apart, belief.covariance, apart)
         deviation = np.sqrt(state.inconsistency * variance + _STILL**2)
-        by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * since)
-        return _displaced(state, np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
+        by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * touched[1])
+        return state.displaced(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
 
-    def test_first_contact(self, state: Consistency, belief: Belief, contact: ContactFrame, sign: Array) -> Consistency:
+    def test_first_contact(self, state: Consistency, belief: Belief, step: Step, sign: Array) -> Consistency:
         """Test that a contact begins where the object's outline is, and with the direction that it has there."""
-        gap, deviation = self.clearance(belief, contact.sensor_pose)
-        state = _displaced(state, np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
-        for angles, variance in contact.directions(belief, sign):
+        gap, deviation = self.clearance(belief, step.sensor_pose)
+        state = state.displaced(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
+        for angles, variance in true_directions(step, belief, sign):
             turns = [
-                self._turn(belief.take([row]), contact.sensor_pose, angle, variance) for row, angle in enumerate(angles)
+                self._turn(belief.take([row]), step.sensor_pose, angle, variance) for row, angle in enumerate(angles)
             ]
             # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
-            state = _displaced(state, 0.5 * self._model.friction_radius * np.array(turns))
+            state = state.displaced(0.5 * self._model.friction_radius * np.array(turns))
         return state
 
     def test_object_poses(
@@ -281,9 +263,14 @@ def is_uncertain(covariance: Array) -> bool:
     return bool((np.diagonal(covariance) > _UNCERTAIN**2).any())
 
 
-def _displaced(state: Consistency, least: Array) -> Consistency:
-    """Return the state of an object that was moved by at least these distances (B,) [m]."""
-    return replace(state, displacement=np.maximum(state.displacement, least))
+def true_directions(step: Step, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
+    """Return the contact directions of a step, each as true angles (B,) [rad] and a variance [rad^2].
+
+    `sign` (B,) is -1 where touch images are taken as mirrored.
+    """
+    signs = [sign if index < step.from_touch else np.ones_like(sign) for index in range(len(step.measurements))]
+    pairs = zip(step.measurements, signs, strict=True)
+    return [(true_angle(one, belief, s), one.variance) for one, s in pairs if isinstance(one, ContactDirection)]
 
 
 def _with_frame(state: Consistency, kind: int, apart: Array, deviations: Array) -> Consistency:

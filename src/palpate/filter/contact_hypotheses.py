@@ -14,12 +14,13 @@ from functools import lru_cache, reduce
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.filter.consistency import ContactFrame, is_uncertain
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
+from palpate.filter.consistency import is_uncertain, true_directions
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near, branched
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.contact import overlap, reaches
+from palpate.graph.factors.factor import Step
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
 
 
 def contact_hypotheses(
-    rows: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, contact: ContactFrame
+    rows: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, step: Step
 ) -> tuple[NDArray[np.int64], Hypotheses]:
     """Return the row before a contact that each hypothesis comes from with which it begins, and these, likeliest first.
 
@@ -47,61 +48,44 @@ def contact_hypotheses(
     """
     origins, groups = [], []
     for group in (np.flatnonzero(~rows.is_mirror), np.flatnonzero(rows.is_mirror)):
-        found: list[tuple[int, Hypotheses]] = []
+        found: list[Hypotheses] = []
+        origin: list[int] = []
         for row in group.tolist():
-            here, beliefs = rows.take([row]), (rest.take([row]), displaced.take([row]))
-            of_row = _found_before if was_found else _not_found_before
-            found += [(row, each) for each in of_row(here, *beliefs, model, contact)]
+            begun = _begun(rows.take([row]), rest.take([row]), displaced.take([row]), was_found, model, step)
+            found.append(begun)
+            origin += [row] * len(begun.age)
         if found:
-            origin = np.concatenate([np.full(len(each.age), row) for row, each in found])
-            begun = reduce(Hypotheses.joined, [each for _, each in found])
+            begun = reduce(Hypotheses.joined, found)
             log_prior, order = begun.log_prior, np.argsort(-begun.log_prior, kind="stable")
             if not was_found:
                 log_prior, order = _merged(begun, order)
-            order = order[:MOST_YOUNG]
-            origins.append(origin[order])
-            groups.append(replace(begun, log_prior=log_prior).take(order))
+            origins.append(np.array(origin)[order[:MOST_YOUNG]])
+            groups.append(replace(begun, log_prior=log_prior).take(order[:MOST_YOUNG]))
     return np.concatenate(origins), reduce(Hypotheses.joined, groups)
 
 
-def _found_before(
-    row: Hypotheses, rest: Belief, displaced: Belief, model: ContactModel, contact: ContactFrame
-) -> list[Hypotheses]:
-    if is_rough(displaced, model):
-        poses, likely = poses_in_contact(displaced, model, contact, row.sign)
-        if len(likely):
-            return [_new(row, rest, row.log_prior), *_places(row, poses, likely)]
-    return [replace(row, belief=displaced)]
-
-
-def _not_found_before(
-    row: Hypotheses, rest: Belief, displaced: Belief, model: ContactModel, contact: ContactFrame
-) -> list[Hypotheses]:
-    is_displaced = bool(row.consistency.displacement[0] > 0.0)
-    poses, likely = poses_in_contact(displaced, model, contact, row.sign, is_guess=False)
-    as_left = poses_in_contact(rest, model, contact, row.sign, is_guess=False)[1] if is_displaced else likely
+def _begun(
+    row: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, step: Step
+) -> Hypotheses:
+    """Return the hypotheses that come from one: that it is where it was, or at one of several places."""
+    if was_found and not is_rough(displaced, model):
+        return replace(row, belief=displaced)
+    poses, likely = poses_in_contact(displaced, model, step, row.sign, is_guess=was_found)
+    places = branched(row, poses, row.log_prior + likely - LOG_UNLIKELY)  # pushing is ignored in their first steps
+    places = replace(places, disturbed_steps_left=np.full(len(likely), AHEAD + 1))
+    if was_found:
+        if not len(likely):
+            return replace(row, belief=displaced)
+        return branched(row, rest, row.log_prior).joined(places)
+    is_displaced = row.consistency.displacement[0] > 0.0
+    as_left = poses_in_contact(rest, model, step, row.sign, is_guess=False)[1] if is_displaced else likely
     as_expected = row.log_prior + max(np.logaddexp.reduce(as_left), -_IMPOSSIBLE)
     if not is_rough(displaced, model):
-        return [_new(row, displaced, as_expected)]
+        return branched(row, displaced, as_expected)
     is_too_far = is_uncertain(displaced.pose_covariance[0])  # for one graph to find it
-    if is_too_far and len(likely) and not is_displaced:
-        return _places(row, poses, likely)
-    return [_new(row, rest, as_expected), *_places(row, poses, likely)]
-
-
-def _new(row: Hypotheses, belief: Belief, log_prior: Array) -> Hypotheses:
-    """Return new hypotheses in place of one."""
-    count = len(log_prior)
-    rows = row.take([0] * count)
-    return replace(rows, belief=belief, log_prior=log_prior, weight=np.ones(count), age=np.zeros(count, np.int64))
-
-
-def _places(row: Hypotheses, poses: Belief, likely: Array) -> list[Hypotheses]:
-    """Return the hypotheses that contact is at one of several places; pushing is ignored in their first steps."""
-    if not len(likely):
-        return []
-    new = _new(row, poses, row.log_prior + likely - LOG_UNLIKELY)
-    return [replace(new, disturbed_steps_left=np.full(len(likely), AHEAD + 1))]  # after the first step
+    return (
+        places if is_too_far and len(likely) and not is_displaced else branched(row, rest, as_expected).joined(places)
+    )
 
 
 def _merged(rows: Hypotheses, order: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
@@ -131,7 +115,7 @@ def is_round(model: ContactModel) -> bool:
 
 
 def poses_in_contact(
-    belief: Belief, model: ContactModel, contact: ContactFrame, sign: Array, is_guess: bool = True
+    belief: Belief, model: ContactModel, step: Step, sign: Array, is_guess: bool = True
 ) -> tuple[Belief, Array]:
     """Return beliefs (N rows) at places where a contact may begin, likeliest first, and their log probabilities (N,).
 
@@ -139,7 +123,7 @@ def poses_in_contact(
     only says how likely each place is: the object is within _PLACE of it. Another counts as much as the contact: the
     product of both Gaussians is the belief at each place, and its weight the place's probability.
     """
-    pose, around = _at_places(belief, model, contact, sign)
+    pose, around = _at_places(belief, model, step, sign)
     known = belief.pose_covariance[0]
     if is_guess:
         if is_round(model):
@@ -168,11 +152,11 @@ def poses_in_contact(
     return replace(here, pose=pose, covariance=joint), likely[order]
 
 
-def _at_places(belief: Belief, model: ContactModel, contact: ContactFrame, sign: Array) -> tuple[Array, Array]:
+def _at_places(belief: Belief, model: ContactModel, step: Step, sign: Array) -> tuple[Array, Array]:
     """Return object poses (N, 3) at which the sensor touches each place, and covariances (N, 3, 3) in the world."""
     center, normal = outline_places(model)
     center = center - overlap(belief, reaches(model, center - model.radius * normal, normal)) * normal
-    directions, sensor_pose = contact.directions(belief, sign), contact.sensor_pose
+    directions, sensor_pose = true_directions(step, belief, sign), step.sensor_pose
     around = _PLACE
     if is_round(model):
         yaw = np.array([[sensor_pose[2] - belief.pose[0, 2]]])

@@ -69,7 +69,7 @@ class Hypotheses(RowArrays):
         return Hypotheses(
             belief,
             unobservable_yaw=np.zeros(1),
-            consistency=Consistency.begin(1),
+            consistency=Consistency.begin(),
             log_prior=np.zeros(1),
             weight=np.ones(1),
             sign=np.full(1, sign),
@@ -104,6 +104,13 @@ class Hypotheses(RowArrays):
         """True where the solution has diverged, (B,)."""
         variances = np.diagonal(self.belief.pose_covariance, axis1=1, axis2=2)
         return np.any(variances[:, :2] > _LOST**2, axis=1)
+
+
+def branched(row: Hypotheses, belief: Belief, log_prior: Array) -> Hypotheses:
+    """Return new hypotheses, with these beliefs and log probabilities (N,), that come from one."""
+    count = len(log_prior)
+    new = row.take(np.zeros(count, np.int64))
+    return replace(new, belief=belief, log_prior=log_prior, weight=np.ones(count), age=np.zeros(count, np.int64))
 
 
 def costs_of_contact(rows: Hypotheses, costs: Array) -> Array:

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
-from palpate.filter.consistency import Consistency, ConsistencyMonitor, ContactFrame, disturbance_alarms
+from palpate.filter.consistency import Consistency, ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, POOR, Hypotheses, costs_of_contact, worth_keeping
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, POOR, Hypotheses, branched, costs_of_contact, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
@@ -185,10 +185,8 @@ class HypothesisBank:
             self._take(kept)
             self._rows, self._touched = rows, None if is_found else self._touched
         rows = self._rows
-        consistency = monitor.test_clearance(rows.consistency, rows.belief, sensor_pose)
-        if self._touched is not None:
-            touched_from, at = self._touched
-            consistency = monitor.test_release(consistency, rows.belief, touched_from, sensor_pose, time - at)
+        touched = self._touched and (self._touched[0], time - self._touched[1])
+        consistency = monitor.test_rest(rows.consistency, rows.belief, sensor_pose, touched)
         self._rows = replace(rows, consistency=consistency)
         self._history.append(rows.belief.pose[:, None])
         self._sensor_pose, self._resting_since, self._is_indeterminate = sensor_pose, since, False
@@ -200,14 +198,14 @@ class HypothesisBank:
 
         The first `from_touch` measurements are read from touch images.
         """
-        frame = ContactFrame(sensor_pose, measurements, time, from_touch)
+        step = Step(sensor_pose, self._sensor_pose, measurements, [*self._times, time], from_touch=from_touch)
         if self._window is not None and self._rows.is_mirror.any():
             self._decide_mirrored(self._window, time)
-        window = self._begin_contact(frame) if self._window is None else self._continue_contact(self._window, frame)
+        window = self._begin_contact(step) if self._window is None else self._continue_contact(self._window, step)
         rows, is_disturbed = self._rows, self._rows.disturbed_steps_left > 0
         consistency, monitor, is_measured = rows.consistency, self._monitor, False
         if any(isinstance(one, ObjectPose) for one in measurements):
-            consistency, is_measured = self._tested_by_object_poses(frame)
+            consistency, is_measured = self._tested_by_object_poses(step)
         belief, errors = window.belief(), window.last_errors()
         if errors is not None:
             consistency = monitor.test_innovations(consistency, errors, ~is_disturbed)
@@ -274,16 +272,16 @@ class HypothesisBank:
 
     # Steps of a contact
 
-    def _begin_contact(self, frame: ContactFrame) -> Window:
+    def _begin_contact(self, step: Step) -> Window:
         """Take the first frame of a contact in all hypotheses with which it may begin."""
-        touch = frame.measurements[: frame.from_touch]
+        touch = step.measurements[: step.from_touch]
         is_sure = self._is_found and len(self._rows.age) == 1
         if self._may_be_mirrored and is_sure and any(isinstance(one, ContactDirection) for one in touch):
             self._take([0, 0])
             both = np.array([False, True])
             self._rows = replace(self._rows, sign=self._rows.sign * np.where(both, -1.0, 1.0), is_mirror=both)
         rows, monitor = self._rows, self._monitor
-        consistency = monitor.test_first_contact(rows.consistency, rows.belief, frame, rows.sign)
+        consistency = monitor.test_first_contact(rows.consistency, rows.belief, step, rows.sign)
         self._rows = rows = replace(rows, consistency=consistency)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
         doubt = monitor.displacement_covariance(consistency) + monitor.contradiction_covariance(consistency)
@@ -291,11 +289,11 @@ class HypothesisBank:
         if self._most == 1:
             self._rows = replace(rows, belief=displaced)
         else:
-            origins, begun = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, frame)
+            origins, begun = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, step)
             self._take(origins)
             self._rows = begun
         rows = self._rows
-        is_measured = any(isinstance(one, ObjectPose) for one in frame.measurements)
+        is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
         if is_measured or not is_round(self._model):
             self._rows = replace(rows, belief=rows.whole_belief, unobservable_yaw=np.zeros(len(rows.age)))
         else:
@@ -304,22 +302,22 @@ class HypothesisBank:
             self._factors,
             self._model,
             self._rows.belief,
-            frame.sensor_pose,
-            frame.measurements,
-            frame.time,
+            step.sensor_pose,
+            step.measurements,
+            step.times[-1],
             self._lag,
             self._settings.priors,
             self._rows.sign,
-            frame.from_touch,
+            step.from_touch,
         )
         self._drop_lost(self._window)
         return self._window
 
-    def _continue_contact(self, window: Window, frame: ContactFrame) -> Window:
+    def _continue_contact(self, window: Window, step: Step) -> Window:
         """Take the next frame of a contact in all hypotheses."""
         still_going_on = np.array([0.0, _SPREAD / np.sqrt(_BACK)])  # slide [m] by a hand: mean and standard deviation
         disturbance = np.where(self._rows.disturbed_steps_left[:, None] > 0, still_going_on, 0.0)
-        leaving = window.add(frame.sensor_pose, frame.measurements, frame.time, disturbance, frame.from_touch)
+        leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], disturbance, step.from_touch)
         is_lost = window.is_lost
         if is_lost.any():
             self._drop_lost(window)
@@ -328,11 +326,10 @@ class HypothesisBank:
         self._is_indeterminate = False
         return window
 
-    def _tested_by_object_poses(self, frame: ContactFrame) -> tuple[Consistency, bool]:
+    def _tested_by_object_poses(self, step: Step) -> tuple[Consistency, bool]:
         """Test measured poses of the object against the estimates before this step; True if there are any."""
         rows = self._rows
-        step = Step(frame.sensor_pose, self._sensor_pose, frame.measurements, [*self._times, frame.time])
-        measured = [one for one in frame.measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
+        measured = [one for one in step.measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
         estimated = np.concatenate([rows.online, rows.belief.pose[:, None]], axis=1)
         expected = [estimated[:, place - 1] for place in step.nearest(measured)]
         known = rows.consistency, rows.belief
@@ -343,37 +340,32 @@ class HypothesisBank:
         rows = self._rows
         is_watched = (rows.weight > _LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         alarms = is_watched & disturbance_alarms(window, self._steps, is_suspicion_enough=True)
-        if alarms.any():
-            for is_mirror in (True, False):
-                group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
-                if len(group):
-                    self._branch(window, int(group[0]))
+        for is_mirror in (True, False) if alarms.any() else ():
+            group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
+            if len(group):
+                self._branch(window, int(group[0]))
 
     def _branch(self, window: Window, row: int) -> None:
         """Add the hypotheses that something else moved the object, sliding it by several lengths, to one row."""
-        before = len(self._rows.weight)
+        rows, before = self._rows, len(self._rows.age)
         steps = self._steps - max(self._steps - _BACK, 1)
         new = np.arange(before, before + len(_SLIDES))
-        self._take(np.concatenate([np.arange(before), np.full(len(_SLIDES), row)]))
+        self._take([*range(before), *[row] * len(new)])
         window.disturb(new, steps, _SLIDES, _SPREAD)
-        rows = self._rows
-        is_new = np.arange(len(rows.weight)) >= before
-        squares = np.where(is_new[:, None, None], 0.0, rows.consistency.squares)
-        ignored = rows.ignored_motion.copy()
-        ignored[before:, ignored.shape[1] - steps :] = True
-        next_alarm = np.where(is_new, self._steps + _BACK + AHEAD, rows.next_alarm)
-        next_alarm[row] = self._steps + _BACK + AHEAD
-        self._rows = replace(
-            rows,
-            belief=rows.belief.take(~is_new).joined(window.belief().take(is_new)),
-            consistency=replace(rows.consistency, squares=squares),
-            log_prior=np.where(is_new, rows.log_prior - LOG_UNLIKELY, rows.log_prior),
-            weight=np.where(is_new, 1.0, rows.weight),
-            age=np.where(is_new, 0, rows.age),
-            disturbed_steps_left=np.where(is_new, AHEAD, rows.disturbed_steps_left),
-            next_alarm=next_alarm,
+        log_prior = np.repeat(rows.log_prior[row] - LOG_UNLIKELY, len(new))
+        added = branched(rows.take([row]), window.belief().take(new), log_prior)
+        ignored = added.ignored_motion.copy()
+        ignored[:, ignored.shape[1] - steps :] = True
+        added = replace(
+            added,
+            consistency=added.consistency.without_errors(),
+            disturbed_steps_left=np.full(len(new), AHEAD),
             ignored_motion=ignored,
         )
+        rows = rows.joined(added)
+        next_alarm = rows.next_alarm.copy()
+        next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
+        self._rows = replace(rows, next_alarm=next_alarm)
         if window.is_lost.any():
             self._drop_lost(window)
         mirror_last = np.argsort(self._rows.is_mirror, kind="stable")
