@@ -13,6 +13,7 @@ from palpate.pipeline.metrics import translation_errors as translation_errors
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import Frame
+from palpate.types.recording import Recording
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "batch"]
@@ -66,3 +67,11 @@ def small_frame(**changes: Any) -> Frame:
 
 def disc_tracker(how: TrackerSettings | None = None, first: Any = (0.0, 0.0, 0.0)) -> Tracker:
     return Tracker(SHAPES["disc"], sensor(), first, how)
+
+
+def simulated(shape: str, name: str, seed: int) -> Recording:
+    """Return a simulated recording with touch images, ideal, of 6 s."""
+    from palpate.geometry.shapes import SHAPES as OBJECTS
+    from palpate.lab.simulate.recordings import simulate_recording
+
+    return simulate_recording(OBJECTS[shape], name, seed, 6.0, ideal=True)

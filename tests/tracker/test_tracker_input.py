@@ -1,18 +1,16 @@
 """Input that cannot be used, and arrays that belong to the caller."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, frames, pushed, sensor, with_settings
+from push_samples import SHAPES, frames, pushed, sensor
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
 from palpate import (
     Disc,
     EstimationError,
     Frame,
-    NoiseSettings,
     Polygon,
     Rectangle,
     SettingError,
@@ -20,30 +18,6 @@ from palpate import (
     Tracker,
     TrackerSettings,
 )
-
-
-def test_a_frame_with_neither_image_nor_contact_flag():
-    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has neither an image nor a contact flag"):
-        disc_tracker().update(small_frame(contact=None))
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_sensor_pose_that_is_not_finite(bad):
-    with pytest.raises(EstimationError, match=r"frame at 1\.000 s has sensor pose .*must be three finite numbers"):
-        disc_tracker().update(small_frame(sensor_pose=np.array([0.0, bad, 0.0])))
-
-
-@pytest.mark.parametrize("next_time", [1.0, 0.5])
-def test_time_that_does_not_increase(next_time):
-    tracker = disc_tracker()
-    tracker.update(small_frame())
-    with pytest.raises(
-        EstimationError, match=rf"frame at {next_time:.3f} s follows one at 1\.000 s; times must increase"
-    ):
-        tracker.update(small_frame(time=next_time))
-    # The frame is refused and nothing else is lost.
-    tracker.update(small_frame(time=1.1))
-    assert tracker.smoothed().time.tolist() == [1.0, 1.1]
 
 
 @pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here"])
@@ -123,48 +97,6 @@ def test_arguments_of_another_kind(arguments, words):
         Tracker(**{"shape": SHAPES["disc"], "sensor": sensor(), "first_pose": np.zeros(3), **arguments})
 
 
-@pytest.mark.parametrize("hypotheses", [0, -1])
-def test_fewer_than_one_hypothesis(hypotheses):
-    with pytest.raises(SettingError, match=rf"^hypotheses is {hypotheses}; allowed is a whole number from 1 on$"):
-        TrackerSettings(hypotheses=hypotheses)
-
-
-def test_unknown_names_list_the_allowed_ones_where_settings_are_made():
-    with pytest.raises(SettingError, match="tactile is 'felt'; allowed are auto, none, oracle, learnt"):
-        TrackerSettings(tactile="felt")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(SettingError, match="smoother is 'isam'; allowed are fixed-lag, batch"):
-        TrackerSettings(smoother="isam")  # pyright: ignore[reportArgumentType]
-
-
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"tactile": "learned"}, "tactile is 'learned'; allowed are auto, none"),
-        ({"smoother": "fixed_lag"}, "smoother is 'fixed_lag'; allowed are fixed-lag, batch"),
-        ({"pressure": "unifrom"}, "pressure is 'unifrom'; allowed are uniform, rim, corner or a friction radius"),
-        ({"pressure": -0.1}, "pressure is -0.1; allowed are"),
-        ({"pressure": float("nan")}, "pressure is nan; allowed are"),
-        ({"noise": "palpate"}, "noise is 'palpate'; it must be palpate.NoiseSettings"),
-        ({"hypotheses": "9"}, "hypotheses is '9'; allowed is a whole number from 1 on"),
-        ({"hypotheses": 1.0}, "hypotheses is 1.0; allowed is a whole number from 1 on"),
-        ({"hypotheses": 2.5}, "hypotheses is 2.5; allowed is a whole number from 1 on"),
-    ],
-)
-def test_misspelt_words_are_refused_where_they_are_said(changed, words):
-    with pytest.raises(SettingError, match=f"^{words}"):
-        TrackerSettings(**changed)
-
-
-def test_numbers_of_numpy_are_kept_as_pythons():
-    kept: Any = TrackerSettings(pressure=np.float32(0.03), hypotheses=np.int64(3))  # pyright: ignore[reportArgumentType]
-    assert (type(kept.pressure), type(kept.hypotheses)) == (float, int)
-
-
-def test_a_first_time_that_is_not_finite():
-    with pytest.raises(EstimationError, match=r"^frame has time nan; it must be a finite number \[s\]$"):
-        disc_tracker().update(small_frame(time=np.nan))
-
-
 def test_before_the_first_frame_there_is_none_to_tell_of():
     tracker = disc_tracker()
     for _ in range(2):
@@ -175,17 +107,6 @@ def test_before_the_first_frame_there_is_none_to_tell_of():
         tracker.update(small_frame())
         assert tracker.frame.time == 1.0 and len(tracker.smoothed()) == 1
         tracker.reset()
-
-
-def test_a_sensor_pose_of_two_numbers():
-    with pytest.raises(EstimationError, match="sensor pose"):
-        disc_tracker().update(small_frame(sensor_pose=np.zeros(2)))
-
-
-def test_sigmas_that_are_not_above_zero():
-    for sigmas in ((0.0, 0.0, 0.0), (-1e-3, 1e-3, 1e-3), (np.nan, 1e-3, 1e-3)):
-        with pytest.raises(SettingError, match="first_pose"):
-            disc_tracker(settings(noise=with_settings(NoiseSettings(), first_pose={"deviation": sigmas})))
 
 
 def test_a_caller_may_change_the_estimate_it_was_given():
