@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tracker_samples import se2, settings
 
-from palpate import POINT, ContactDirection, Disc, Estimate, Frame, Rectangle, Tracker
+from palpate import POINT, ContactDirection, Disc, Estimate, Frame, Rectangle, Shape, Tracker
 
 SQUARE, HALF = Rectangle(0.1, 0.1), 0.05
 Answer = Any  # one of `Estimate.answers`
@@ -16,7 +16,7 @@ DIRECTION = ContactDirection(0.0, math.radians(1.0) ** 2)
 """The outline's normal lies along the push."""
 
 
-def touched(first, sigma, at, shape=SQUARE, measurements=(DIRECTION,)) -> Estimate:
+def touched(first: Any, sigma: Any, at: Any, shape: Shape = SQUARE, measurements: Any = (DIRECTION,)) -> Estimate:
     """Return the estimate at a first frame, which touches the object with a point."""
     tracker = Tracker(shape, POINT, first, settings("none"), first_pose_sigma=sigma)
     return tracker.update(Frame(0.0, np.array(at, float), contact=True, measurements=measurements))
