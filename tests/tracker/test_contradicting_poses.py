@@ -67,15 +67,6 @@ def test_a_camera_that_begins_to_contradict_touch():
     assert nees(found, o)[18:].max() < 7.8
 
 
-def test_a_camera_that_alternates_is_named_whatever_the_status():
-    o, e, contact = in_two_contacts("rectangle", 12)
-    seen = [pair[k % 2] for k, pair in enumerate(zip(camera(o, (-0.05, 0, 0)), camera(o, (0.05, 0, 0)), strict=True))]
-    found = tracked(o, e, contact, [seen], how=TrackerSettings("none"))
-    assert not {"tracking", "resting"} & set(statuses(found)[3:])
-    assert all(is_told(estimate) for estimate in found[3:])
-    assert not any(estimate.reason.startswith("1 poses") for estimate in found)
-
-
 @pytest.mark.parametrize("sigma", [FINE, (1e-3, 1e-3, 1e-2), ROUGH])
 def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
     rng = np.random.default_rng(3)

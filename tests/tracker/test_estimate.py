@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -40,13 +39,6 @@ def test_each_answer_goes_to_ros_like_the_estimate():
     one = estimate()
     for ours, wanted in zip(one.answers[0].to_ros(), one.to_ros(), strict=True):
         assert np.array_equal(ours, wanted)
-
-
-def test_ros_needs_no_ros(monkeypatch):
-    for name in ("rclpy", "rosbags", "mcap", "geometry_msgs"):
-        monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "palpate.types.space", raising=False)
-    assert estimate().to_ros().position.tolist() == [1.0, 2.0, 0.0]
 
 
 def test_estimates_are_equal_by_value():

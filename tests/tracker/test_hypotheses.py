@@ -22,7 +22,7 @@ from push_samples import (
 from slide_samples import HAND, by_hand, slid
 from tracker_samples import CALIBRATED, nees, poses, rotation_errors, se2, settings, statuses, track, translation_errors
 
-from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker
+from palpate import ContactDirection, Estimate, Frame, Tracker
 
 Array = np.ndarray
 ROUGH = (0.02, 0.02, math.radians(10.0))
@@ -190,53 +190,6 @@ def test_an_object_that_may_be_anywhere():
     rest = tracked(frames(o[:3], np.tile([3.0, 0.0, 0.0], (3, 1)), False), None)
     assert set(statuses(rest)) == {"uncertain"}
     np.testing.assert_allclose(rest[-1].covariance, np.diag([1.0, 1.0, 4.0]))
-
-
-def test_yaw_of_a_disc_stays_what_it_was_and_as_unknown():
-    o, e = pushed("disc", 60)
-    found = tracked(
-        with_directions("disc", o, e), se2.compose(o[0], (0.012, -0.01, 0.3)), "disc", sigma=(0.02, 0.02, 0.5)
-    )
-    check_answers(found)
-    yaw = np.array([np.sqrt(estimate.covariance[2, 2]) for estimate in found])
-    turned = np.abs(rotation_errors(poses(found), o))
-    assert turned[0] < yaw[0] and yaw[-1] > 0.3  # nothing has told it
-    assert (turned < 2.5 * yaw).all()
-    # Its place is told all the same.
-    assert translation_errors(poses(found), o)[-1] < 5e-3
-    # Of a yaw that was any, nothing is known after it, either.
-    for sigma in ((0.02, 0.02, 2.0), (0.02, 0.02, 1.0)):
-        found = tracked(with_directions("disc", o, e), se2.compose(o[0], (0.012, -0.01, 2.0)), "disc", sigma=sigma)
-        np.testing.assert_allclose(np.sqrt(found[-1].covariance[2, 2]), sigma[2], rtol=0.1)
-        assert nees(found, o).max() < 9.0
-    assert nees(found, o)[1:].max() < 7.8
-
-
-def test_a_first_pose_far_from_all_that_is_touched():
-    o, e = pushed("rectangle", 40)
-    for sigma in (None, ROUGH):
-        found = tracked(with_directions("rectangle", o, e), o[0] + [1.5, -0.8, 2.0], sigma=sigma)
-        assert len(found) == 41
-        assert found[-1].status not in ("tracking", "resting")
-        assert found[-1].reason
-        assert all(np.isfinite(estimate.pose).all() and np.isfinite(estimate.covariance).all() for estimate in found)
-
-
-def test_a_camera_that_contradicts_itself():
-    o, e, contact = in_two_contacts("rectangle", 25)
-    exact = np.diag(np.square([1e-4, 1e-4, 1e-3]))
-    seen = [
-        dataclasses.replace(
-            frame, measurements=tuple(ObjectPose(true + np.array([way, -way, way]), exact) for way in (0.05, -0.05))
-        )
-        for frame, true in zip(frames(o, e, contact), o, strict=True)
-    ]
-    for sigma in (None, ROUGH):
-        found = tracked(seen, o[0], tactile="oracle", sigma=sigma)
-        assert len(found) == len(o)
-        for estimate in found:
-            assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
-            assert np.isfinite(estimate.pose).all()
 
 
 def test_two_tips_find_an_object_that_is_known_roughly():

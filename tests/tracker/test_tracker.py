@@ -185,19 +185,6 @@ def test_a_gap_in_time_ends_a_contact(smoother):
     assert compared == [2, 1]
 
 
-def test_a_gap_is_told_by_the_usual_interval_and_not_by_the_gap_before_it():
-    o, e = pushed("rectangle", 40)
-    late = {20: 0.3, 21: 2.3}
-    seen = [
-        dataclasses.replace(frame, time=frame.time + late.get(min(k, 21), 0.0)) for k, frame in enumerate(frames(o, e))
-    ]
-    touch = CountedTouch()
-    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), touch=touch)
-    for frame in seen:
-        tracker.update(frame)
-    assert touch.begun == 2
-
-
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_smoothed_poses(smoother):
     o, e, contact = in_two_contacts("rectangle", 45)

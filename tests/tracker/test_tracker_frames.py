@@ -149,20 +149,6 @@ def test_estimates_after_bad_frames_are_those_without_them(smoother):
     np.testing.assert_array_equal(dirty.smoothed().pose, clean.smoothed().pose)
 
 
-def test_images_after_bad_ones_tell_the_same():
-    rng = np.random.default_rng(0)
-    good = [rng.integers(90, 100, (320, 240, 3), np.uint8) for _ in range(18)]
-    turned = np.zeros((240, 320, 3), np.uint8)
-    clean, dirty = (Tracker(SHAPES["disc"], DIGIT, np.zeros(3)) for _ in range(2))
-    for k, image in enumerate(good):
-        frame = Frame(k / 30, np.array([-0.3, 0.0, 0.0]), image)
-        with pytest.raises(FrameError, match="turned by a quarter"):
-            dirty.update(dataclasses.replace(frame, image=turned))
-        assert dirty.update(frame) == clean.update(frame)
-    assert dirty.background is not None and clean.background is not None
-    np.testing.assert_array_equal(dirty.background.mean, clean.background.mean)
-
-
 def test_lists_are_taken_where_arrays_are():
     o, e = pushed("rectangle", 12)
     how = settings("oracle")
@@ -184,15 +170,3 @@ def test_a_measurement_may_come_alone():
     both = Tracker(SHAPES["disc"], sensor(), np.zeros(3)).update(small_frame(), [SEEN])
     assert tracker.update(small_frame(measurements=alone)) == both
     assert isinstance(SEEN, Measurement) and TrackerSettings().noise == NoiseSettings()
-
-
-def test_what_is_worse_in_a_stream_is_the_reason_beside_the_status():
-    o, e = pushed("rectangle", 60)
-    seen, how = frames(o, e), settings("oracle")
-    usual, seldom, noisy = (Tracker(SHAPES["rectangle"], sensor(), o[0], how) for _ in range(3))
-    assert {usual.update(frame).reason for frame in seen} == {""}
-    said = [seldom.update(frame) for frame in seen[::2]]
-    assert said[-1].status == "tracking" and said[-1].reason.startswith("frames come ")
-    rng = np.random.default_rng(0)
-    shaken = [dataclasses.replace(each, sensor_pose=each.sensor_pose + rng.normal(size=3) * 5e-4) for each in seen]
-    assert "position has noise of" in [noisy.update(frame) for frame in shaken][-1].reason

@@ -60,16 +60,6 @@ def test_a_first_pose_in_another_unit_is_asked_about_and_taken(first, sigma, wor
     assert told(tracker) == [words]
 
 
-def test_of_first_poses_that_may_be_so_nothing_is_asked(caplog):
-    for first, sigma in (
-        (None, None),
-        ((1.0, -2.0, 9.0), None),
-        ((0.0, 0.0, 0.0), (1.0, 1.0, 2.0)),
-    ):
-        Tracker(SHAPES["disc"], "digit", first, first_pose_sigma=sigma).update(small_frame())
-    assert not caplog.records
-
-
 def test_an_outline_in_millimetres_is_asked_about(caplog):
     for shape in (Rectangle(240, 160), Disc(50.0), Polygon([(0, 0), (90, 0), (90, 60)])):
         with pytest.raises(ShapeError, match=r"the outline is .* m wide, .* 0.005 to 2 m: are these millimetres"):
@@ -119,13 +109,6 @@ def test_a_caller_may_change_the_estimate_it_was_given():
     assert again.pose.tolist() == again.answers[0].pose.tolist() == [0, 0, 0]
     assert np.linalg.eigvalsh(again.covariance).min() > 0.0
     assert tracker.smoothed().pose[0].tolist() == [0, 0, 0]
-
-
-def test_a_caller_may_change_the_first_pose_afterwards():
-    first = np.zeros(3)
-    tracker = disc_tracker(first=first)
-    first[0] = 1.0
-    assert tracker.update(small_frame()).pose.tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)

@@ -103,18 +103,6 @@ def test_a_sensor_that_goes_on_into_the_object_and_does_not_touch_it(smoother, s
     assert (rests[-1].covariance[0, 0] > 4 * last.covariance[0, 0]) == (status == "displaced")
 
 
-def test_an_object_at_rest_that_is_hardly_known_is_uncertain():
-    for sigma, status, reason in (
-        ((0.03, 1e-3, 1e-2), "uncertain", "the covariance is too large to be reliable"),
-        ((1e-3, 1e-3, 0.3), "uncertain", "the covariance is too large to be reliable"),
-        ((0.015, 0.015, 0.15), "resting", ""),
-    ):
-        tracker = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings(), first_pose_sigma=sigma)
-        found = tracker.update(Frame(0.0, np.array([-0.5, 0.0, 0.0]), contact=False))
-        assert (found.status, found.reason) == (status, reason)
-        np.testing.assert_allclose(found.covariance, np.diag(np.square(sigma)))
-
-
 @pytest.mark.parametrize(("heading", "status"), [(0.0, "resting"), (0.5 * math.pi, "displaced")])
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_a_gap_is_judged_by_what_is_known_along_it(heading, status, turn):
