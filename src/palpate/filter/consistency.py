@@ -9,14 +9,15 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings
+from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, RowArrays
+from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors.contact import overlap, reaches
 from palpate.graph.factors.direction import true_angle
@@ -29,9 +30,9 @@ from palpate.types.measurements import ContactDirection, ObjectPose
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_STEPS, _TYPICAL, _INCONSISTENT = 30, 0.5, 4.0
-"""Steps of the mean square [variances], its usual value, and its limit: on simulated pushes, which slide, it is below
-0.5 nine times in ten and at most 2; a disturbance by hand makes it 70 and more."""
+_TYPICAL, _INCONSISTENT = 0.5, 4.0
+"""Usual value of the mean square of errors [variances] and its limit: on simulated pushes, which slide, it is below 0.5
+nine times in ten and at most 2; a disturbance by hand makes it 70 and more."""
 _ALARMS = (("turn", 5, 0.13), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
 """Factor, steps, and the mean square error over them [variances] at which touch and pushing contradict each other.
 The limit of turns matters for true ones; those of the touch models, stated far less exactly, do not reach it.
@@ -50,44 +51,8 @@ _FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] standard deviations at whi
 _ALONG = np.linspace(-1.0, 1.0, 7)  # places along the outline where directions are compared, over the likely length
 _UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad] standard deviations too large to be reliable
 _CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
-_FRAMES, _SEVERAL = 10, 3  # a contradiction counts from several of the last frames on: a single one may be an error
+_SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
-
-
-@dataclass(frozen=True, eq=False)
-class Consistency(RowArrays):
-    """State of the tests in each hypothesis."""
-
-    squares: Array
-    """Squared errors of the pushing factors at the last steps of the contact, (B, _STEPS, rows) [variances]."""
-    inconsistency: Array
-    """Factor on the reported covariance of the pose, (B,)."""
-    displacement: Array
-    """Least displacement of the object since it was last touched [m], (B,)."""
-    apart: Array
-    """Distance of measured poses from the estimate, and of the measured outline from the contact, at the last frames;
-    0 where they agree, (B, 2, _FRAMES) [m]."""
-
-    @staticmethod
-    def begin() -> "Consistency":
-        """Return the state of one hypothesis before any test."""
-        return Consistency(np.zeros((1, _STEPS, 3)), np.ones(1), np.zeros(1), np.zeros((1, 2, _FRAMES)))
-
-    def contradictions(self) -> Array:
-        """Return the possible error (B, 2) [m] of the pose, for contradicting measured poses and their outline."""
-        return np.where((self.apart > 0.0).sum(axis=2) >= _SEVERAL, self.apart.max(axis=2), 0.0)
-
-    def without_errors(self) -> "Consistency":
-        """Return the state with the errors of a contact forgotten."""
-        return replace(self, squares=np.zeros_like(self.squares))
-
-    def found(self) -> "Consistency":
-        """Return the state with the object found again."""
-        return replace(self, displacement=np.zeros_like(self.displacement))
-
-    def displaced(self, least: Array) -> "Consistency":
-        """Return the state of an object that was moved by at least these distances (B,) [m]."""
-        return replace(self, displacement=np.maximum(self.displacement, least))
 
 
 def disturbance_alarms(window: Window, steps: int, is_suspicion_enough: bool = False) -> Flags:
@@ -106,7 +71,7 @@ def disturbance_alarms(window: Window, steps: int, is_suspicion_enough: bool = F
 
 
 class ConsistencyMonitor:
-    """The tests, for one object and sensor. Those named `test_...` take and return the state of all hypotheses."""
+    """The tests, for one object and sensor. Those named `test_...` return the hypotheses with their results."""
 
     def __init__(self, model: ContactModel, settings: NoiseSettings) -> None:
         self._model, self._contact_deviation = model, settings.contact.deviation
@@ -121,52 +86,46 @@ class ConsistencyMonitor:
         variance = np.einsum("bi,bij,bj->b", by_belief, belief.covariance, by_belief) + self._contact_deviation**2
         return gap, np.sqrt(variance)
 
-    def test_rest(
-        self, state: Consistency, belief: Belief, sensor_pose: Array, touched: tuple[Array, float] | None
-    ) -> Consistency:
+    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: tuple[Array, float] | None) -> Hypotheses:
         """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
         `touched` is its last pose in contact (3,) and the time since then [s]. If it moved on into the object without
         touching it, the object was taken away.
         """
-        gap, deviation = self.clearance(belief, sensor_pose)
-        state = state.displaced(np.where(gap < -_SURPRISE * deviation, -gap, 0.0))
+        gap, deviation = self.clearance(rows.belief, sensor_pose)
+        rows = rows.displaced(np.where(gap < -_SURPRISE * deviation, -gap, 0.0))
         if touched is None:
-            return state
-        before, by_before = self._gap(belief, touched[0])
-        now, by_now = self._gap(belief, sensor_pose)
+            return rows
+        before, by_before = self._gap(rows.belief, touched[0])
+        now, by_now = self._gap(rows.belief, sensor_pose)
         apart = by_now - by_before
-        variance = np.einsum("bi,bij,bj->b", apart, belief.covariance, apart)
-        deviation = np.sqrt(state.inconsistency * variance + _STILL**2)
+        variance = np.einsum("bi,bij,bj->b", apart, rows.belief.covariance, apart)
+        deviation = np.sqrt(rows.inconsistency * variance + _STILL**2)
         by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * touched[1])
-        return state.displaced(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
+        return rows.displaced(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
 
-    def test_first_contact(self, state: Consistency, belief: Belief, step: Step, sign: Array) -> Consistency:
+    def test_first_contact(self, rows: Hypotheses, step: Step) -> Hypotheses:
         """Test that a contact begins where the object's outline is, and with the direction that it has there."""
-        gap, deviation = self.clearance(belief, step.sensor_pose)
-        state = state.displaced(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
-        for angles, variance in true_directions(step, belief, sign):
-            turns = [
-                self._turn(belief.take([row]), step.sensor_pose, angle, variance) for row, angle in enumerate(angles)
-            ]
+        gap, deviation = self.clearance(rows.belief, step.sensor_pose)
+        rows = rows.displaced(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
+        for angles, variance in true_directions(step, rows.belief, rows.sign):
+            beliefs = [rows.belief.take([row]) for row in range(len(angles))]
+            pairs = zip(beliefs, angles, strict=True)
+            turns = np.array([self._turn(belief, step.sensor_pose, angle, variance) for belief, angle in pairs])
             # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
-            state = state.displaced(0.5 * self._model.friction_radius * np.array(turns))
-        return state
+            rows = rows.displaced(0.5 * self._model.friction_radius * turns)
+        return rows
 
     def test_object_poses(
-        self,
-        state: Consistency,
-        belief: Belief,
-        expected: Sequence[Array],
-        measured: Sequence[ObjectPose],
-        moved: float,
-    ) -> Consistency:
+        self, rows: Hypotheses, expected: Sequence[Array], measured: Sequence[ObjectPose], moved: float = 0.0
+    ) -> Hypotheses:
         """Test measured poses of the object against the estimates (B, 3) at their times.
 
         Since then the object may have moved by `moved` [m].
         """
         if not measured:
-            return state
+            return rows
+        belief = rows.belief
         known = belief.pose_covariance + self._calibration + self.covariance_of_motion(moved)
         worst, worst_apart = np.zeros(len(belief)), np.zeros(len(belief))
         for pose, one in zip(expected, measured, strict=True):
@@ -176,33 +135,33 @@ class ConsistencyMonitor:
             apart = np.maximum(np.hypot(off[:, 0], off[:, 1]), self._model.friction_radius * np.abs(off[:, 2]))
             worst_apart = np.where(deviations > worst, apart, worst_apart)
             worst = np.maximum(deviations, worst)
-        return _with_frame(state, _POSES, worst_apart, worst)
+        return _with_frame(rows, _POSES, worst_apart, worst)
 
-    def test_outline(self, state: Consistency, belief: Belief, sensor_pose: Array, is_measured: bool) -> Consistency:
+    def test_outline(self, rows: Hypotheses, sensor_pose: Array, is_measured: bool) -> Hypotheses:
         """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
-        tested = np.asarray(is_measured | (state.apart[:, _OUTLINE] > 0.0).any(axis=1))
-        gap, deviation = self.clearance(belief.inflated(self._calibration), sensor_pose)
-        longer = _with_frame(state, _OUTLINE, np.abs(gap), np.abs(gap) / deviation)
-        return replace(state, apart=np.where(tested[:, None, None], longer.apart, state.apart))
+        tested = np.asarray(is_measured | (rows.apart[:, _OUTLINE] > 0.0).any(axis=1))
+        gap, deviation = self.clearance(rows.belief.inflated(self._calibration), sensor_pose)
+        longer = _with_frame(rows, _OUTLINE, np.abs(gap), np.abs(gap) / deviation)
+        return replace(rows, apart=np.where(tested[:, None, None], longer.apart, rows.apart))
 
-    def test_innovations(self, state: Consistency, errors: Array, tested: Flags) -> Consistency:
-        """Test the errors (B, rows) [standard deviations] of a step's pushing factors, in some rows (B,)."""
-        squares = np.concatenate([state.squares[:, 1:], np.square(errors)[:, None]], axis=1)
-        worst = squares.sum(axis=1).max(axis=1) / _STEPS
+    def test_innovations(self, rows: Hypotheses, errors: Array, tested: Flags) -> Hypotheses:
+        """Test the errors (B, rows) [standard deviations] of a step's pushing factors, in some hypotheses (B,)."""
+        squares = np.concatenate([rows.squares[:, 1:], np.square(errors)[:, None]], axis=1)
+        worst = squares.sum(axis=1).max(axis=1) / squares.shape[1]
         inflated = np.where(worst > _INCONSISTENT, worst / _TYPICAL, 1.0)
-        return replace(
-            state,
-            squares=np.where(tested[:, None, None], squares, state.squares),
-            inconsistency=np.where(tested, np.maximum(state.inconsistency, inflated), state.inconsistency),
-        )
+        squares = np.where(tested[:, None, None], squares, rows.squares)
+        inconsistency = np.where(tested, np.maximum(rows.inconsistency, inflated), rows.inconsistency)
+        return replace(rows, squares=squares, inconsistency=inconsistency)
 
-    def assessed(self, state: Consistency, pose_covariance: Array, in_contact: bool) -> tuple[Array, Status, str]:
+    def assessed(self, rows: Hypotheses, in_contact: bool) -> tuple[Array, Status, str]:
         """Return the covariances to report (B, 3, 3), the status of the first hypothesis, and a reason that it has."""
-        covariance = state.inconsistency[:, None, None] * pose_covariance + self._calibration
+        known = rows.belief.covariance[:, :3, :3].copy()
+        known[:, 2, 2] += rows.unobservable_yaw
+        covariance = rows.inconsistency[:, None, None] * known + self._calibration
         by_poses, by_outline = 0.0, 0.0
-        if state.apart.any():
-            covariance = covariance + self.contradiction_covariance(state)
-            by_poses, by_outline = 1e3 * state.contradictions()[0]
+        if rows.apart.any():
+            covariance = covariance + self.contradiction_covariance(rows)
+            by_poses, by_outline = 1e3 * _contradictions(rows)[0]
         status: Status = "tracking" if in_contact else "resting"
         reason = ""
         if by_poses:
@@ -210,21 +169,21 @@ class ConsistencyMonitor:
         elif by_outline:
             where = f"up to {by_outline:.0f} mm from where the sensor touches it"
             status, reason = "strained", f"measured object poses put the outline {where}"
-        elif state.displacement[0] and ((np.diagonal(pose_covariance[0]) > _FOUND**2).any() or not in_contact):
+        elif rows.displacement[0] and ((np.diagonal(known[0]) > _FOUND**2).any() or not in_contact):
             status = "displaced"
         elif is_uncertain(covariance[0]):
             status = "uncertain"
-        elif in_contact and state.inconsistency[0] > 1.0:
+        elif in_contact and rows.inconsistency[0] > 1.0:
             status = "strained"
-        return covariance if in_contact else covariance + self.displacement_covariance(state), status, reason
+        return covariance if in_contact else covariance + self.displacement_covariance(rows), status, reason
 
-    def displacement_covariance(self, state: Consistency) -> Array:
+    def displacement_covariance(self, rows: Hypotheses) -> Array:
         """Return the covariance (B, 3, 3) of a displacement: twice its size, since a gap shows one direction of it."""
-        return self.covariance_of_motion(2.0 * state.displacement)
+        return self.covariance_of_motion(2.0 * rows.displacement)
 
-    def contradiction_covariance(self, state: Consistency) -> Array:
+    def contradiction_covariance(self, rows: Hypotheses) -> Array:
         """Return the covariance (B, 3, 3) of a pose that contradicts measured ones."""
-        return self.covariance_of_motion(state.contradictions().max(axis=1))
+        return self.covariance_of_motion(_contradictions(rows).max(axis=1))
 
     def covariance_of_motion(self, length: ArrayLike) -> Array:
         """Return the covariance (..., 3, 3) of an unknown motion of this size (...) [m]."""
@@ -273,9 +232,14 @@ def true_directions(step: Step, belief: Belief, sign: Array) -> list[tuple[Array
     return [(true_angle(one, belief, s), one.variance) for one, s in pairs if isinstance(one, ContactDirection)]
 
 
-def _with_frame(state: Consistency, kind: int, apart: Array, deviations: Array) -> Consistency:
-    """Return the state with the distances (B,) [m] of another frame, which contradict from some deviations on."""
-    longer = state.apart.copy()
-    longer[:, kind, :-1] = state.apart[:, kind, 1:]
+def _with_frame(rows: Hypotheses, kind: int, apart: Array, deviations: Array) -> Hypotheses:
+    """Return rows with the distances (B,) [m] of another frame, which contradict from some deviations on."""
+    longer = rows.apart.copy()
+    longer[:, kind, :-1] = rows.apart[:, kind, 1:]
     longer[:, kind, -1] = np.where(deviations > _CONTRADICTS, apart, 0.0)
-    return replace(state, apart=longer)
+    return replace(rows, apart=longer)
+
+
+def _contradictions(rows: Hypotheses) -> Array:
+    """Return the possible error (B, 2) [m] of the pose, for contradicting measured poses and their outline."""
+    return np.where((rows.apart > 0.0).sum(axis=2) >= _SEVERAL, rows.apart.max(axis=2), 0.0)

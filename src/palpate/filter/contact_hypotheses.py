@@ -77,7 +77,7 @@ def _begun(
         if not len(likely):
             return replace(row, belief=displaced)
         return branched(row, rest, row.log_prior).joined(places)
-    is_displaced = row.consistency.displacement[0] > 0.0
+    is_displaced = row.displacement[0] > 0.0
     as_left = poses_in_contact(rest, model, step, row.sign, is_guess=False)[1] if is_displaced else likely
     as_expected = row.log_prior + max(np.logaddexp.reduce(as_left), -_IMPOSSIBLE)
     if not is_rough(displaced, model):

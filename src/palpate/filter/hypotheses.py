@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import Priors
-from palpate.filter.consistency import Consistency
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, RowArrays
 
@@ -25,6 +24,7 @@ POOR = 1e-3
 """Weight, relative to the best hypothesis, below which one hardly counts."""
 AHEAD = 6
 """Steps after an alarm or the begin of a contact in which something else may move the object."""
+_STEPS, _FRAMES = 30, 10  # of which errors of pushing, and distances from measured poses, are kept
 _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0  # share of the costs that counts; largest cost of a step beyond the best one's
 _PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
@@ -41,8 +41,15 @@ class Hypotheses(RowArrays):
     """Belief about the object at the last frame, without its `unobservable_yaw`."""
     unobservable_yaw: Array
     """Variance of a round object's yaw that is kept out of the graph, (B,) [rad^2]."""
-    consistency: Consistency
-    """State of the consistency tests."""
+    squares: Array
+    """Squared errors of the pushing factors at the last steps of the contact, (B, _STEPS, 3) [variances]."""
+    inconsistency: Array
+    """Factor on the reported covariance of the pose, (B,)."""
+    displacement: Array
+    """Least displacement of the object since it was last touched [m], (B,)."""
+    apart: Array
+    """Distance of measured poses from the estimate, and of the measured outline from the contact, at the last frames;
+    0 where they agree, (B, 2, _FRAMES) [m]."""
     log_prior: Array
     """Log probability without the current contact, (B,)."""
     weight: Array
@@ -69,7 +76,10 @@ class Hypotheses(RowArrays):
         return Hypotheses(
             belief,
             unobservable_yaw=np.zeros(1),
-            consistency=Consistency.begin(),
+            squares=np.zeros((1, _STEPS, 3)),
+            inconsistency=np.ones(1),
+            displacement=np.zeros(1),
+            apart=np.zeros((1, 2, _FRAMES)),
             log_prior=np.zeros(1),
             weight=np.ones(1),
             sign=np.full(1, sign),
@@ -98,6 +108,10 @@ class Hypotheses(RowArrays):
         less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
         belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
         return replace(self, belief=belief, unobservable_yaw=held_out)
+
+    def displaced(self, least: Array) -> "Hypotheses":
+        """Return hypotheses about an object that was moved by at least these distances (B,) [m]."""
+        return replace(self, displacement=np.maximum(self.displacement, least))
 
     @property
     def is_lost(self) -> Flags:

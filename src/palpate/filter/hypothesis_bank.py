@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
-from palpate.filter.consistency import Consistency, ConsistencyMonitor, disturbance_alarms
+from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, POOR, Hypotheses, branched, costs_of_contact, worth_keeping
 from palpate.filter.rest import measured_at_rest
@@ -134,9 +134,7 @@ class HypothesisBank:
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
         rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
         poses, weights, belief = rows.belief.pose, rows.weight, rows.belief
-        covariances = belief.covariance[:, :3, :3].copy()
-        covariances[:, 2, 2] += rows.unobservable_yaw
-        covariances, status, reason = self._monitor.assessed(rows.consistency, covariances, window is not None)
+        covariances, status, reason = self._monitor.assessed(rows, window is not None)
         covariance, ambiguity = covariances[0], None
         if len(weights) > 1:
             covariance, ambiguity = _joint(poses, covariances, weights)
@@ -178,17 +176,15 @@ class HypothesisBank:
 
         Raises EstimationError, with nothing changed, if measurements leave no solution.
         """
-        monitor, since = self._monitor, time if self._resting_since is None else self._resting_since
+        since = time if self._resting_since is None else self._resting_since
         if measurements:
-            known = self._factors, self._model, monitor
+            known = self._factors, self._model, self._monitor
             kept, rows, is_found = measured_at_rest(self._rows, measurements, (since, time), *known)
             self._take(kept)
             self._rows, self._touched = rows, None if is_found else self._touched
-        rows = self._rows
         touched = self._touched and (self._touched[0], time - self._touched[1])
-        consistency = monitor.test_rest(rows.consistency, rows.belief, sensor_pose, touched)
-        self._rows = replace(rows, consistency=consistency)
-        self._history.append(rows.belief.pose[:, None])
+        self._rows = self._monitor.test_rest(self._rows, sensor_pose, touched)
+        self._history.append(self._rows.belief.pose[:, None])
         self._sensor_pose, self._resting_since, self._is_indeterminate = sensor_pose, since, False
 
     def contact_step(
@@ -202,32 +198,30 @@ class HypothesisBank:
         if self._window is not None and self._rows.is_mirror.any():
             self._decide_mirrored(self._window, time)
         window = self._begin_contact(step) if self._window is None else self._continue_contact(self._window, step)
+        is_measured = any(isinstance(one, ObjectPose) for one in measurements) and self._test_object_poses(step)
         rows, is_disturbed = self._rows, self._rows.disturbed_steps_left > 0
-        consistency, monitor, is_measured = rows.consistency, self._monitor, False
-        if any(isinstance(one, ObjectPose) for one in measurements):
-            consistency, is_measured = self._tested_by_object_poses(step)
         belief, errors = window.belief(), window.last_errors()
-        if errors is not None:
-            consistency = monitor.test_innovations(consistency, errors, ~is_disturbed)
-        if is_measured or consistency.apart.any():
-            consistency = monitor.test_outline(consistency, belief, sensor_pose, is_measured)
         ignored = np.concatenate([rows.ignored_motion, is_disturbed[:, None]], axis=1)
-        self._rows = replace(
+        rows = replace(
             rows,
             belief=belief,
-            consistency=consistency,
             age=rows.age + 1,
             disturbed_steps_left=rows.disturbed_steps_left - is_disturbed,
             ignored_motion=ignored[:, -window.steps_with_costs :],
             online=np.concatenate([rows.online, belief.pose[:, None]], axis=1)[:, -self._lag :],
         )
+        if errors is not None:
+            rows = self._monitor.test_innovations(rows, errors, ~is_disturbed)
+        if is_measured or rows.apart.any():
+            rows = self._monitor.test_outline(rows, sensor_pose, is_measured)
+        self._rows = rows
         self._times, self._steps = [*self._times, time][-LAG:], self._steps + 1
         self._sensor_pose, self._touched = sensor_pose, (sensor_pose, time)
         if self._most > 1:
             self._branch_at_alarms(window)
             self._reweight_and_prune(window)
         mirror = np.flatnonzero(self._rows.is_mirror)
-        if len(mirror) and self._rows.consistency.displacement[mirror[0]]:
+        if len(mirror) and self._rows.displacement[mirror[0]]:
             self._take(~self._rows.is_mirror)
 
     def end_contact(self, moved: float = 0.0) -> None:
@@ -243,7 +237,8 @@ class HypothesisBank:
         self._rows = replace(
             rows,
             belief=belief.inflated(self._monitor.covariance_of_motion(moved_by)),
-            consistency=rows.consistency.without_errors().found(),
+            squares=np.zeros_like(rows.squares),
+            displacement=np.zeros_like(rows.displacement),
             log_prior=rows.log_prior - costs_of_contact(rows, self._window.costs()),
             disturbed_steps_left=np.zeros_like(rows.age),
             next_alarm=np.zeros_like(rows.age),
@@ -265,7 +260,9 @@ class HypothesisBank:
         self._rows = replace(
             Hypotheses.one(rows.belief.inflated(pushed), float(rows.sign[0])),
             unobservable_yaw=rows.unobservable_yaw,
-            consistency=rows.consistency.without_errors(),
+            inconsistency=rows.inconsistency,
+            displacement=rows.displacement,
+            apart=rows.apart,
         )
         self._is_indeterminate = True
         self._begin_rest()
@@ -280,11 +277,9 @@ class HypothesisBank:
             self._take([0, 0])
             both = np.array([False, True])
             self._rows = replace(self._rows, sign=self._rows.sign * np.where(both, -1.0, 1.0), is_mirror=both)
-        rows, monitor = self._rows, self._monitor
-        consistency = monitor.test_first_contact(rows.consistency, rows.belief, step, rows.sign)
-        self._rows = rows = replace(rows, consistency=consistency)
+        rows = self._monitor.test_first_contact(self._rows, step)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
-        doubt = monitor.displacement_covariance(consistency) + monitor.contradiction_covariance(consistency)
+        doubt = self._monitor.displacement_covariance(rows) + self._monitor.contradiction_covariance(rows)
         displaced = rest.inflated(doubt)
         if self._most == 1:
             self._rows = replace(rows, belief=displaced)
@@ -326,14 +321,14 @@ class HypothesisBank:
         self._is_indeterminate = False
         return window
 
-    def _tested_by_object_poses(self, step: Step) -> tuple[Consistency, bool]:
-        """Test measured poses of the object against the estimates before this step; True if there are any."""
+    def _test_object_poses(self, step: Step) -> bool:
+        """Test measured poses of the object against the estimates before this step; return True if there are any."""
         rows = self._rows
         measured = [one for one in step.measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
         estimated = np.concatenate([rows.online, rows.belief.pose[:, None]], axis=1)
         expected = [estimated[:, place - 1] for place in step.nearest(measured)]
-        known = rows.consistency, rows.belief
-        return self._monitor.test_object_poses(*known, expected, measured, step.moved), bool(measured)
+        self._rows = self._monitor.test_object_poses(rows, expected, measured, step.moved)
+        return bool(measured)
 
     def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
@@ -358,7 +353,7 @@ class HypothesisBank:
         ignored[:, ignored.shape[1] - steps :] = True
         added = replace(
             added,
-            consistency=added.consistency.without_errors(),
+            squares=np.zeros_like(added.squares),
             disturbed_steps_left=np.full(len(new), AHEAD),
             ignored_motion=ignored,
         )

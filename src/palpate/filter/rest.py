@@ -45,9 +45,9 @@ def measured_at_rest(
     is_found = False
     for row in range(len(rows.age)):
         one = rows.take([row])
-        whole, state = one.whole_belief, one.consistency
-        prior = whole.inflated(monitor.displacement_covariance(state))
-        doubted = prior.inflated(monitor.contradiction_covariance(state))
+        whole = one.whole_belief
+        prior = whole.inflated(monitor.displacement_covariance(one))
+        doubted = prior.inflated(monitor.contradiction_covariance(one))
         step = Step(whole.pose[0], None, measurements, times, at_rest=True)
         try:
             belief, is_of_pose = _solved(whole, doubted, step, factors, model)
@@ -56,11 +56,11 @@ def measured_at_rest(
                 raise
             continue
         measured = [each for each in measurements if isinstance(each, ObjectPose) and step.is_in_window(each)]
-        state = monitor.test_object_poses(state, prior, [prior.pose] * len(measured), measured, moved=0.0)
+        one = monitor.test_object_poses(replace(one, belief=prior), [prior.pose] * len(measured), measured)
         if is_of_pose:  # the object may have been found elsewhere
-            state, is_found = state.found(), True
+            one, is_found = replace(one, displacement=np.zeros(1)), True
         kept.append(row)
-        solved.append(replace(one, belief=belief, unobservable_yaw=np.zeros(1), consistency=state))
+        solved.append(replace(one, belief=belief, unobservable_yaw=np.zeros(1)))
     return kept, reduce(Hypotheses.joined, solved), is_found
 
 
