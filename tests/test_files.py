@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import FileError
-from palpate.files import held_folder, only_writer, whole_file, whole_folder
+from palpate.files import held_folder, whole_file, whole_folder
 
 # Holds something until it is killed.
 CHILD = """
 import sys
 from pathlib import Path
-from palpate import files
-with getattr(files, sys.argv[1])(Path(sys.argv[2])):
+from palpate.files import held_folder
+with held_folder(Path(sys.argv[1]), *sys.argv[2:]):
     print("in", flush=True)
     sys.stdin.read()
 """
@@ -55,15 +55,19 @@ def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
         pass
 
 
-@pytest.mark.parametrize(("block", "name"), [(held_folder, "study"), (only_writer, "noise.json")])
-def test_one_process_writes_and_a_dead_one_holds_nothing(tmp_path, block, name):
-    words = [sys.executable, "-c", CHILD, block.__name__, str(tmp_path / name)]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+@pytest.mark.parametrize("words", [("study",), (".", "noise.json")])
+def test_one_process_writes_and_a_dead_one_holds_nothing(tmp_path, words):
+    folder, *file = words
+    arguments = [sys.executable, "-c", CHILD, str(tmp_path / folder), *file]
+    with subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None and child.stdout.readline() == "in\n"
-        with pytest.raises(FileError, match=f"{name}: another process is writing it"), block(tmp_path / name):
+        with (
+            pytest.raises(FileError, match=f"{words[-1]}: another process is writing it"),
+            held_folder(tmp_path / folder, *file),
+        ):
             pass
         child.kill()
-    with block(tmp_path / name):
+    with held_folder(tmp_path / folder, *file):
         pass
     assert names(tmp_path) == []
 

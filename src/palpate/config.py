@@ -4,9 +4,8 @@
 """
 
 import json
-import math
 from dataclasses import asdict, dataclass, fields, replace
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
 
@@ -56,33 +55,21 @@ class Settings:
         words = type(self).__name__.removesuffix("Settings")
         group = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in words).lstrip("_")
         for each in fields(self):  # pyright: ignore[reportArgumentType]
-            value = _checked(
-                f"{group}.{each.name}", getattr(self, each.name), each.type, each.name in self.zero_allowed
-            )
-            object.__setattr__(self, each.name, value)
+            given, name = getattr(self, each.name), f"{group}.{each.name}"
+            object.__setattr__(self, each.name, _checked(name, given, each.type, each.name in self.zero_allowed))
 
 
-def _checked(name: str, value: Any, kind: Any, zero_allowed: bool) -> Any:
-    optional, is_normal = kind == float | None, kind == Normal
-    size = 1 if kind is float or optional else len(get_args(kind))
-    if value is None and optional:
+def _checked(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tuple[float, ...] | None:
+    optional, shape = kind == Kernel, {Sigmas: (3,), Normal: (2,)}.get(kind, ())
+    if given is None and optional:
         return None
-    numbers: list[Any] = [value] if size == 1 else list(value) if isinstance(value, tuple | list) else []
-    limited = numbers[1:] if is_normal else numbers
-    in_range = len(numbers) == size and all(map(_is_finite, numbers))
-    if not (in_range and all(number > 0.0 or (zero_allowed and number == 0.0) for number in limited)):
-        limit = "at least 0" if zero_allowed else "above 0"
-        count = "a finite number" if size == 1 else f"{size} finite numbers"
-        count = "a finite mean and a finite standard deviation" if is_normal else count
-        raise SettingError(f"{name} is {value!r}; it must be {count} {limit}{', or None' if optional else ''}")
-    return float(numbers[0]) if size == 1 else tuple(map(float, numbers))
-
-
-def _is_finite(number: Any) -> bool:
-    try:
-        return isinstance(number, Real) and not isinstance(number, bool) and math.isfinite(number)
-    except OverflowError:  # an integer too large for a float
-        return False
+    numbers = None if isinstance(given, bool) else finite_numbers(given, shape)
+    least = np.inf if numbers is None else numbers[1:] if kind == Normal else numbers
+    if numbers is None or not np.all(least >= 0.0 if zero_allowed else least > 0.0):
+        limit = f"{'at least' if zero_allowed else 'above'} 0{', or None' if optional else ''}"
+        counts = {Sigmas: "3 finite numbers", Normal: "a finite mean and a finite standard deviation"}
+        raise SettingError(f"{name} is {given!r}; it must be {counts.get(kind, 'a finite number')} {limit}")
+    return tuple(numbers.tolist()) if shape else float(numbers)
 
 
 @dataclass(frozen=True)

@@ -92,49 +92,33 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def held_folder(folder: Path, part: str = "") -> Iterator[None]:
-    """Keep other processes from writing into a folder, or a named part of it, that grows while the block runs.
+def held_folder(folder: Path, file: str = "") -> Iterator[None]:
+    """Keep other processes from writing into a folder, or a file in it, while the block runs. Raises FileError.
 
-    It is made where it is missing, and removed if the block leaves it empty. Raises FileError.
+    A folder is made where it is missing, and removed if the block leaves it empty.
     """
+    from filelock import FileLock, Timeout
+
+    lock = folder / f".{file or 'folder'}.lock"
+    held = FileLock(lock, timeout=0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        held.acquire()
+    except Timeout as error:
+        where = folder / file
+        raise FileError(f"{where}: another process is writing it; wait until it ends, or name another") from error
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     try:
-        with _locked(folder / f".{part or 'folder'}.lock", folder):
-            if not part:
-                for unfinished in folder.glob("**/.*.part"):  # of killed processes
-                    unfinished.unlink(missing_ok=True)
-            yield
-    finally:
-        with suppress(OSError):
-            folder.rmdir()
-
-
-@contextmanager
-def only_writer(path: Path) -> Iterator[None]:
-    """Keep other processes from writing a file that the block writes again and again. Raises FileError."""
-    with _locked(path.with_name(f".{path.name}.lock"), path):
-        yield
-
-
-@contextmanager
-def _locked(lock: Path, target: Path) -> Iterator[None]:
-    from filelock import FileLock, Timeout
-
-    held = FileLock(lock, timeout=0)
-    try:
-        held.acquire()
-    except Timeout as error:
-        raise FileError(f"{target}: another process is writing it; wait until it ends, or name another") from error
-    except OSError as error:
-        raise FileError(f"{target}: cannot be written ({error})") from error
-    try:
+        for unfinished in () if file else folder.glob("**/.*.part"):  # of killed processes
+            unfinished.unlink(missing_ok=True)
         yield
     finally:
         lock.unlink(missing_ok=True)
         held.release()
+        if not file:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 @contextmanager

@@ -45,7 +45,7 @@ def tune(
     from palpate.cli.console import complain, print_json, progress_bar
     from palpate.config import TrackerSettings, noise_of, write_noise
     from palpate.errors import SettingError
-    from palpate.files import only_writer
+    from palpate.files import held_folder
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.parameters import check_parameters
     from palpate.lab.tune.recorded_touch import record_touch_of_files
@@ -59,7 +59,7 @@ def tune(
     check_parameters(settings, parameters, evaluations)
     model, calibration = touch.load()
     _check_out(out, start)
-    with only_writer(out):
+    with held_folder(out.parent, out.name):
         files = find_recordings(folder)
         with progress_bar("reading touch", len(files)) as progress:
             recorded, left_out = record_touch_of_files(files, touch.tactile, model, work.workers, progress, calibration)
