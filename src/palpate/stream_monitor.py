@@ -79,14 +79,13 @@ class PoseMonitor:
             self._stands_exactly |= bool(step < _FIRST_STEP)
         # After a release within the interval, the object was pushed at most at the speed before.
         moving = self._repeats == 1 and len(self._different) > 1
-        speed = _speed(self._different[-2], self._different[-1]) if moving else 0.0
-        self.pushed = step if in_contact else min(step, speed * (time - last_time))
+        self.pushed = step if in_contact else min(step, self._speed(2) * (time - last_time)) if moving else 0.0
         self._implausible_time, self.hidden_before = None, self.hidden
         is_elsewhere, goes_on = False, in_contact and self._in_contact
         if goes_on:
-            jumps = not self._is_plausible(time, pose)
+            jumps = not self._is_plausible(time - last_time, last, pose)
             if jumps:
-                self._refuse_unless_confirmed(time, pose)
+                self._refuse_unless_confirmed(time, pose, time - last_time, last)
             is_elsewhere = jumps or (self.hidden > 0.0 and not repeats)
         self._elsewhere, self._last, self._in_contact = [], (time, pose), in_contact
         if is_elsewhere or not (goes_on or (repeats and self._frozen(time))):
@@ -102,6 +101,11 @@ class PoseMonitor:
         self.has_drawn_back = self._farthest - self._advance > DRAWN_BACK
         return is_elsewhere
 
+    def _speed(self, count: int) -> float:
+        """Return the mean speed [m/s] over the last different poses."""
+        (first_time, first), (time, last) = self._different[-count], self._different[-1]
+        return float(_apart(first, last)[0]) / (time - first_time)
+
     def _frozen(self, time: float) -> float:
         """Return the distance that the sensor may have moved while its pose was frozen [m], 0 if it is not.
 
@@ -110,26 +114,23 @@ class PoseMonitor:
         """
         if self._stands_exactly or self._repeats < _REPEATS or len(self._different) < _HISTORY:
             return 0.0
-        speed, before = (_speed(self._different[-count], self._different[-1]) for count in (3, _HISTORY))
+        speed, before = self._speed(3), self._speed(_HISTORY)
         distance = before * (time - self._different[-1][0])
         return distance if speed > _SUDDEN * before and distance > _HIDDEN else 0.0
 
-    def _is_plausible(self, time: float, pose: Array) -> bool:
+    def _is_plausible(self, interval: float, last: Array, pose: Array) -> bool:
         """Compare with the motion so far: at constant velocity, up to the largest acceleration."""
-        assert self._last is not None
-        last_time, expected = self._last
-        interval = time - last_time
         if len(self._different) < 2:
-            return bool((_apart(expected, pose) <= _ERROR + _SPEED * interval).all())
+            return bool((_apart(last, pose) <= _ERROR + _SPEED * interval).all())
         if self._repeats == 1:
             (first_time, first), (second_time, second) = self._different[-2], self._different[-1]
-            ahead = min(max(interval / (second_time - first_time), 0.0), 2.0)
-            expected = expected + ahead * _difference(first, second)
+            change = second - first
+            change[2] = math.remainder(change[2], math.tau)
+            last = last + min(interval / (second_time - first_time), 2.0) * change
         usual = max(interval, 1.0 / self._rate)  # times may jitter
-        return bool((_apart(expected, pose) <= _ERROR + _ACCELERATION * usual**2).all())
+        return bool((_apart(last, pose) <= _ERROR + _ACCELERATION * usual**2).all())
 
-    def _refuse_unless_confirmed(self, time: float, pose: Array) -> None:
-        assert self._last is not None
+    def _refuse_unless_confirmed(self, time: float, pose: Array, interval: float, last: Array) -> None:
         if self._elsewhere:
             before, there = self._elsewhere[-1]
             if (_apart(there, pose) > _ERROR + _SPEED * (time - before)).any():
@@ -137,9 +138,7 @@ class PoseMonitor:
         self._elsewhere.append((time, pose))
         if len(self._elsewhere) >= _AGREE:
             return
-        interval = time - self._last[0]
-        step, turn = _apart(self._last[1], pose)
-        farthest, most = _ERROR + _SPEED * interval
+        (step, turn), (farthest, most) = _apart(last, pose), _ERROR + _SPEED * interval
         unit = "; are these millimetres?" if np.abs(pose[:2]).max() > _METRES else ""
         unit = "; is theta in degrees?" if step < farthest and turn > most else unit
         raise FrameError(
@@ -149,19 +148,10 @@ class PoseMonitor:
         )
 
 
-def _difference(earlier: Array, later: Array) -> Array:
-    x, y, turn = (later - earlier).tolist()
-    return np.array([x, y, math.remainder(turn, math.tau)])
-
-
 def _apart(one: Array, other: Array) -> Array:
     """Return the distance [m] and angle [rad] between two poses, (2,)."""
-    x, y, turn = _difference(one, other)
-    return np.array([math.hypot(x, y), abs(turn)])
-
-
-def _speed(earlier: tuple[float, Array], later: tuple[float, Array]) -> float:
-    return float(_apart(earlier[1], later[1])[0]) / (later[0] - earlier[0])
+    x, y, turn = (other - one).tolist()
+    return np.array([math.hypot(x, y), abs(math.remainder(turn, math.tau))])
 
 
 _LATELY = 15  # frames, half a second at 30 Hz

@@ -81,6 +81,9 @@ def test_a_sensor_may_be_anywhere_between_contacts():
 def test_acceleration_and_missing_frames_are_no_jump():
     step(pushed(20), 20, at(20, y=0.012))  # 10.8 m/s^2
     step(pushed(20), 28, at(19))  # stopped 9 mm before where it might be
+    tracker = new_tracker()
+    for frame in range(20):  # turns across half a turn
+        step(tracker, frame, at(frame, yaw=np.pi - 0.19 + 0.02 * frame - 2 * np.pi * (frame > 9)))
 
 
 @pytest.mark.parametrize(
