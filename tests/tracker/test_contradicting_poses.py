@@ -59,14 +59,6 @@ def test_a_camera_that_contradicts_touch():
     assert nees(found, o)[2:].max() < 7.8
 
 
-def test_a_camera_that_begins_to_contradict_touch():
-    o, e = pushed("rectangle", 40)
-    found = tracked(o, e, True, [camera(o, (0.05, 0.0, 0.0), ROUGH)], start=15)
-    assert set(statuses(found)[:15]) == {"tracking"}
-    assert set(statuses(found)[18:]) == {"strained"} and all(is_told(estimate) for estimate in found[18:])
-    assert nees(found, o)[18:].max() < 7.8
-
-
 @pytest.mark.parametrize("sigma", [FINE, (1e-3, 1e-3, 1e-2), ROUGH])
 def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
     rng = np.random.default_rng(3)

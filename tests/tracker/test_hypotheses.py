@@ -22,7 +22,7 @@ from push_samples import (
 from slide_samples import HAND, by_hand, slid
 from tracker_samples import CALIBRATED, nees, poses, rotation_errors, se2, settings, statuses, track, translation_errors
 
-from palpate import ContactDirection, Estimate, Frame, Tracker
+from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker
 
 Array = np.ndarray
 ROUGH = (0.02, 0.02, math.radians(10.0))
@@ -192,13 +192,41 @@ def test_an_object_that_may_be_anywhere():
     np.testing.assert_allclose(rest[-1].covariance, np.diag([1.0, 1.0, 4.0]))
 
 
-def test_two_tips_find_an_object_that_is_known_roughly():
-    tips = ((0.0, 0.02), (0.0, -0.02))
-    o, e = pushed("rectangle", 60, tips=tips)
-    first = se2.compose(o[0], [0.01, 0.01, 0.1])
-    tracker = Tracker(SHAPES["rectangle"], sensor(tips=tips), first, settings("none"), first_pose_sigma=ROUGH)
-    found = [tracker.update(frame) for frame in frames(o, e)]
-    check_answers(found)
-    # Two tips on a straight side tell yaw and the distance from it.
-    error = se2.log(se2.between(found[-1].pose, o[-1]))
-    assert abs(error[2]) < 0.03 and abs(error[0]) < 3e-3
+def tracked_disc(sigma: float, hypotheses: int = 9, camera: int | None = None) -> tuple[list[Estimate], Array, Array]:
+    """Estimates, true poses and contact of a disc whose yaw is off by 1.5 rad: one frame before it is touched, and two
+    contacts that tell where; a camera sees it at one of the frames."""
+    o, e, contact = in_two_contacts("disc", 60)
+    (apart,) = frames(o[:1], se2.compose(e[:1], [-0.1, 0.0, 0.0]), False, start=-1.0)
+    seen = [apart, *with_directions("disc", o, e, contact)]
+    o, contact = np.concatenate([o[:1], o]), np.append(False, contact)
+    if camera is not None:
+        measured = ObjectPose(o[camera], np.diag([1e-3, 1e-3, 0.02]) ** 2)
+        seen[camera] = dataclasses.replace(seen[camera], measurements=(measured,))
+    first = se2.compose(o[0], [0.004, -0.003, 1.5])
+    return tracked(seen, first, "disc", sigma=(5e-3, 5e-3, sigma), hypotheses=hypotheses), o, contact
+
+
+@pytest.mark.parametrize("hypotheses", [1, 9])
+@pytest.mark.parametrize("sigma", [0.8, 2.0])
+def test_yaw_of_a_disc_stays_as_unknown_as_it_was_through_contacts_and_rests(sigma, hypotheses):
+    found, o, _ = tracked_disc(sigma, hypotheses)
+    yaw = np.sqrt([estimate.covariance[2, 2] for estimate in found])
+    np.testing.assert_allclose(yaw, sigma, rtol=0.01)
+    assert nees(found, o).max() < 7.8
+    # It is said as well; where the disc is is found all the same.
+    assert found[-1].status == "uncertain"
+    assert np.hypot(*(found[-1].pose - o[-1])[:2]) < 3e-3
+    # One that is known stays known.
+    found, _, _ = tracked_disc(0.04)
+    assert found[-1].covariance[2, 2] < 0.06**2 and found[-1].status == "tracking"
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_a_camera_tells_the_yaw_of_a_disc_whenever_it_sees_it(at_rest):
+    when = 65 if at_rest else 0
+    found, o, contact = tracked_disc(2.0, camera=when)
+    assert not contact[when]
+    yaw = np.sqrt([estimate.covariance[2, 2] for estimate in found])
+    np.testing.assert_allclose(yaw[:when], 2.0, rtol=0.01)
+    assert yaw[when:].max() < 0.07
+    assert abs(se2.wrap(found[-1].pose[2] - o[-1, 2])) < 0.06

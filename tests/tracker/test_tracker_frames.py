@@ -127,11 +127,6 @@ def test_touch_of_ones_own_is_checked_as_measurements_are(told, words):
     assert not tracker.update(small_frame(time=2.0)).contact
 
 
-def test_touch_of_ones_own_may_tell_one_measurement():
-    alone, listed = (Tracker(SHAPES["disc"], sensor(), np.zeros(3), touch=Tells(told)) for told in (SEEN, [SEEN]))
-    assert alone.update(small_frame(contact=True)) == listed.update(small_frame(contact=True))
-
-
 @pytest.mark.parametrize("smoother", ["fixed-lag", "batch"])
 def test_estimates_after_bad_frames_are_those_without_them(smoother):
     """In contact and between contacts, to the last digit."""

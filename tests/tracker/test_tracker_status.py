@@ -158,20 +158,6 @@ def test_a_knock_in_contact_strains(smoother):
         assert error @ np.linalg.solve(found[k].covariance, error) < 7.8
 
 
-def test_strain_outlasts_its_contact():
-    o1, e1 = knocked(0.1)
-    o2, e2 = pushed("rectangle", 20, first=o1[55])
-    away = np.broadcast_to(se2.compose(o1[55], [-0.25, 0.0, 0.0]), (5, 3))
-    o = np.concatenate([o1[:56], np.broadcast_to(o1[55], (5, 3)), o2])
-    e, contact = np.concatenate([e1[:56], away, e2]), np.repeat([True, False, True], [56, 5, 21])
-    _, found = track("rectangle", frames(o, e, contact), o[0], settings(noise=SURE, hypotheses=1))
-    assert found[55].status in {"strained", "uncertain"}
-    # The wider covariance rests with the object, and the next contact does not make it smaller.
-    np.testing.assert_allclose(found[60].covariance, found[55].covariance)
-    assert set(statuses(found)[61:]) <= {"strained", "uncertain"}
-    assert found[61].covariance[1, 1] > 0.5 * found[60].covariance[1, 1]
-
-
 class Breaking(OwnMeasurement):
     """A measurement that leaves the graph without a solution: the first time that it is asked, or each time."""
 
