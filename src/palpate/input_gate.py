@@ -154,8 +154,12 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         limits = f"x and y up to {_FARTHEST_POSE[0]:g}, theta up to {_FARTHEST_POSE[2]:g}"
         allowed = f"three finite numbers x [m], y [m], theta [rad], {limits}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
-    if frame.image is not None:
-        _check_image(when, frame.image)
+    image, wanted = frame.image, "an array of uint8 (height, width, 3): rows, columns, red green blue"
+    if not isinstance(image, np.ndarray | None):
+        encoded = "; decode encoded images first" if isinstance(image, bytes | bytearray) else ""
+        raise FrameError(f"{when} has an image of type {type(image).__name__}; it must be {wanted}{encoded}")
+    if image is not None and (image.dtype != np.uint8 or image.ndim != 3):
+        raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {wanted}")
     truth = None if frame.object_pose is None else finite_numbers(frame.object_pose, (3,))
     if truth is None and frame.object_pose is not None and not _is_missing(frame.object_pose):
         raise FrameError(f"{when} has object pose {frame.object_pose}; it must be three finite numbers or NaN")
@@ -166,15 +170,6 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
             several += checked_measurements(frame.time, given, tips)
     time = float(frame.time)
     return replace(frame, time=time, sensor_pose=pose, contact=contact, object_pose=truth, measurements=several)
-
-
-def _check_image(when: str, image: Any) -> None:
-    wanted = "an array of uint8 (height, width, 3): rows, columns, red green blue"
-    if not isinstance(image, np.ndarray):
-        encoded = "; decode encoded images first" if isinstance(image, bytes | bytearray) else ""
-        raise FrameError(f"{when} has an image of type {type(image).__name__}; it must be {wanted}{encoded}")
-    if image.dtype != np.uint8 or image.ndim != 3:
-        raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {wanted}")
 
 
 def _is_missing(pose: Any) -> bool:

@@ -17,11 +17,9 @@ from palpate.errors import EstimationError, SettingError
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry.shapes import Disc, Shape, check_outline
 from palpate.graph import block_tridiagonal
-from palpate.graph.belief import Belief
 from palpate.graph.compiled import is_cached
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.factor_list import make_factors
-from palpate.graph.window import Window
+from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, DirectionCorrection, correction_of
@@ -63,14 +61,13 @@ class Tracker:
     ) -> None:
         """Take the object's outline, the sensor, and world_T_object (3,) [m, m, rad] at the first frame.
 
-        `first_pose_sigma` are standard deviations (3,) [m, m, rad] along the object's axes, or a covariance (3, 3) as
-        an `Estimate` has it; by default `noise.first_pose`. A rough first pose is improved by touch. A first pose of
-        None is anywhere within a metre of the world's origin, at any yaw. `sensor` is a profile or a known name.
+        A first pose of None is anywhere within a metre of the world's origin, at any yaw. `first_pose_sigma` are
+        standard deviations (3,) [m, m, rad] along the object's axes, or a covariance (3, 3) as an `Estimate` has it; by
+        default `noise.first_pose`. `sensor` is a profile or a known name, `model` a touch model, by default that of
+        palpate. `calibration` is that of this sensor unit; without one, the first half second of images is taken as
+        untouched. `touch` is an object of your own that measures in place of the touch model.
 
-        `model` is a touch model, by default the one that comes with palpate. `calibration` is that of this sensor unit,
-        from `palpate calibrate`; without one, the first half second of images is taken as untouched. `touch` is an
-        object of your own that measures in place of the touch model. The first tracker of a process takes half a second
-        to load compiled code, and the very first of a machine some 20 s to compile it.
+        The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
         settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
@@ -78,11 +75,10 @@ class Tracker:
         warm_up()
         self._sensor, self._settings = sensor, settings
         self._gate = InputGate(sensor, calibration, settings.noise.sensor_pose.deviation)
-        self._contact_model = contact_model(shape, sensor, settings.pressure)
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
         self._bank = HypothesisBank(
-            self._contact_model,
+            contact_model(shape, sensor, settings.pressure),
             with_correction(settings.noise, correction_of(calibration)),
             settings.smoother,
             *self._first,
@@ -157,19 +153,12 @@ class Tracker:
 
     @property
     def unusual_colours(self) -> str:
-        """Question about the first image if its colours are in unusual places; empty if all is well.
-
-        Channels may be exchanged, or images turned or mirrored. Nothing is asked of a calibrated view or with a touch
-        model of your own.
-        """
+        """Question about the first image if its channels may be exchanged, or images turned or mirrored, else empty."""
         return self._touch.question
 
     @property
     def frame(self) -> Frame:
-        """The last frame as it was used: its image in the profile's view, contact as the image shows.
-
-        Raises EstimationError before the first one.
-        """
+        """The last frame as it was used, its image in the profile's view; EstimationError before the first one."""
         if self._gate.last is None:
             raise EstimationError(_NO_FRAME)
         return self._gate.last
@@ -180,10 +169,7 @@ class Tracker:
         return self._gate.background
 
     def smoothed(self) -> Trajectory:
-        """Return the object's poses at all frames so far, each corrected by later measurements in its contact.
-
-        Raises EstimationError before the first frame.
-        """
+        """Return the object's poses at all frames so far, each corrected by later measurements in its contact."""
         if not self._times:
             raise EstimationError(_NO_FRAME)
         return Trajectory(np.array(self._times), self._bank.path(), contact=np.array(self._contacts, dtype=bool))
@@ -252,23 +238,13 @@ def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
     if not is_cached(block_tridiagonal._solve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
-    settings, model = NoiseSettings(), contact_model(Disc(0.05), POINT)
-    deviation = np.concatenate([settings.first_pose.deviation, settings.priors.deviation])
-    belief = Belief(np.zeros((1, 3)), settings.priors.mean[None], np.diag(np.square(deviation))[None])
+    bank = HypothesisBank(contact_model(Disc(0.05), POINT), NoiseSettings(), "fixed-lag", np.zeros(3), 1e-4 * np.eye(3))
     touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
-    sensor_pose = np.array([-0.05, 0.0, 0.0])
-    window = Window(make_factors(settings, model), model, belief, sensor_pose, touch, lag=3)
-    window.costs()
-    for step in range(1, 5):
-        window.add(sensor_pose + 1e-4 * step, touch, 0.1 * step)
-    window.take([0, 0])
-    window.disturb([1], 2, np.array([1e-3]), 0.01)
-    window.mean_squares("sticking", 3)
-    window.costs()
-    window.last_errors()
-    window.force_angle(0)
-    bank = HypothesisBank(model, settings, "fixed-lag", np.zeros(3), 0.01 * np.eye(3))
-    bank.contact_step(sensor_pose, touch, 0.0)
+    for step in range(LAG + 3):
+        bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), touch, step / 30.0)
+    bank.report(2.0)
+    bank.end_contact()
+    bank.rest_step(np.array([-0.1, 0.0, 0.0]), (), 2.0)
 
 
 def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
