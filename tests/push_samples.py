@@ -1,23 +1,23 @@
 """Pushes from the estimator's own model, the shapes and tips that several tests use, and single rows of factors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config import BalanceSettings, DirectionSettings, NoiseSettings, StickingSettings
+from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
-from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.factors.balance import Balance
-from palpate.graph.factors.direction import Direction
-from palpate.graph.factors.factor import Factor, Linear, Step, Terms
-from palpate.graph.factors.sticking import Sticking
-from palpate.graph.values import Values
-from palpate.graph.variables import IN_SHARED, SHARED_SIZE, Variable
+from palpate.graph.compiled import compiled
+from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surface, contact_model, put_touch
+from palpate.graph.factors import LINEAR, NAMES, ROW, STEP, Step, make_factors
+from palpate.graph.gauss_newton import linearise
+from palpate.graph.pushing import force_angle
+from palpate.graph.se2_kernels import rotation
+from palpate.graph.variables import IN_SHARED, OBJECT_SIZE, Variable
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.types.measurements import ContactDirection, Frame, Measurement
 from palpate.types.sensor import SensorProfile
@@ -50,40 +50,74 @@ def model_of(name: str, profile: SensorProfile = sensor()) -> ContactModel:  # n
     return contact_model(SHAPES[name], profile)
 
 
+@dataclass(frozen=True)
+class Values:
+    """Values of B rows at N steps."""
+
+    model: ContactModel
+    steps: Array  # STEP (B, N)
+    rows: Array  # ROW (B,)
+
+
+class Linear(NamedTuple):
+    """T terms of R residual rows, linearised."""
+
+    residual: Array  # (B, T, R)
+    jacobian: Array  # (B, T, R, WIDTH)
+    information: Array  # (B, T, R)
+    weight: Array  # (B, T, R)
+
+
 def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, shared: Shared | None = None) -> Values:
     """Values of B rows at N steps: g and e are (B, N, 3), shared variables (dimension,) or (dimension, B)."""
-    in_object, in_world = np.array(g, np.float64), np.array(g if e is None else e, np.float64)
-    rows, steps = in_world.shape[:2]
-    together = np.zeros((rows, SHARED_SIZE))
+    steps = np.zeros(np.shape(g)[:2], STEP)
+    rows = np.zeros(len(steps), ROW)
+    steps["g"], steps["e"], rows["sign"] = g, g if e is None else e, 1.0
     for variable, value in (shared or {}).items():
-        together[:, IN_SHARED[variable]] = np.asarray(value, np.float64).reshape(variable.dimension, -1).T
-    return Values(model, in_object, in_world, together, np.zeros((rows, steps, 2)), np.ones(rows))
+        rows["shared"][:, IN_SHARED[variable]] = np.asarray(value, np.float64).reshape(variable.dimension, -1).T
+    return Values(model, steps, rows)
 
 
-def terms_of(
-    factor: Factor,
-    at: Values,
-    measurements: Sequence[Measurement] = (),
-    moved: float = 0.0,
-    pose: ArrayLike = (0, 0, 0),
-) -> Terms:
-    """The terms that arrive with the last step, at which the sensor was measured at a pose and has moved so far [m]."""
-    measured = np.array(pose, np.float64)
-    before = measured - [moved, 0.0, 0.0] if at.steps > 1 else None
-    arrived = factor.terms(Step(measured, before, measurements, np.arange(at.steps, dtype=np.float64).tolist()))
-    assert arrived is not None
-    return Terms(arrived.step + at.steps - 1, arrived.data)
+@compiled
+def _linearise(steps: Array, rows: Array, terms: Array, settings: Any, surface: Surface, out: Array) -> None:
+    parts = np.empty(len(surface.parts), CONTACT_GEOMETRY)
+    for b in range(len(steps)):
+        for k in range(steps.shape[1]):
+            now = steps[b, k]
+            now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
+            put_touch(now.g, surface, parts, now.touch)
+        for k in range(steps.shape[1]):
+            steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings)
+        for t in range(len(terms)):
+            k = terms[t].step
+            linearise(steps[b, k - 1], steps[b, k], rows[b], terms[t], settings, out[b, t])
 
 
 def rows_of(
-    factor: Factor,
+    name: str,
     at: Values,
     measurements: Sequence[Measurement] = (),
     moved: float = 0.0,
     pose: ArrayLike = (0, 0, 0),
+    noise: NoiseSettings | None = None,
 ) -> Linear:
-    """The same, linearised."""
-    return factor.linearise(at, terms_of(factor, at, measurements, moved, pose))
+    """The terms of a factor that arrive with the last step, linearised.
+
+    The sensor was measured at a pose there and has moved so far [m].
+    """
+    factors, steps = make_factors(noise or NoiseSettings(), at.model), at.steps.shape[1]
+    measured = np.array(pose, np.float64)
+    before = measured - [moved, 0.0, 0.0] if steps > 1 else None
+    terms, _ = factors.terms(Step(measured, before, measurements, np.arange(steps, dtype=np.float64).tolist()))
+    terms = terms[terms["kind"] == NAMES.index(name)]
+    terms["step"] += steps - 1
+    out = np.zeros((len(at.rows), len(terms)), LINEAR)
+    _linearise(at.steps, at.rows, terms, factors.settings, at.model.surface, out)
+    count = ROWS.get(name, 1)
+    return Linear(*(out[field][:, :, :count] for field in ("residual", "jacobian", "information", "weight")))
+
+
+ROWS = {"sticking": 2, "sensor_pose": 3, "object_pose": 3, "first_pose": 3 + OBJECT_SIZE}
 
 
 def gaps(g: Array, model: ContactModel) -> Array:
@@ -93,8 +127,7 @@ def gaps(g: Array, model: ContactModel) -> Array:
 
 def contact_directions(g: Array, model: ContactModel) -> Array:
     """Where the tip is touched (...) [rad] at sensor poses g (..., 3) in the object frame."""
-    at = values_at(model, np.reshape(g, (-1, 1, 3)))
-    rows = rows_of(Direction(DirectionSettings()), at, [ContactDirection(0.0, 1.0)])
+    rows = rows_of("direction", values_at(model, np.reshape(g, (-1, 1, 3))), [ContactDirection(0.0, 1.0)])
     return rows.residual[:, 0, 0].reshape(np.shape(g)[:-1])
 
 
@@ -104,14 +137,15 @@ def pushing_residuals(
     """Residuals (..., 3) of sticking and balance over steps from g0, e0 to g1, e1 (..., 3)."""
     g, e = (np.stack([np.reshape(pose, (-1, 3)) for pose in ends], axis=1) for ends in ((g0, g1), (e0, e1)))
     at = values_at(model, g, e, shared)
-    factors = Sticking(StickingSettings()), Balance(BalanceSettings(), model)
-    residual = np.concatenate([rows_of(factor, at).residual[:, 0] for factor in factors], axis=-1)
+    residual = np.concatenate([rows_of(name, at).residual[:, 0] for name in ("sticking", "balance")], axis=-1)
     return residual.reshape(*np.shape(g1)[:-1], 3)
 
 
 def pushing_angles(g: Array, e: Array, model: ContactModel, shared: Shared | None = None) -> NDArray[np.float64]:
     """Angles (N - 1,) of the pushing force at all steps (N, 3) but the first."""
-    return values_at(model, g[None], e[None], shared).state.force_angle[0, 1:]
+    at = values_at(model, g[None], e[None], shared)
+    rows_of("sticking", at)
+    return at.steps["force_angle"][0, 1:]
 
 
 def touching(model: ContactModel, y: Array | float, theta: Array | float = 0.0) -> Array:

@@ -6,11 +6,7 @@ import numpy as np
 from push_samples import model_of, rows_of, touching, values_at
 from smoother_samples import ROBUST
 
-from palpate.config import BalanceSettings, FrictionConeSettings, StickingSettings
 from palpate.geometry import se2
-from palpate.graph.factors.balance import Balance
-from palpate.graph.factors.friction_cone import FrictionCone
-from palpate.graph.factors.sticking import Sticking
 from palpate.graph.variables import GRIP
 from palpate.lab.simulate.limit_surface import Steering, push
 
@@ -26,12 +22,6 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
     The sensor goes straight on at an angle of heading [rad] from the side's normal at first, outside the friction cone.
     The object moves as the balance says with the force at the cone's edge, and the sensor stays on its side.
     """
-    factors = (
-        Sticking(StickingSettings()),
-        Balance(BalanceSettings(), MODEL),
-        FrictionCone(FrictionConeSettings()),
-    )
-    by_g1 = slice(3, 6), slice(6, 9), slice(6, 9)
     on_normal_balance_and_cone = [0, 2, 3]
     g = touching(MODEL, y) + DEEPER
     touches, sensors = [g], [g]
@@ -40,9 +30,9 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
         g = touches[-1]
         for _ in range(8):
             at = values_at(MODEL, [[touches[-1], g]], [[sensors[-1], e]], {GRIP: grip})
-            rows = [rows_of(factor, at) for factor in factors]
+            rows = [rows_of(name, at) for name in ("sticking", "balance", "friction_cone")]
             residual = np.concatenate([one.residual[0, 0] for one in rows])[on_normal_balance_and_cone]
-            jacobian = np.concatenate([one.jacobian[0, 0, :, part] for one, part in zip(rows, by_g1, strict=True)])
+            jacobian = np.concatenate([one.jacobian[0, 0, :, 6:9] for one in rows])  # by g1
             change = -np.linalg.solve(jacobian[on_normal_balance_and_cone], residual)
             g = se2.compose(g, se2.exp(change))
         touches.append(g)

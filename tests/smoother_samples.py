@@ -14,7 +14,7 @@ from palpate.config import NoiseSettings, Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factor_list import make_factors
+from palpate.graph.factors import make_factors
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,

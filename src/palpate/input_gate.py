@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.checks import FARTHEST
 from palpate.errors import FrameError, PalpateError, SettingError
-from palpate.graph.factors.measured import check_own
+from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
 from palpate.touch.background import Background, first_frames
 from palpate.touch.calibration import Calibration, detector_for, view_of

@@ -16,7 +16,7 @@ from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry.shapes import Disc, Shape, check_outline
-from palpate.graph import block_tridiagonal
+from palpate.graph import gauss_newton
 from palpate.graph.compiled import is_cached
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import LAG
@@ -236,7 +236,7 @@ class Tracker:
 @cache
 def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
-    if not is_cached(block_tridiagonal._solve):
+    if not is_cached(gauss_newton.improve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
     bank = HypothesisBank(contact_model(Disc(0.05), POINT), NoiseSettings(), "fixed-lag", np.zeros(3), 1e-4 * np.eye(3))
     touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]

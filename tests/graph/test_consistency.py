@@ -14,7 +14,7 @@ from smoother_samples import FELT, PLAIN, belief_at
 
 from palpate.config import NoiseSettings
 from palpate.geometry import se2
-from palpate.graph.factor_list import make_factors
+from palpate.graph.factors import make_factors
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,

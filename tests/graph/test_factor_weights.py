@@ -4,25 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, rows_of, sensor, touching, values_at, with_settings
+from push_samples import SHAPES, Linear, rows_of, sensor, touching, values_at, with_settings
 
-from palpate.config import (
-    PUBLISHED,
-    STICKING,
-    ContactSettings,
-    DirectionSettings,
-    NoiseSettings,
-    StickingSettings,
-    TurnSettings,
-)
+from palpate.config import PUBLISHED, STICKING, NoiseSettings
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.factor_list import make_factors
-from palpate.graph.factors.contact import Contact
-from palpate.graph.factors.direction import Direction
-from palpate.graph.factors.factor import Linear
-from palpate.graph.factors.sticking import Sticking
-from palpate.graph.factors.turn import Turn
 from palpate.graph.variables import (
     GRIP,
 )
@@ -49,11 +35,8 @@ def pushed_at(angle: Any, model: ContactModel, noise: NoiseSettings, moved: floa
     o = np.zeros((len(angle), 2, 3))
     o[:, 1, 0], o[:, 1, 1] = 1e-3 * np.cos(angle), 1e-3 * np.sin(angle)
     at = values_at(model, g, se2.compose(o, g), {GRIP: grip})
-    wanted = ("sticking", "balance", "friction_cone")
-    pushing = [factor for factor in make_factors(noise, model) if factor.name in wanted]
-    if noise.friction_cone.share is None:
-        pushing = [factor for factor in pushing if factor.name != "friction_cone"]
-    return {factor.name: rows_of(factor, at, moved=moved) for factor in pushing}
+    pushing = ("sticking", "balance") if noise.friction_cone.share is None else ("sticking", "balance", "friction_cone")
+    return {name: rows_of(name, at, moved=moved, noise=noise) for name in pushing}
 
 
 def sigmas(noise: NoiseSettings, angle: Any, moved: float = 1e-3, grip: float = 0.4) -> np.ndarray:
@@ -129,10 +112,10 @@ def cauchy(rows: Linear, scale: float, together: bool) -> np.ndarray:
 )
 def test_the_kernel_of_sticking_is_on_both_rows_together(slid, left):
     # On a flat side at which the sensor is where it was and the object 3e-5 m times this further, still.
-    factor = Sticking(StickingSettings(still=3e-5, kernel=3.0))
+    noise = with_settings(NoiseSettings(), sticking={"still": 3e-5, "kernel": 3.0})
     g0 = touching(ONE_TIP, 0.02)
     at = values_at(ONE_TIP, [[g0, g0 - [*(3e-5 * np.array(slid)), 0.0]]], shared={GRIP: 0.4})
-    rows = rows_of(factor, at, moved=0.0)
+    rows = rows_of("sticking", at, noise=noise)
     np.testing.assert_allclose(rows.residual[0, 0], 3e-5 * np.array(slid), atol=1e-9)
     np.testing.assert_allclose(rows.information[0, 0], 3e-5**-2)
     np.testing.assert_allclose(rows.weight[0, 0], left * 3e-5**-2, rtol=1e-3)
@@ -144,16 +127,13 @@ def test_the_kernels_of_pushing():
     e = g + rng.normal(0.0, 1e-3, (50, 2, 3))
     at = values_at(ONE_TIP, g, e, {GRIP: 0.4})
     kernels = with_settings(SLIDE, sticking={"kernel": 3.0}, balance={"kernel": 2.0}, friction_cone={"kernel": 4.0})
-    factors, plain = make_factors(kernels, ONE_TIP), make_factors(SLIDE, ONE_TIP)
-    scale = {"sticking": 3.0, "balance": 2.0, "friction_cone": 4.0}
-    for factor, without in zip(factors, plain, strict=True):
-        if factor.name in scale:
-            rows, free = (rows_of(one, at, moved=1e-3) for one in (factor, without))
-            np.testing.assert_allclose(rows.weight, cauchy(rows, scale[factor.name], factor.name == "sticking"))
-            share = rows.weight[rows.weight > 0.0] / rows.information[rows.weight > 0.0]
-            assert share.min() < 0.5  # there is something to see
-            np.testing.assert_allclose(free.weight, free.information)
-            np.testing.assert_allclose(free.information, rows.information)
+    for name, scale in (("sticking", 3.0), ("balance", 2.0), ("friction_cone", 4.0)):
+        rows, free = (rows_of(name, at, moved=1e-3, noise=noise) for noise in (kernels, SLIDE))
+        np.testing.assert_allclose(rows.weight, cauchy(rows, scale, name == "sticking"))
+        share = rows.weight[rows.weight > 0.0] / rows.information[rows.weight > 0.0]
+        assert share.min() < 0.5  # there is something to see
+        np.testing.assert_allclose(free.weight, free.information)
+        np.testing.assert_allclose(free.information, rows.information)
 
 
 @pytest.mark.parametrize("kernel", [3.0, None])
@@ -161,7 +141,8 @@ def test_the_weight_of_contact(kernel):
     # 9 mm are 9 standard deviations: 1 / (1 + 81 / 9) = 0.1.
     g = touching(ONE_TIP, 0.02)
     at = values_at(ONE_TIP, [[g], [g - [9e-3, 0.0, 0.0]]])
-    rows = rows_of(Contact(ContactSettings(deviation=1e-3, kernel=kernel)), at)
+    noise = with_settings(NoiseSettings(), contact={"deviation": 1e-3, "kernel": kernel})
+    rows = rows_of("contact", at, noise=noise)
     np.testing.assert_allclose(rows.weight[:, 0, 0], [1e6, 1e6 if kernel is None else 1e5], rtol=1e-4)
     np.testing.assert_allclose(rows.information[:, 0, 0], 1e6)
 
@@ -171,11 +152,9 @@ def test_the_weights_of_direction_and_turn(kernel):
     # 0.09 rad at a standard deviation of 0.01 are 9: 1 / (1 + 81 / 9) = 0.1.
     # The variance is four times what touch says.
     at = values_at(ONE_TIP, [[touching(ONE_TIP, 0.02)]])
-    for factor, told in (
-        (Direction(DirectionSettings(share=4.0, kernel=kernel)), ContactDirection),
-        (Turn(TurnSettings(share=4.0, kernel=kernel)), said.Turn),
-    ):
-        rows = rows_of(factor, at, [told(0.0, 0.25e-4), told(0.09, 0.25e-4)])
+    for name, told in (("direction", ContactDirection), ("turn", said.Turn)):
+        noise = with_settings(NoiseSettings(), **{name: {"share": 4.0, "kernel": kernel}})
+        rows = rows_of(name, at, [told(0.0, 0.25e-4), told(0.09, 0.25e-4)], noise=noise)
         np.testing.assert_allclose(rows.information[0, :, 0], 1e4)
         np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, 1e4 if kernel is None else 1e3], rtol=1e-3)
 

@@ -15,31 +15,15 @@ from push_samples import (
     pushing_residuals,
     rows_of,
     sensor,
-    terms_of,
     values_at,
+    with_settings,
 )
 
-from palpate.config import (
-    BalanceSettings,
-    ContactSettings,
-    DirectionSettings,
-    FrictionConeSettings,
-    SensorPoseSettings,
-    TurnSettings,
-)
+from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Rectangle
-from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.factors.balance import Balance
-from palpate.graph.factors.contact import Contact
-from palpate.graph.factors.direction import Direction
-from palpate.graph.factors.first_pose import FirstPose
-from palpate.graph.factors.friction_cone import FrictionCone
-from palpate.graph.factors.object_pose import ObjectPose
-from palpate.graph.factors.sensor_pose import SensorPose
-from palpate.graph.factors.turn import Turn
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
@@ -51,6 +35,7 @@ from palpate.graph.variables import (
     OUTLINE_SCALE,
     PLACE_BIAS,
     TURN_OFFSET,
+    column,
 )
 from palpate.types import measurements as said
 from palpate.types.measurements import ContactDirection
@@ -59,48 +44,51 @@ Array = np.ndarray
 ANY = model_of("disc")
 
 
+POSES = list(range(12))  # columns: g0, e0, g1, e1
+G1 = [6, 7, 8]
+
+
 def object_pose(g: Array, e: Array, measured: Any, covariance: Array | None = None) -> tuple[Array, Array]:
     """Residual (3,) and Jacobian (3, 6) by g and e of a measured object pose."""
     seen = said.ObjectPose(np.array(measured), np.eye(3) if covariance is None else covariance)
-    rows = rows_of(ObjectPose(), values_at(ANY, [[g]], [[e]]), [seen])
-    return rows.residual[0, 0], rows.jacobian[0, 0]
+    rows = rows_of("object_pose", values_at(ANY, [[g]], [[e]]), [seen])
+    return rows.residual[0, 0], rows.jacobian[0, 0, :, 6:12]
 
 
 def contact(g: Any, depth: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
     """Residual (1,) and Jacobian (1, 5) by g, the depth and the scale."""
-    shared = {DEPTH: depth, OUTLINE_SCALE: scale}
-    rows = rows_of(Contact(ContactSettings()), values_at(model, [[g]], shared=shared))
-    return rows.residual[0, 0], rows.jacobian[0, 0]
+    rows = rows_of("contact", values_at(model, [[g]], shared={DEPTH: depth, OUTLINE_SCALE: scale}))
+    return rows.residual[0, 0], rows.jacobian[0, 0][:, [*G1, column(DEPTH), column(OUTLINE_SCALE)]]
 
 
 def direction(g: Any, angle: float, bias: float, model: ContactModel, scale: float = 0.0) -> tuple[Array, Array]:
     """Residual (1,) and Jacobian (1, 5) by g, the bias and the scale."""
-    factor, shared = Direction(DirectionSettings()), {DIRECTION_BIAS: bias, DIRECTION_SCALE: scale}
-    rows = rows_of(factor, values_at(model, [[g]], shared=shared), [ContactDirection(angle, 1.0)])
-    return rows.residual[0, 0], rows.jacobian[0, 0]
+    at = values_at(model, [[g]], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
+    rows = rows_of("direction", at, [ContactDirection(angle, 1.0)])
+    return rows.residual[0, 0], rows.jacobian[0, 0][:, [*G1, column(DIRECTION_BIAS), column(DIRECTION_SCALE)]]
 
 
 def balance(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared: Shared) -> tuple[float, Array]:
     """Residual and Jacobian (15,) by g0, e0, g1, e1, the ratio and the centre of friction."""
-    rows = rows_of(Balance(BalanceSettings(), model), values_at(model, [[g0, g1]], [[e0, e1]], shared))
-    return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0]
+    rows, center = rows_of("balance", values_at(model, [[g0, g1]], [[e0, e1]], shared)), column(FRICTION_CENTER)
+    columns = [*POSES, column(FRICTION_RATIO), center, center + 1]
+    return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0, columns]
 
 
 def cone(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared: Shared) -> tuple[float, Array]:
     """Residual and Jacobian (15,) by g0, e0, g1, e1, the centre of friction and the grip."""
-    rows = rows_of(FrictionCone(FrictionConeSettings()), values_at(model, [[g0, g1]], [[e0, e1]], shared))
-    return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0]
+    rows, center = rows_of("friction_cone", values_at(model, [[g0, g1]], [[e0, e1]], shared)), column(FRICTION_CENTER)
+    return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0, [*POSES, center, center + 1, column(GRIP)]]
 
 
 def test_sensor_pose_by_hand():
     # Looks along +y and is 0.2 m further along +x than measured: to its right. By a good 2 pi it has turned by 0.1.
+    noise = with_settings(NoiseSettings(), sensor_pose={"deviation": (0.1, 0.5, 2.0)})
     rows = rows_of(
-        SensorPose(SensorPoseSettings(deviation=(0.1, 0.5, 2.0))),
-        values_at(ANY, [[[1.2, 1.0, math.pi / 2]]]),
-        pose=[1.0, 1.0, math.pi / 2],
+        "sensor_pose", values_at(ANY, [[[1.2, 1.0, math.pi / 2]]]), pose=[1.0, 1.0, math.pi / 2], noise=noise
     )
     np.testing.assert_allclose(rows.residual[0, 0], [0, -0.2, 0], atol=1e-15)
-    np.testing.assert_allclose(rows.jacobian[0, 0], np.array([[1, 0, -0.1], [0, 1, 0], [0, 0, 1]]) * 1.0, atol=1e-15)
+    np.testing.assert_allclose(rows.jacobian[0, 0, :, 9:12], [[1, 0, -0.1], [0, 1, 0], [0, 0, 1]], atol=1e-15)
     np.testing.assert_allclose(rows.information[0, 0], [100.0, 4.0, 0.25])
     np.testing.assert_allclose(rows.weight, rows.information)
 
@@ -124,16 +112,16 @@ def test_first_pose_by_hand():
     # its order, each in standard deviations.
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
     deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 2e-3, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
-    values = np.array([[0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]])
-    known = Belief(np.array([[0.9, 0.0, 0.0]]), values, np.diag(deviation**2)[None])
     shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, PLACE_BIAS: 5e-3, DEPTH: 2e-4}
     shared |= {OUTLINE_SCALE: 0.02, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
-    factor = FirstPose(known)
-    rows = rows_of(factor, values_at(ANY, [[g]], [[e]], shared))
+    at = values_at(ANY, [[g]], [[e]], shared)
+    at.rows["first_pose"], at.rows["first_root"] = [0.9, 0.0, 0.0], np.diag(1.0 / deviation)
+    at.rows["first_values"] = [0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]
+    rows = rows_of("first_pose", at)
     wanted = [2.0, 0, 0, 4.0, -1.0, 2.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0]
     np.testing.assert_allclose(rows.residual[0, 0], wanted, atol=1e-12)
-    jacobian = rows.jacobian[0, 0] * deviation[:, None]
-    np.testing.assert_allclose(jacobian[3:], np.eye(OBJECT_SIZE, 6 + OBJECT_SIZE, 6), atol=1e-15)
+    jacobian = rows.jacobian[0, 0, :, 6:] * deviation[:, None]
+    np.testing.assert_allclose(jacobian[3:, 7:], np.eye(OBJECT_SIZE), atol=1e-15)
     np.testing.assert_allclose(jacobian[:3, 6:], 0.0, atol=1e-15)
     np.testing.assert_allclose(jacobian[:3, :6], object_pose(g, e, [0.9, 0, 0])[1], atol=1e-15)
 
@@ -241,20 +229,9 @@ def test_direction_on_a_disc_by_hand():
 
 def test_turn_by_hand():
     # 3.1 less an offset of -3.0 is 6.1, which is -0.1831853; measured -0.2.
-    factor = Turn(TurnSettings())
-    rows = rows_of(factor, values_at(ANY, [[[0.4, 0.5, 3.1]]], shared={TURN_OFFSET: -3.0}), [said.Turn(-0.2, 1.0)])
+    rows = rows_of("turn", values_at(ANY, [[[0.4, 0.5, 3.1]]], shared={TURN_OFFSET: -3.0}), [said.Turn(-0.2, 1.0)])
     np.testing.assert_allclose(rows.residual[0, 0], [6.1 - 2 * math.pi + 0.2], atol=1e-12)
-    assert rows.jacobian[0, 0].tolist() == [[0.0, 0.0, 1.0, -1.0]]
-
-
-def test_the_first_turn_of_a_contact_gives_its_offset():
-    # Two smoothers at two steps; the turns 3.0 and 1.0 are of the last one, whose yaws are -3.1 and 0.2. The first of
-    # them counts: -6.1 is 0.1831853, and -2.8.
-    factor = Turn(TurnSettings())
-    at = values_at(ANY, [[[0, 0, 9.0], [0, 0, -3.1]], [[0, 0, 9.0], [0, 0, 0.2]]], shared={TURN_OFFSET: 5.0})
-    guess = factor.first_guess(at, terms_of(factor, at, [said.Turn(3.0, 1.0), said.Turn(1.0, 1.0)]))
-    assert list(guess) == [TURN_OFFSET]
-    np.testing.assert_allclose(guess[TURN_OFFSET], [[2 * math.pi - 6.1], [-2.8]], atol=1e-12)
+    assert rows.jacobian[0, 0, 0, [*G1, column(TURN_OFFSET)]].tolist() == [0.0, 0.0, 1.0, -1.0]
 
 
 def test_paper_point_pushes_a_disc_through_its_centre():
@@ -323,7 +300,7 @@ def test_how_sure_the_balance_is_by_hand():
     two = replace(square(0.0), parts=np.array([0.015j, -0.015j]), span=0.03)
     for model, lever in ((square(0.0), 0.0), (two, 0.8 * 0.03)):
         g = np.tile([-0.1, 0.0, 0.0], (1, 2, 1))
-        rows = rows_of(Balance(BalanceSettings(), model), values_at(model, g), moved=2e-3)
+        rows = rows_of("balance", values_at(model, g), moved=2e-3)
         variance = 2e-7**2 + (0.013 * 2e-3 * 0.05) ** 2 + (lever * 2e-3) ** 2
         np.testing.assert_allclose(rows.information[0, 0], 1.0 / variance, rtol=1e-12)
 
@@ -466,28 +443,6 @@ def test_pushing_agrees_with_the_paper_to_first_order():
             ways = np.hypot(*by_object[:2]) + np.hypot(*by_sensor[:2]) + abs(by_object[2]) * np.hypot(*(e1 - o1)[:2])
             assert off[-1] < scale**2 * abs(by_object[2]) * ways
         assert off[1] < 0.02 * off[0]  # a tenth of the motion, a hundredth of the difference
-
-
-def test_rest_marginalised_is_a_first_pose_with_summed_covariance():
-    # Unknowns: the object's pose before, and g and e after. The last marginal N(m, P) on the one and the paper's rest
-    # factor Log(o_before^-1 o_now), N(0, Q), between them; the first is then eliminated.
-    rng = np.random.default_rng(7)
-    e, g = rng.normal(size=(2, 3))
-    now = se2.compose(e, se2.inverse(g))
-    last, rest = (0.1 * np.eye(3) + root @ root.T for root in rng.normal(size=(2, 3, 3)))
-    _, by_both = object_pose(g, e, now)  # at zero error that is how o moves with g and e
-    known = np.hstack([np.eye(3), np.zeros((3, 6))])
-    resting = np.hstack([-np.eye(3), by_both])
-    information = known.T @ np.linalg.inv(last) @ known + resting.T @ np.linalg.inv(rest) @ resting
-    left = information[3:, 3:] - information[3:, :3] @ np.linalg.solve(information[:3, :3], information[:3, 3:])
-    covariance = np.eye(3 + OBJECT_SIZE)
-    covariance[:3, :3] = last
-    rows = rows_of(
-        FirstPose(Belief(now[None], np.zeros((1, OBJECT_SIZE)), covariance[None]).inflated(rest)),
-        values_at(ANY, [[g]], [[e]]),
-    )
-    jacobian = rows.jacobian[0, 0, :, :6]
-    np.testing.assert_allclose(left, jacobian.T @ jacobian, atol=1e-12)
 
 
 def test_contact_model_of_a_sensor():

@@ -4,18 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from push_samples import values_at
+from push_samples import rows_of, values_at, with_settings
 
-from palpate.config import NoiseSettings, PlaceSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.factor_list import make_factors
-from palpate.graph.factors.factor import Step
-from palpate.graph.factors.place import Place
-from palpate.graph.variables import IN_OBJECT, PLACE_BIAS
+from palpate.graph.factors import make_factors
+from palpate.graph.variables import IN_OBJECT, PLACE_BIAS, column
 from palpate.graph.window import Window
 from palpate.types.measurements import ContactPlace
 from palpate.types.sensor import GELSIGHT_MINI, SensorProfile
@@ -87,14 +85,13 @@ def test_derivatives(model):
 
 
 def test_the_factor_of_the_place():
-    factor = Place(PlaceSettings(share=4.0, kernel=None))
     g = np.array([[[-0.05, -0.003, 0.02]]])
-    values = values_at(DISC, g, shared={PLACE_BIAS: 3e-4})
-    terms = factor.terms(Step(g[0, 0], None, [ContactPlace(0.001, 1e-6)], [0.0]))
-    assert terms is not None
-    rows = factor.linearise(values, terms)
+    noise = with_settings(NoiseSettings(), place={"share": 4.0, "kernel": None})
+    at = values_at(DISC, g, shared={PLACE_BIAS: 3e-4})
+    rows = rows_of("place", at, [ContactPlace(0.001, 1e-6)], noise=noise)
     assert rows.residual[0, 0, 0] == pytest.approx(touch(DISC, *g[0, 0])["material"].imag + 3e-4 - 0.001)
-    np.testing.assert_allclose(rows.jacobian[0, 0, 0], [*touch(DISC, *g[0, 0])["material_by_g"].imag, 1.0])
+    np.testing.assert_allclose(rows.jacobian[0, 0, 0, 6:9], touch(DISC, *g[0, 0])["material_by_g"].imag)
+    assert rows.jacobian[0, 0, 0, column(PLACE_BIAS)] == 1.0
     assert rows.weight[0, 0, 0] == pytest.approx(1.0 / 4e-6)
     with pytest.raises(EstimationError, match="contact place has place nan"):
         ContactPlace(math.nan, 1.0)

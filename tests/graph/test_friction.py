@@ -22,7 +22,7 @@ from palpate.config import STICKING, NoiseSettings
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.factor_list import make_factors
+from palpate.graph.factors import make_factors
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT, Variable
 from palpate.graph.window import Window
 from palpate.lab.simulate.limit_surface import Steering, push

@@ -17,11 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.config import NoiseSettings
 from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors.contact import overlap, reaches
-from palpate.graph.factors.direction import true_angle
-from palpate.graph.factors.factor import Step
+from palpate.graph.belief import Belief, overlap, true_angle
+from palpate.graph.contact_geometry import ContactModel, reaches
+from palpate.graph.factors import Step
 from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.graph.window import Window
 from palpate.types.estimate import Status

@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.filter.consistency import is_uncertain, true_directions
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near, branched
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors.contact import overlap, reaches
-from palpate.graph.factors.factor import Step
+from palpate.graph.belief import Belief, overlap
+from palpate.graph.contact_geometry import ContactModel, reaches
+from palpate.graph.factors import Step
 
 Array = NDArray[np.float64]
 

@@ -30,8 +30,7 @@ from palpate.filter.rest import measured_at_rest
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factor_list import make_factors
-from palpate.graph.factors.factor import Step
+from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
@@ -178,8 +177,7 @@ class HypothesisBank:
         """
         since = time if self._resting_since is None else self._resting_since
         if measurements:
-            known = self._factors, self._model, self._monitor
-            kept, rows, is_found = measured_at_rest(self._rows, measurements, (since, time), *known)
+            kept, rows, is_found = measured_at_rest(self._rows, measurements, (since, time), self._monitor)
             self._take(kept)
             self._rows, self._touched = rows, None if is_found else self._touched
         touched = self._touched and (self._touched[0], time - self._touched[1])

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import Priors
-from palpate.graph.variables import IN_OBJECT, Variable
+from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE, Variable
+from palpate.types.measurements import ContactDirection
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64] | NDArray[np.bool_] | list[int] | slice
@@ -77,3 +78,16 @@ class Belief(RowArrays):
         joint = self.covariance * np.outer(left, left)
         joint[:, 3:, 3:] += np.diag(changes)
         return Belief(self.pose, priors.mean + keeps * (self.values - priors.mean), joint)
+
+
+def overlap(belief: Belief, reach: Array) -> Array:
+    """Return the believed overlap (B,) [m] of tip and outline in contact, where the outline has this reach (B,) [m]."""
+    return belief[DEPTH][:, 0] - belief[OUTLINE_SCALE][:, 0] * reach
+
+
+def true_angle(measured: ContactDirection, belief: Belief, sign: Array) -> Array:
+    """Return the true angle (B,) [rad] of a measured direction, given the believed bias and scale.
+
+    `sign` (B,) is -1 where touch images are taken as mirrored.
+    """
+    return (1.0 - belief[DIRECTION_SCALE][:, 0]) * (sign * measured.angle) - belief[DIRECTION_BIAS][:, 0]

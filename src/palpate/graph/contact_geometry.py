@@ -13,6 +13,7 @@ of pressure of an elastic foundation (K. L. Johnson, "Contact Mechanics", 1985, 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,24 @@ Vectors are complex numbers.
 """
 
 
+class Surface(NamedTuple):
+    """A contact model as compiled code takes it."""
+
+    parts: Complex
+    """Centre of curvature of each round part (n,) [m], sensor frame."""
+    radius: float
+    """Radius of curvature of the parts [m]."""
+    coefficients: Array
+    """Spline coefficients of the distance field, with x0, y0 and cell [m] of its grid."""
+    x0: float
+    y0: float
+    cell: float
+    friction_radius: float
+    """c [m]"""
+    friction_center: complex
+    """Nominal centre of friction [m], object frame."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactModel:
     """An object's outline and friction, and the round parts of a sensor."""
@@ -73,10 +92,17 @@ class ContactModel:
         """Middle of the parts [m], sensor frame."""
         return complex(self.parts.mean())
 
+    @cached_property
+    def surface(self) -> Surface:
+        """The same for compiled code."""
+        field, c, center = self.field, self.friction_radius, complex(self.friction_center)
+        x0, y0 = map(float, field.origin)
+        return Surface(self.parts, float(self.radius), field.coefficients, x0, y0, float(field.cell), float(c), center)
+
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
         out = np.empty(g.shape[:2], CONTACT_GEOMETRY)
-        _touching(g, self.parts, self.radius, *self._grid, out)
+        _touching(g, self.surface, out)
         return out
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
@@ -85,12 +111,8 @@ class ContactModel:
         The distance between the middle of the parts and the outline stays the same.
         """
         moved = g.copy()
-        _move_along(moved, lengths, self.center, *self._grid)
+        _move_along(moved, lengths, self.center, self.surface)
         return moved
-
-    @property
-    def _grid(self) -> tuple[Array, float, float, float]:
-        return self.field.coefficients, self.field.origin[0], self.field.origin[1], self.field.cell
 
 
 def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> ContactModel:
@@ -106,33 +128,34 @@ def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "
     return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span)
 
 
+def reaches(model: ContactModel, points: Complex, normals: Complex) -> Array:
+    """Return the distance (N,) [m] of outline points (N,) from the centroid along their outward normals (N,)."""
+    return (normals.conjugate() * (points - model.friction_center)).real
+
+
 @compiled
-def _touching(
-    g: Array,
-    centers: Complex,
-    radius: float,
-    coefficients: Array,
-    x0: float,
-    y0: float,
-    cell: float,
-    out: Records,
-) -> None:
-    parts = np.empty(len(centers), CONTACT_GEOMETRY)
+def _touching(g: Array, surface: Surface, out: Records) -> None:
+    parts = np.empty(len(surface.parts), CONTACT_GEOMETRY)
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
-            for i in range(len(centers)):
-                _put_round(g[b, k], centers[i], radius, coefficients, x0, y0, cell, parts[i])
-            _put_mean(parts, out[b, k])
+            put_touch(g[b, k], surface, parts, out[b, k])
 
 
 @compiled
-def _put_round(
-    pose: Array, center: complex, radius: float, coefficients: Array, x0: float, y0: float, cell: float, touch: Records
-) -> None:
+def put_touch(pose: Array, surface: Surface, parts: Records, touch: Records) -> None:
+    """Write the geometry at a sensor pose (3,) in the object frame to `touch`; `parts` (n,) is room for the parts."""
+    for i in range(len(parts)):
+        _put_round(pose, surface.parts[i], surface, parts[i])
+    _put_mean(parts, touch)
+
+
+@compiled
+def _put_round(pose: Array, center: complex, surface: Surface, touch: Records) -> None:
     """Write the geometry of one round part, whose centre is given in the sensor frame, to `touch`."""
+    radius = surface.radius
     turn = rotation(pose[2])
     placed = position(pose) + turn * center
-    distance, normal, bend_x, bend_y = _distance(placed, coefficients, x0, y0, cell)
+    distance, normal, bend_x, bend_y = _distance(placed, surface)
     normal_in_sensor = turn.conjugate() * normal
     touch.gap = distance - radius
     touch.point = placed - radius * normal
@@ -179,32 +202,29 @@ def _put_mean(parts: Records, touch: Records) -> None:
 
 
 @compiled
-def _move_along(
-    g: Array, lengths: Array, center: complex, coefficients: Array, x0: float, y0: float, cell: float
-) -> None:
+def _move_along(g: Array, lengths: Array, center: complex, surface: Surface) -> None:
     for k in range(len(g)):
         place, arm = position(g[k]), rotation(g[k, 2]) * center
-        near = _distance(place + arm, coefficients, x0, y0, cell)[0]
+        near = _distance(place + arm, surface)[0]
         count = math.ceil(abs(lengths[k]) / _WALK)
         for _ in range(count):
-            normal = _distance(place + arm, coefficients, x0, y0, cell)[1]
+            normal = _distance(place + arm, surface)[1]
             place += 1j * normal * lengths[k] / count
-            distance, normal, _bend_x, _bend_y = _distance(place + arm, coefficients, x0, y0, cell)
+            distance, normal, _bend_x, _bend_y = _distance(place + arm, surface)
             place += (near - distance) * normal
         g[k, 0], g[k, 1] = place.real, place.imag
 
 
 @compiled
-def _distance(
-    point: complex, coefficients: Array, x0: float, y0: float, cell: float
-) -> tuple[float, complex, complex, complex]:
+def _distance(point: complex, surface: Surface) -> tuple[float, complex, complex, complex]:
     """Return signed distance, gradient, and the gradient's derivatives along x and y.
 
     The same as `DistanceField.value_gradient_hessian` for one point: a cubic B-spline inside the grid; outside, the
     value at the nearest point of the border plus the distance to it.
     """
+    coefficients, cell = surface.coefficients, surface.cell
     rows, columns = coefficients.shape[0] - 3, coefficients.shape[1] - 3
-    x, y = (point.real - x0) / cell, (point.imag - y0) / cell
+    x, y = (point.real - surface.x0) / cell, (point.imag - surface.y0) / cell
     at_x, at_y = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
     column, row = int(at_x), int(at_y)
     wx, wy = _weights(at_x - column), _weights(at_y - row)
@@ -250,27 +270,3 @@ def _weights(f: float) -> tuple[Weights, Weights, Weights]:
     )
     first = (-0.5 * rest**2, 1.5 * f**2 - 2.0 * f, 0.5 + f - 1.5 * f**2, 0.5 * f**2)
     return value, first, (rest, 3.0 * f - 2.0, 1.0 - 3.0 * f, f)
-
-
-@compiled
-def force_angles(
-    g: Array, e: Array, touch: Records, c: float, center: complex, shift: Array, reach: int, out: Array
-) -> None:
-    """Write the angle of the pushing force from the outline's inward normal, counter-clockwise, to out (B, N) [rad].
-
-    On the limit surface the force points along the motion of the centre of friction. The motion is taken over `reach`
-    steps before and after, since over one step it is mostly noise. The angle is 0 at the first step. g and e are
-    (B, N, 3); shift (B, 2) [c] is the offset of the centre of friction from the nominal `center`.
-    """
-    steps = g.shape[1]
-    centers, turns = np.empty(steps, np.complex128), np.empty(steps, np.complex128)
-    for b in range(g.shape[0]):
-        in_object = center + c * complex(shift[b, 0], shift[b, 1])
-        for k in range(steps):
-            turns[k] = rotation(e[b, k, 2] - g[b, k, 2])
-            centers[k] = position(e[b, k]) + turns[k] * (in_object - position(g[b, k]))
-        out[b, 0] = 0.0
-        for k in range(1, steps):
-            moved = centers[min(k + reach - 1, steps - 1)] - centers[max(k - reach, 0)]
-            along = moved * (-touch[b, k].normal * turns[k]).conjugate()
-            out[b, k] = math.atan2(along.imag, along.real)

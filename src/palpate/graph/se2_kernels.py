@@ -104,14 +104,3 @@ def adjoint(pose: Array, out: Array) -> None:
 def cauchy(squared_error: float, scale: float) -> float:
     """Return the weight that the Cauchy kernel leaves to whitened rows of this squared length; inf is no kernel."""
     return 1.0 / (1.0 + squared_error / (scale * scale))
-
-
-@compiled
-def whiten(root: Array, error: Array, derivative: Array, residual: Array, jacobian: Array) -> None:
-    """Write root (3, 3) times an error (3,) to residual (3,), and times its derivative (3, C) into jacobian (3, C)."""
-    for r in range(3):
-        residual[r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
-        for k in range(derivative.shape[1]):
-            jacobian[r, k] = (
-                root[r, 0] * derivative[0, k] + root[r, 1] * derivative[1, k] + root[r, 2] * derivative[2, k]
-            )

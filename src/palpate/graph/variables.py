@@ -92,6 +92,13 @@ STEP_SIZE, SHARED_SIZE, OBJECT_SIZE = (
     sum(variable.dimension for variable in variables) for variables in (OF_STEP, SHARED, OF_OBJECT)
 )
 CONTACT_SIZE = SHARED_SIZE - OBJECT_SIZE
+LAST_SIZE, WIDTH = STEP_SIZE + SHARED_SIZE, 2 * STEP_SIZE + SHARED_SIZE
+"""Numbers of one step and the shared variables, and of two steps and the shared variables."""
+
+
+def column(variable: Variable) -> int:
+    """Return the first column of a shared variable in a Jacobian, after those of two steps."""
+    return 2 * STEP_SIZE + IN_SHARED[variable].start
 
 
 def named(name: str) -> Variable:

@@ -6,8 +6,7 @@ disturbances of the object, and in the sign with which touch images are read.
 
 Every step relinearises the whole window, so that its cost does not grow with the length of the contact. A step that
 leaves the window leaves a Gaussian on the next step and the shared variables (Schur complement), linearised where that
-step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution. The window loops over
-factors and knows none of them.
+step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution.
 """
 
 import math
@@ -21,22 +20,20 @@ from palpate.config import Priors
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
-from palpate.graph.block_tridiagonal import Equations, Gaussian
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.costs import add_costs, mean_squares
-from palpate.graph.factors.factor import Factor, Linear, Step, Terms
-from palpate.graph.factors.first_pose import FirstPose
-from palpate.graph.values import ANGLE_STEPS, Values
+from palpate.graph.factors import FRICTION_CONE, NAMES, OWN, ROW, STEP, TERM, TURN, Factors, Step
+from palpate.graph.gauss_newton import extrapolate, improve
+from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import (
     CONTACT_SIZE,
     IN_SHARED,
     LAG,
-    OBJECT_SIZE,
+    LAST_SIZE,
     OF_CONTACT,
-    SHARED_SIZE,
     STEP_SIZE,
+    TURN_OFFSET,
 )
-from palpate.types.measurements import Measurement
+from palpate.types.measurements import Measurement, OwnMeasurement
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -44,7 +41,6 @@ Flags = NDArray[np.bool_]
 _ITERATIONS = 4
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 _REMEMBERED = 1000  # steps that left the window whose costs are kept
-_OBJECT = np.r_[:STEP_SIZE, STEP_SIZE + CONTACT_SIZE : STEP_SIZE + SHARED_SIZE]  # all variables but those of a contact
 
 
 class Window:
@@ -52,7 +48,7 @@ class Window:
 
     def __init__(
         self,
-        factors: Sequence[Factor],
+        factors: Factors,
         model: ContactModel,
         belief: Belief,
         sensor_pose: Array,
@@ -69,38 +65,17 @@ class Window:
         touch images; `sign` (B,) is -1 in hypotheses that take these as mirrored. The object's variables change from
         step to step as `priors` says, by default not at all; within the window they count as constant.
         """
-        rows = len(belief)
-        self._lag = lag
-        self._drift = np.zeros(SHARED_SIZE)  # variances per step
+        self._factors, self._model, self._lag = factors, model, lag
+        self._drift = np.zeros(LAST_SIZE)  # variances per step
         if priors is not None:
-            self._drift[CONTACT_SIZE:] = priors.changes_per_step
-        self._factors: list[Factor] = [FirstPose(belief), *factors]
-        self._terms = [Terms(np.empty(0, np.int64), np.empty(0, factor.data)) for factor in self._factors]
-        self._has_begun = [False] * len(self._factors)  # whether a factor had terms in this contact
-        self._linear = [factor.room(rows, 0) for factor in self._factors]
-        shared = np.empty((rows, SHARED_SIZE))
-        for one in OF_CONTACT:
-            shared[:, IN_SHARED[one]] = one.prior[0] if one.prior else 0.0
-        shared[:, CONTACT_SIZE:] = belief.values
-        self._values = Values(
-            model,
-            se2.between(belief.pose, sensor_pose)[:, None],
-            np.repeat(sensor_pose[None, None], rows, axis=0),
-            shared,
-            np.zeros((rows, 1, 2)),
-            np.ones(rows) if sign is None else sign,
-        )
-        self._at = self._values  # values at which terms are linearised
-        self._past, self._past_at = _prior_of_contact(rows), self._values
-        self._covariance = np.empty((rows, STEP_SIZE + SHARED_SIZE, STEP_SIZE + SHARED_SIZE))
+            self._drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes_per_step
+        self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
+        self._left_costs = np.empty((len(belief), 0, 2))  # of steps that left the window
+        self._terms, self._has_turn = np.empty(0, TERM), False
+        self._own: list[OwnMeasurement | None] = []  # in the order of their terms
         self._measured, self._times = sensor_pose, [time]
-        self._left_costs = np.empty((rows, 0, 2))  # of steps that left the window
-        self._costs: Array | None = None
-        self.is_lost = np.zeros(rows, np.bool_)
-        """True where the graph has no solution (B,)."""
-        step = Step(sensor_pose, None, measurements, self._times, from_touch=from_touch)
-        self._join([factor.terms(step) for factor in self._factors])
-        self._solve(np.ones(rows, np.bool_), np.arange(rows))
+        self._join(*factors.terms(Step(sensor_pose, None, measurements, self._times, from_touch=from_touch)))
+        self._solve(np.ones(self.rows, np.bool_), np.arange(self.rows))
 
     def add(
         self,
@@ -113,33 +88,28 @@ class Window:
         """Add the next frame, and return the object poses (B, 3) of the step that leaves the window, if any does.
 
         `disturbance` (B, 2) [m] is the slide over the sensor by which something else may move the object in this step,
-        mean and standard deviation; see `Values`. Raises EstimationError where no hypothesis has a solution.
+        mean and standard deviation; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
         """
-        times = [*self._times, time]
-        step = Step(sensor_pose, self._measured, measurements, times, from_touch=from_touch)
-        new = [factor.terms(step) for factor in self._factors]  # before any change, since they may raise
+        step = Step(sensor_pose, self._measured, measurements, [*self._times, time], from_touch=from_touch)
+        terms, own = self._factors.terms(step)  # before any change, since they may raise
         leaving = None
-        if self._values.steps == self._lag:
-            leaving = _object_poses(self._values.sensor_in_object[:, 0], self._values.sensor[:, 0])
+        if len(self._times) == self._lag:
+            leaving = _object_poses(self._steps[:, 0])
             self._marginalise()
-        disturbance = np.zeros((self.rows, 2)) if disturbance is None else disturbance
-        self._values = self._values.continued(sensor_pose, disturbance)
-        self._measured, self._times = sensor_pose, times[-self._values.steps :]
-        self._join(new)
-        self._solve(np.ones(self.rows, np.bool_), self._values.sign)
+        new = np.zeros((self.rows, 1), STEP)
+        new["e"] = sensor_pose
+        if disturbance is not None:
+            new["slide"], new["spread"] = disturbance[:, :1], disturbance[:, 1:]
+        self._steps = joined([self._steps, new], axis=1)
+        extrapolate(self._steps)
+        self._measured, self._times = sensor_pose, [*self._times, time]
+        self._join(terms, own)
+        self._solve(np.ones(self.rows, np.bool_), self._rows["sign"])
         return leaving
 
     def take(self, rows: Indices) -> None:
         """Keep these rows, in this order; a row may be taken several times."""
-        first = self._factors[0]
-        assert isinstance(first, FirstPose)
-        self._factors = [first.take(rows), *self._factors[1:]]
-        self._linear = [Linear(*(array[rows] for array in one)) for one in self._linear]
-        self._values, self._at = self._values.take(rows), self._at.take(rows)
-        self._past, self._past_at = self._past.take(rows), self._past_at.take(rows)
-        self._covariance, self._left_costs = self._covariance[rows], self._left_costs[rows]
-        self.is_lost = self.is_lost[rows]
-        self._costs = None if self._costs is None else self._costs[rows]
+        self._steps, self._rows, self._left_costs = self._steps[rows], self._rows[rows], self._left_costs[rows]
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
         """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
@@ -147,62 +117,49 @@ class Window:
         `slide` (len(rows),) is the slide of the object over the sensor in all these steps, counter-clockwise along the
         outline, and `spread` its standard deviation, both [m].
         """
-        first = max(self._values.steps - steps, 1)
-        count = max(self._values.steps - first, 1)
-        self._values = self._values.disturbed(rows, first, slide / count, spread / math.sqrt(count))
-        changing = np.zeros(self.rows, np.bool_)
+        first, last = max(len(self._times) - steps, 1), len(self._times)
+        count, changing = max(last - first, 1), np.zeros(self.rows, np.bool_)
         changing[rows] = True
+        for row, length in zip(np.arange(self.rows)[rows], slide / count, strict=True):
+            disturbed = self._steps[row, first:]
+            disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
+            # Seen from the object, the sensor moves the other way.
+            disturbed["g"] = self._model.moved_along(disturbed["g"], -length * np.arange(1.0, last - first + 1))
         self._solve(changing, np.arange(self.rows))
 
     @property
     def rows(self) -> int:
         """Number of hypotheses."""
-        return self._values.rows
+        return len(self._rows)
 
     @property
-    def steps_with_costs(self) -> int:
-        """Number of steps that `costs` covers."""
-        return self._left_costs.shape[1] + self._values.steps
-
-    @property
-    def values(self) -> Values:
-        """Values of all steps in the window and of the shared variables."""
-        return self._values
+    def is_lost(self) -> Flags:
+        """True where the graph has no solution (B,)."""
+        return self._rows["is_lost"]
 
     @property
     def sensor_in_object(self) -> Array:
         """Sensor pose in the object frame at the last step, (B, 3)."""
-        return self._values.sensor_in_object[:, -1]
+        return self._steps["g"][:, -1]
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
-        g, e = self.sensor_in_object, self._values.sensor[:, -1]
-        # o = e g^-1 moves by Ad_g (d_e - d_g).
-        by_g = se2.adjoint(g)
-        by_all = np.tile(np.eye(3 + OBJECT_SIZE, STEP_SIZE + OBJECT_SIZE, 3), (self.rows, 1, 1))
-        by_all[:, :3, :3], by_all[:, :3, 3:6] = -by_g, by_g
-        covariance = by_all @ self._covariance[:, _OBJECT[:, None], _OBJECT] @ by_all.transpose(0, 2, 1)
-        pose = _object_poses(g, e)
-        values = self._values.shared[:, CONTACT_SIZE:]
-        return Belief(pose, values, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
+        pose, shared, covariance = (self._rows[name] for name in ("object_pose", "shared", "object_covariance"))
+        return Belief(pose.copy(), shared[:, CONTACT_SIZE:].copy(), covariance.copy())
 
     def object_path(self) -> Array:
         """Return the object poses of all steps in the window, (B, N, 3)."""
-        return _object_poses(self._values.sensor_in_object, self._values.sensor)
+        return _object_poses(self._steps)
 
     def force_angle(self, row: int) -> float:
         """Return the angle of the pushing force from the outline's inward normal [rad]; NaN at the first step."""
-        if self._values.steps == 1:
-            return math.nan
-        return float(self._values.take([row]).from_step(-ANGLE_STEPS - 1).state.force_angle[0, -1])
+        return float(self._steps["force_angle"][row, -1]) if len(self._times) > 1 else math.nan
 
     def mean_squares(self, name: str, steps: int) -> Array:
         """Return the mean square error of a factor's terms in the last steps (B,) [variances], without kernels."""
-        found = np.zeros(self.rows)
-        for factor, terms, linear in self._each():
-            if factor.name == name:
-                mean_squares(linear, terms.step, max(self._values.steps - steps, 0), found)
-        return found
+        kind, first = NAMES.index(name), max(len(self._times) - steps, 0)
+        count = np.count_nonzero((self._terms["kind"] == kind) & (self._terms["step"] >= first))
+        return self._steps["squares"][:, first:, kind].sum(axis=1) / max(count, 1)
 
     def costs(self) -> Array:
         """Return the cost of each of the last steps (B, N, 2): minus its log likelihood, except for a constant.
@@ -210,107 +167,106 @@ class Window:
         The first column is that of the measurements, the second that of pushing, which holds only while nothing but
         the sensor moves the object. At most a thousand steps that left the window are included.
         """
-        if self._costs is None:
-            costs = np.zeros((self.rows, self._at.steps, 2))
-            for factor, terms, linear in self._each():
-                if not isinstance(factor, FirstPose):  # a belief from before is no evidence for measurements
-                    add_costs(linear, terms.step, costs[..., int(factor.is_of_pushing)])
-            self._costs = np.concatenate([self._left_costs, costs], axis=1)
-        return self._costs
+        return np.concatenate([self._left_costs, self._steps["cost"]], axis=1)
+
+    @property
+    def steps_with_costs(self) -> int:
+        """Number of steps that `costs` covers."""
+        return self._left_costs.shape[1] + len(self._times)
 
     def last_errors(self) -> Array | None:
-        """Return the errors of the last step's consistency tests, (B, R) [standard deviations], without kernels.
+        """Return the errors of the last step's sticking and balance, (B, 3) [standard deviations], without kernels.
 
         None at the first step, which has none.
         """
-        last, errors = self._values.steps - 1, []
-        nearby = self._values.from_step(-ANGLE_STEPS - 1)
-        for factor, terms in zip(self._factors, self._terms, strict=True):
-            if factor.is_consistency_test and (mine := terms.step == last).any():
-                now = Terms(np.full(np.count_nonzero(mine), nearby.steps - 1), terms.data[mine])
-                linear = factor.linearise(nearby, now)
-                errors.append(np.abs(linear.residual * np.sqrt(linear.information)).max(axis=1))
-        return np.concatenate(errors, axis=1) if errors else None
+        return self._rows["errors"] if len(self._times) > 1 else None
 
-    def _each(self) -> list[tuple[Factor, Terms, Linear]]:
-        """Return all factors that have terms, with these and their linearisation."""
-        each = zip(self._factors, self._terms, self._linear, strict=True)
-        return [(factor, terms, linear) for factor, terms, linear in each if len(terms.step)]
-
-    def _join(self, new: Sequence[Terms | None]) -> None:
+    def _join(self, arrived: NDArray[np.void], own: list[OwnMeasurement | None]) -> None:
         """Take the terms that arrive with the last step."""
-        now = self._values.steps - 1
-        for index, (factor, arrived) in enumerate(zip(self._factors, new, strict=True)):
-            if arrived is None:
-                continue
-            place, terms = arrived.step + now, self._terms[index]
-            kept = place >= factor.spans - 1  # the step of a late measurement may have left the window
-            terms = self._terms[index] = Terms(
-                np.concatenate([terms.step, place[kept]]), np.concatenate([terms.data, arrived.data[kept]])
-            )
-            if not self._has_begun[index] and kept.any():
-                self._has_begun[index] = True
-                for variable, value in factor.first_guess(self._values, terms).items():
-                    self._values = self._values.with_shared(slice(None), variable, value)
-        for index, (factor, terms) in enumerate(zip(self._factors, self._terms, strict=True)):
-            if self._linear[index].residual.shape[1] != len(terms.step):
-                self._linear[index] = factor.room(self.rows, len(terms.step))
+        arrived["step"] += len(self._times) - 1
+        arrived["index"][arrived["kind"] == OWN] = len(self._own) + np.arange(len(own))
+        self._own = [*self._own, *own]
+        terms = joined([self._terms, arrived[arrived["step"] >= 0]])  # that of a late one may have left the window
+        self._terms = terms.take(np.argsort(terms["step"] * len(NAMES) + terms["kind"], kind="stable"))
+        self._order_own()
+        turns = arrived[arrived["kind"] == TURN]
+        if len(turns) and not self._has_turn:
+            # Far from the true offset, the robust kernel would leave a turn hardly any weight.
+            first, self._has_turn = turns[0], True
+            angle = first["value"] * (self._rows["sign"] if first["from_touch"] else 1.0)
+            offset = se2.wrap(self._steps["g"][:, first["step"], 2] - angle)
+            self._rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
+
+    def _order_own(self) -> None:
+        """Keep the own measurements that have terms, in their order."""
+        if self._own:
+            is_own = self._terms["kind"] == OWN
+            self._own = [self._own[index] for index in self._terms["index"][is_own]]
+            self._terms["index"][is_own] = np.arange(len(self._own))
 
     def _solve(self, changing: Flags, groups: NDArray[Any]) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,), the rows of a group until all have converged.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
-        self._costs = None
-        together, each = groups[:, None] == groups, self._each()
+        steps, rows, terms, surface = self._steps, self._rows, self._terms, self._model.surface
+        together = groups[:, None] == groups
+        own_steps = terms["step"][terms["kind"] == OWN].tolist() if self._own else []
         for _ in range(_ITERATIONS):
-            change = self._improve(changing, each)
-            changing = changing & ((together * change).max(axis=1) >= _CONVERGED)
+            own = evaluated(self._own, own_steps, steps["g"], steps["e"], rows["shared"], self._times[-1])
+            improve(steps, rows, changing, terms, self._factors.settings, self._drift, surface, own)
+            changing = changing & ((together * rows["change"]).max(axis=1) >= _CONVERGED)
             if not changing.any():
                 break
-        if self.is_lost.all():
+        if rows["is_lost"].all():
             raise EstimationError("the linear system of the window is indeterminate")
-
-    def _improve(self, changing: Flags, each: Sequence[tuple[Factor, Terms, Linear]]) -> Array:
-        """Take a Gauss-Newton step of some rows (B,) and return the largest change of a pose in each, (B,) [m, rad].
-
-        The other rows are linearised where they were, and so have the same solution as before.
-        """
-        at = self._at = self._values if changing.all() else self._values.where(changing, self._at)
-        equations = Equations(at.rows, at.steps)
-        for factor, terms, linear in each:
-            factor.linearise(at, terms, linear)
-            equations.add(linear, terms.step, factor.columns)
-        equations.add_gaussian(self._past.moved(at.change_since(self._past_at)))
-        solution = equations.solve()
-        self._values = at.moved(solution.by_step, solution.by_shared)
-        self._covariance = solution.covariance
-        self.is_lost = self.is_lost | ~solution.is_found
-        return np.abs(solution.by_step).max(axis=(1, 2))
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the next one and the shared variables."""
-        at = self._at
-        equations = Equations(at.rows, 2)
-        for factor, terms, linear in self._each():
-            equations.add(linear, terms.step, factor.columns, of_oldest=True)
-        equations.add_gaussian(self._past.moved(at.change_since(self._past_at)))
-        self._past, self._past_at = equations.without_oldest().inflated(self._drift), at.from_step(1)
-        self._left_costs = self.costs()[:, : self._left_costs.shape[1] + 1][:, -_REMEMBERED:]
-        for index, (factor, terms) in enumerate(zip(self._factors, self._terms, strict=True)):
-            kept = terms.step >= factor.spans  # their steps stay in the window
-            self._terms[index] = Terms(terms.step[kept] - 1, terms.data[kept])
-        self._values = self._values.from_step(1)
+        self._left_costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)[:, -_REMEMBERED:]
+        rows, second = self._rows, self._steps[:, 1]
+        for name in ("information", "gradient"):
+            rows["past_" + name] = rows["next_" + name]
+        rows["past_g"], rows["past_e"], rows["past_shared"] = second["at_g"], second["at_e"], rows["at_shared"]
+        self._steps = self._steps[:, 1:]
+        needed = np.where(self._terms["kind"] <= FRICTION_CONE, 2, 1)  # terms of pushing are on two steps
+        self._terms = self._terms.take(np.flatnonzero(self._terms["step"] >= needed))
+        self._terms["step"] -= 1
+        self._times = self._times[1:]
+        self._order_own()
 
 
-def _object_poses(g: Array, e: Array) -> Array:
-    return se2.compose(e, se2.inverse(g))
+def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Return the steps (B, 1) and rows (B,) of a window in which the sensor touches the object as is believed."""
+    steps, rows = np.zeros((len(belief), 1), STEP), np.zeros(len(belief), ROW)
+    steps["g"][:, 0], steps["e"] = se2.between(belief.pose, sensor_pose), sensor_pose
+    rows["shared"][:, CONTACT_SIZE:], rows["sign"] = belief.values, sign
+    for one in OF_CONTACT:
+        assert one.prior is not None
+        mean, deviation = one.prior
+        rows["shared"][:, IN_SHARED[one]] = mean
+        for place in range(STEP_SIZE + IN_SHARED[one].start, STEP_SIZE + IN_SHARED[one].stop):
+            rows["past_information"][:, place, place] = deviation**-2.0
+    rows["past_g"], rows["past_e"], rows["past_shared"] = steps["g"][:, 0], steps["e"][:, 0], rows["shared"]
+    rows["first_pose"], rows["first_values"] = belief.pose, belief.values
+    rows["first_root"] = [_whitening(one) for one in belief.covariance]
+    return steps, rows
 
 
-def _prior_of_contact(rows: int) -> Gaussian:
-    """Return the prior on the variables of a contact; it says nothing of any step."""
-    information = np.zeros((rows, STEP_SIZE + SHARED_SIZE, STEP_SIZE + SHARED_SIZE))
-    deviations = [one.prior[1] for one in OF_CONTACT if one.prior for _ in range(one.dimension)]
-    places = range(STEP_SIZE, STEP_SIZE + CONTACT_SIZE)
-    information[:, places, places] = np.square(deviations) ** -1.0
-    return Gaussian(information, np.zeros((rows, STEP_SIZE + SHARED_SIZE)))
+def _whitening(covariance: Array) -> Array:
+    """Return the inverse Cholesky root; NaN, which leaves a hypothesis without a solution, if there is none."""
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
+    except np.linalg.LinAlgError:
+        return np.full_like(covariance, np.nan)
+
+
+def _object_poses(steps: NDArray[np.void]) -> Array:
+    """Return world_T_object (..., 3) at steps (...)."""
+    return se2.compose(steps["e"], se2.inverse(steps["g"]))
+
+
+def joined(arrays: Sequence[NDArray[np.void]], axis: int = 0) -> NDArray[np.void]:
+    """Return np.concatenate of structured arrays, which NumPy joins ten times as slowly, field by field."""
+    raw = np.dtype((np.void, arrays[0].itemsize))
+    return np.concatenate([array.view(raw) for array in arrays], axis=axis).view(arrays[0].dtype)

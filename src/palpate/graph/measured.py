@@ -1,0 +1,166 @@
+"""Kernels of the factors that depend on one step: contact, and all that is measured.
+
+A kernel writes the linearised rows of a term and returns their number; see `factors.LINEAR`.
+"""
+
+import math
+
+import numpy as np
+
+from palpate.graph.compiled import Array, Records, compiled
+from palpate.graph.se2_kernels import adjoint, between, cauchy, cross, dot, log, log_by_pose, position, rotation, wrap
+from palpate.graph.variables import (
+    CONTACT_SIZE,
+    DEPTH,
+    DIRECTION_BIAS,
+    DIRECTION_SCALE,
+    OBJECT_SIZE,
+    OUTLINE_SCALE,
+    PLACE_BIAS,
+    STEP_SIZE,
+    TURN_OFFSET,
+    column,
+)
+
+_G, _E, _SHARED = STEP_SIZE, STEP_SIZE + 3, 2 * STEP_SIZE  # columns
+_BIAS, _SCALE, _PLACE = column(DIRECTION_BIAS), column(DIRECTION_SCALE), column(PLACE_BIAS)
+_DEPTH, _SIZE, _OFFSET = column(DEPTH), column(OUTLINE_SCALE), column(TURN_OFFSET)
+_NO_GRADIENT = 1e-12  # squared length of a gradient without direction
+
+
+@compiled
+def put_row(out: Records, error: float, inverse_variance: float, kernel: float) -> int:
+    """Write the error of a single row and its weight under a Cauchy kernel; return the number of rows."""
+    out.residual[0], out.information[0] = error, inverse_variance
+    out.weight[0] = inverse_variance * cauchy(inverse_variance * error**2, kernel)
+    return 1
+
+
+@compiled
+def _measured(row: Records, term: Records) -> float:
+    """Return the measured value as this row of the window takes it."""
+    return row.sign * term.value if term.from_touch else term.value
+
+
+@compiled
+def sensor_pose(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+    """Measured sensor pose, `Log(measured^-1 e)` (paper Eq. 12)."""
+    between(term.pose, now.e, out.residual)
+    log(out.residual, out.residual)
+    log_by_pose(out.residual, out.jacobian[:, _E : _E + 3])
+    for r in range(3):
+        out.information[r] = out.weight[r] = 1.0 / settings.sensor_pose.deviation[r] ** 2
+    return 3
+
+
+@compiled
+def contact(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+    """The sensor's surface lies on the outline, except for an indentation (paper Eq. 11, two-sided).
+
+    The residual is `gap + depth - scale reach` [m]: positive if sensor and object are further apart than the
+    indentation says. The reach is the distance of the outline from its centroid along its normal: an object larger than
+    its outline by a small relative scale reaches farther by that share.
+    """
+    touch, jacobian = now.touch, out.jacobian[0]
+    depth, scale = row.shared[_DEPTH - _SHARED], row.shared[_SIZE - _SHARED]
+    arm = touch.point - settings.friction_center
+    reach = dot(touch.normal, arm) - touch.gap
+    for c in range(3):
+        reach_by = dot(touch.normal_by_g[c], arm) + dot(touch.normal, touch.point_by_g[c]) - touch.gap_by_g[c]
+        jacobian[_G + c] = touch.gap_by_g[c] - scale * reach_by
+    jacobian[_DEPTH], jacobian[_SIZE] = 1.0, -reach
+    error = touch.gap + depth - scale * reach
+    return put_row(out, error, 1.0 / settings.contact.deviation**2, settings.contact.kernel)
+
+
+@compiled
+def direction(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+    """Contact direction: touch measures the direction in which a round tip is touched.
+
+    The true direction points from the tip's centre to the nearest outline point, opposite to the outward normal n
+    there, seen in the sensor frame. The residual [rad] is the angle of `-n exp(i (bias - theta - (1 - scale) angle))`,
+    in (-pi, pi]. It is absolute and does not drift: it determines yaw on a straight edge, and the place on a round one.
+    """
+    touch, angle, jacobian = now.touch, _measured(row, term), out.jacobian[0]
+    bias, scale = row.shared[_BIAS - _SHARED], row.shared[_SCALE - _SHARED]
+    off = -touch.normal * rotation(bias - (1.0 - scale) * angle - now.g[2])
+    # The spline's gradient has length 1 except near the medial axis, where it may vanish.
+    square = max(touch.normal.real**2 + touch.normal.imag**2, _NO_GRADIENT)
+    for c in range(3):
+        jacobian[_G + c] = cross(touch.normal, touch.normal_by_g[c]) / square
+    jacobian[_G + 2] -= 1.0  # the direction stays while the sensor turns
+    jacobian[_BIAS], jacobian[_SCALE] = 1.0, angle
+    error = math.atan2(off.imag, off.real)
+    return put_row(out, error, 1.0 / (term.variance * settings.direction.share), settings.direction.kernel)
+
+
+@compiled
+def place(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+    """Contact place: touch measures the position along y at which a flat pad is touched.
+
+    The true place is that of the sensor's material point, the load-weighted mean over the pad's parts, so the residual
+    [m] is `y of material + bias - place`. On a flat pad a round outline always has its normal along x; the place is to
+    a flat pad what the contact direction is to a round tip.
+    """
+    touch = now.touch
+    for c in range(3):
+        out.jacobian[0, _G + c] = touch.material_by_g[c].imag
+    out.jacobian[0, _PLACE] = 1.0
+    error = touch.material.imag + row.shared[_PLACE - _SHARED] - _measured(row, term)
+    return put_row(out, error, 1.0 / (term.variance * settings.place.share), settings.place.kernel)
+
+
+@compiled
+def turn(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+    """Turn: touch measures the sensor's yaw in the object frame, up to an offset that is constant within a contact.
+
+    The residual [rad] is `theta - offset - angle`, wrapped to (-pi, pi], with theta the yaw of g.
+    """
+    out.jacobian[0, _G + 2], out.jacobian[0, _OFFSET] = 1.0, -1.0
+    error = wrap(now.g[2] - row.shared[_OFFSET - _SHARED] - _measured(row, term))
+    return put_row(out, error, 1.0 / (term.variance * settings.turn.share), settings.turn.kernel)
+
+
+@compiled
+def object_pose(now: Records, row: Records, term: Records, out: Records) -> int:
+    """Object pose measured by another source, such as a camera: `Log(measured^-1 e g^-1)`, whitened."""
+    _put_object_pose(now, term.pose, term.root, out)
+    return 3
+
+
+@compiled
+def first_pose(now: Records, row: Records, term: Records, out: Records) -> int:
+    """Belief about the object at the beginning of a contact: a joint Gaussian on its pose o = e g^-1 and variables.
+
+    The residual is `Log(believed^-1 e g^-1)` followed by the differences of the variables, whitened together. It takes
+    the place of the paper's rest factor once the past is marginalised.
+    """
+    _put_object_pose(now, row.first_pose, row.first_root, out)
+    for r in range(3 + OBJECT_SIZE):
+        for k in range(OBJECT_SIZE):
+            by_value, here = row.first_root[r, 3 + k], CONTACT_SIZE + k
+            out.residual[r] += by_value * (row.shared[here] - row.first_values[k])
+            out.jacobian[r, _SHARED + here] = by_value
+    return 3 + OBJECT_SIZE
+
+
+@compiled
+def _put_object_pose(now: Records, known: Array, root: Array, out: Records) -> None:
+    """Write the rows of root (R, 3 or more) times `Log(known^-1 e g^-1)`, and their derivatives by g and e."""
+    g, e = now.g, now.e
+    off = (position(e) - rotation(e[2] - g[2]) * position(g) - position(known)) * rotation(-known[2])
+    error = np.empty(3)
+    error[0], error[1], error[2] = off.real, off.imag, wrap(e[2] - g[2] - known[2])
+    log(error, error)
+    by_object, turned = np.empty((3, 3)), np.empty((3, 3))
+    log_by_pose(error, by_object)
+    # With o = e g^-1: e exp(d) g^-1 = o exp(Ad_g d), and e (g exp(d))^-1 = o exp(-Ad_g d).
+    adjoint(g, turned)
+    for r in range(len(root)):
+        out.information[r] = out.weight[r] = 1.0
+        out.residual[r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
+        for k in range(3):
+            by = root[r, 0] * by_object[0, k] + root[r, 1] * by_object[1, k] + root[r, 2] * by_object[2, k]
+            for c in range(3):
+                out.jacobian[r, _E + c] += by * turned[k, c]
+                out.jacobian[r, _G + c] -= by * turned[k, c]
