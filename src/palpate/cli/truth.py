@@ -28,7 +28,7 @@ def truth_print(
     """
     from palpate.cli.console import print_line
     from palpate.io.outlines import load_shape
-    from palpate.lab.truth.sheets import write_sheets
+    from palpate.lab.truth.tags import write_sheets
 
     check_new(out, force)
     write_sheets(out, Path(shape).name, load_shape(shape), paper, force)
@@ -87,8 +87,7 @@ def truth(
     from palpate.cli.console import busy, number, print_json, print_quantities
     from palpate.errors import FileError
     from palpate.lab.truth.alignment import align, with_truth
-    from palpate.lab.truth.camera import load_camera, read_video
-    from palpate.lab.truth.tracks import track_tags
+    from palpate.lab.truth.camera import load_camera, read_video, track_tags
 
     check_new(out, force)
     given, overhead = formats.load_recording(recording), load_camera(camera)

@@ -48,7 +48,7 @@ def test_residuals_by_hand():
 
 def test_the_oracle_keeps_the_yaw_of_a_push():
     pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
-    from palpate.lab.paper.graph import Model, compared_frames, track_episodes
+    from palpate.lab.paper.graph import Deviations, Model, compared_frames, track_episodes
 
     model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
     count = 40
@@ -56,10 +56,26 @@ def test_the_oracle_keeps_the_yaw_of_a_push():
     g = np.array([-0.1, 0.0, 0.0])
     truth = se2.compose(e, se2.inverse(g))
     turns = {t: [(back, 0.0) for back in compared_frames(t)] for t in range(count)}
-    pose, covariance, _, refused = track_episodes(model, e, np.zeros(count, int), turns, truth[0], 1e-3)
+    physical = Deviations((1e-4, 1e-4, 1e-3), 1e-3)
+    pose, covariance, _, refused = track_episodes(model, e, np.zeros(count, int), turns, truth[0], 1e-3, physical)
     assert refused == 0
     np.testing.assert_allclose(pose, truth, atol=1e-4)
     assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+
+def test_deviations_of_factors_follow_from_errors_that_last():
+    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
+    from palpate.lab.paper.graph import Model, physical_errors, tactile_error
+
+    # A tip that touches a resting object from -x, 1 mm deep, slides along its side by 0.1 mm a step.
+    model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
+    e = np.column_stack([np.full(26, -0.1 + 0.001), np.linspace(0.0, 2.5e-3, 26), np.zeros(26)])
+    found = physical_errors(model, np.zeros((26, 3)), e, np.zeros(26, int))
+    np.testing.assert_allclose(found, [[0.0, -1e-4 * 25 / 5, 0.0, -0.001 * 25 / 5]], atol=1e-6)
+    # Two ways from the first frame to the last: 0.3 in one pair, and 0.1 twice. The mean has weights 2 and 1, thirds
+    # of the whole, and a variance of 2 / 3.
+    earlier, later, error = np.array([0, 0, 1]), np.array([2, 1, 2]), np.array([0.3, 0.1, 0.1])
+    assert tactile_error(earlier, later, error) == pytest.approx((2 * 0.3 + 0.2) / 3 / np.sqrt(2 / 3))
 
 
 @pytest.mark.parametrize("name", ["gtsam", "torch", "mujoco"])

@@ -26,32 +26,20 @@ def test_a_disc_pushed_through_its_centre_goes_straight(radius):
     np.testing.assert_allclose(np.diff(e[:, 0, :2], axis=0), np.diff(ahead, axis=0), atol=1e-9)
 
 
-@pytest.mark.parametrize("y", [0.02, -0.05])
-def test_momentary_rotation_of_a_push_off_centre(y):
-    # The contact point p = (px, py) moves by (d, 0) and sticks: vx - omega py = d, vy + omega px = 0, and
-    # px vy - py vx = c^2 omega. Hence omega (c^2 + px^2 + py^2) = -py d.
+@pytest.mark.parametrize(
+    ("y", "ratio", "aside"), [(0.02, 1.0, (0, 0)), (-0.05, 1.0, (0, 0)), (0.03, 1.5, (0.01, -0.02))]
+)
+def test_momentary_rotation_of_a_push_off_centre(y, ratio, aside):
+    # The contact point p = (px, py) from the centre of friction moves by (d, 0) and sticks: vx - omega py = d,
+    # vy + omega px = 0, and px vy - py vx = c^2 omega. Hence omega (c^2 + px^2 + py^2) = -py d.
     model = model_of("rectangle", sensor(0.0))
     tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
-    px = -0.2363 / 2
-    o, _ = push(model, np.zeros((1, 3)), np.array([[px, y, 0.0]]), 1, tiny)
-    omega = -y * 1e-6 / (model.friction_radius**2 + px**2 + y**2)
-    # To first order in the 1 micrometre of the step, 1e-5 of the lengths.
-    np.testing.assert_allclose(o[1, 0], [1e-6 + omega * y, -omega * px, omega], rtol=1e-4)
-
-
-def test_momentary_rotation_with_another_friction():
-    # As above about a centre of friction at (0.01, -0.02), from which the arm is (px, py), and with 1.5 times the c^2.
-    # Its own motion v adds to that of the contact point: omega (c^2 + px^2 + py^2) = -py d again.
-    model = model_of("rectangle", sensor(0.0))
-    tiny = Steering(speed=1e-6, aim=0.0, sway=0.0)
-    aside = np.array([0.01, -0.02]) / model.friction_radius
-    friction = {FRICTION_RATIO: math.log(1.5), FRICTION_CENTER: aside}
-    o, _ = push(model, np.zeros((1, 3)), np.array([[-0.2363 / 2, 0.03, 0.0]]), 1, tiny, friction=friction)
-    px, py = -0.2363 / 2 - 0.01, 0.03 + 0.02
-    omega = -py * 1e-6 / (1.5 * model.friction_radius**2 + px**2 + py**2)
-    assert o[1, 0, 2] == pytest.approx(omega, rel=1e-4)
-    # The contact point goes with the sensor.
-    np.testing.assert_allclose(o[1, 0, :2], [1e-6 + omega * 0.03, omega * 0.2363 / 2], rtol=1e-4)
+    friction = {FRICTION_RATIO: math.log(ratio), FRICTION_CENTER: np.array(aside) / model.friction_radius}
+    o, _ = push(model, np.zeros((1, 3)), np.array([[-0.2363 / 2, y, 0.0]]), 1, tiny, friction=friction)
+    px, py = -0.2363 / 2 - aside[0], y - aside[1]
+    omega = -py * 1e-6 / (ratio * model.friction_radius**2 + px**2 + py**2)
+    # To first order in the 1 micrometre of the step, 1e-5 of the lengths. The contact point goes with the sensor.
+    np.testing.assert_allclose(o[1, 0], [1e-6 + omega * y, omega * 0.2363 / 2, omega], rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", SHAPES)

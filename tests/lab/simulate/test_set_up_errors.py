@@ -11,7 +11,7 @@ from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
-from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, draw_errors, with_errors, worn
+from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
 from palpate.pipeline.track import track
 
@@ -46,23 +46,6 @@ def test_stated_values_are_off_by_the_errors_and_the_truth_is_not():
     np.testing.assert_allclose(se2.between(exact.object_pose[0], stated.first_pose), ERRORS.first_pose, atol=1e-12)
     np.testing.assert_array_equal(stated.object_pose, exact.object_pose)
     np.testing.assert_array_equal(stated.contact, exact.contact)
-
-
-def test_drawn_errors_have_the_stated_size():
-    drawn = [draw_errors(np.random.default_rng(seed)) for seed in range(400)]
-    mounting, first = (np.array([getattr(one, name) for one in drawn]) for name in ("mounting", "first_pose"))
-    np.testing.assert_allclose(np.hypot(*mounting[:, :2].T), 1e-3)
-    np.testing.assert_allclose(np.abs(mounting[:, 2]), np.radians(1.0))
-    length, turn = np.hypot(*first[:, :2].T), np.abs(first[:, 2])
-    assert 2e-3 <= length.min() < 2.2e-3 and 4.8e-3 < length.max() <= 5e-3
-    assert np.radians(1.0) <= turn.min() and turn.max() <= np.radians(3.0)
-    outline = np.array([one.outline for one in drawn]) - 1.0
-    assert (np.abs(outline) >= 0.01).all() and (np.abs(outline) <= 0.02).all()
-    for signs in (mounting[:, 0], mounting[:, 2], first[:, 1], first[:, 2], outline):
-        assert abs(np.mean(signs > 0.0) - 0.5) < 0.1
-    assert {one.late for one in drawn} == {0, 1}
-    np.testing.assert_allclose(np.sqrt(np.mean(first**2, axis=0)), drawn[0].first_pose_sigma, rtol=0.1)
-    assert np.abs([one.gel_drift for one in drawn]).max() <= 0.2 / 15.0
 
 
 def test_the_image_without_contact_follows_the_lights():

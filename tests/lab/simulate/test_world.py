@@ -65,14 +65,6 @@ def test_the_object_rests_when_the_sensor_stops():
     assert motion.contact[-1] and motion.object_pose[45, 0] > 0.01
 
 
-@pytest.mark.parametrize("shape", [DISC, RECTANGLE], ids=["disc", "rectangle"])
-def test_rotation_does_not_depend_on_the_time_step(shape):
-    settings = drawn(shape, 5)
-    coarse = pushed(shape, settings, y=0.03)[1].object_pose[-1, 2]
-    fine = pushed(shape, replace(settings, time_step=0.001), y=0.03)[1].object_pose[-1, 2]
-    assert np.degrees(abs(fine)) > 2.0 and coarse == pytest.approx(fine, rel=0.05)
-
-
 def test_a_push_off_the_centre_turns_the_object_and_wide_feet_resist():
     narrow, wide = (
         pushed(RECTANGLE, WorldSettings(feet=ring(radius), gel_friction=0.0), y=0.04)[1].object_pose[-1, 2]

@@ -14,11 +14,6 @@ from palpate.lab.train.networks import MAP, WIDTH, Encoder, cell_centres, imprin
 
 Array = NDArray[np.float64]
 
-BLOB = 0.1
-"""Standard deviation of the Gaussian at a key point [share of the image]."""
-SPARSITY = 1e-3
-"""Weight of the activation: a key point is where little of the map is active."""
-
 
 class KeypointNetwork(nn.Module):
     """Image to key point and back; and the class of contact from the activation map.
@@ -56,8 +51,9 @@ class KeypointNetwork(nn.Module):
 
     def reconstructed(self, points: Tensor) -> Tensor:
         """Return images (B, 3, 32, 128) from key points (B, 1, 2), each drawn as a Gaussian on an empty map."""
+        blob = 0.1  # [share of the image] standard deviation
         row, column = (
-            torch.exp(-(((cell_centres(count) - points[..., axis : axis + 1]) / (2.0 * BLOB)) ** 2) / 2.0)
+            torch.exp(-(((cell_centres(count) - points[..., axis : axis + 1]) / (2.0 * blob)) ** 2) / 2.0)
             for count, axis in zip(MAP, (1, 0), strict=True)
         )
         return self.decoder(row[..., :, None] * column[..., None, :])
@@ -71,7 +67,11 @@ def learn_keypoints(
     folder: Path,
     progress: Callable[[int, str], None] | None = None,
 ) -> KeypointNetwork:
-    """Train the auto-encoder without labels, and its classifier on the true classes; resumes from its checkpoint."""
+    """Train the auto-encoder without labels, and its classifier on the true classes; resumes from its checkpoint.
+
+    The network with the best reconstruction of held-out images is kept: the loss of the classifier, which grows as it
+    overfits, would keep one that has hardly learnt its key points.
+    """
     torch.manual_seed(seed)
     network = KeypointNetwork()
 
@@ -81,7 +81,7 @@ def learn_keypoints(
         points, logits, activation = network(difference)
         return {
             "reconstruction": ((network.reconstructed(points) - imprint(difference)) ** 2).mean(),
-            "sparsity": SPARSITY * activation.mean(),
+            "sparsity": 1e-3 * activation.mean(),
             "class": nn.functional.cross_entropy(logits, torch.from_numpy(source.contact_class[chosen])),
         }
 
@@ -89,21 +89,30 @@ def learn_keypoints(
         return images, rng.integers(len(images.frame), size=128)
 
     checked = np.random.default_rng(0).integers(len(held_out.frame), size=512)
-    fit("keypoints", network, draw, losses, lambda: losses((held_out, checked)), settings, seed, folder, progress)
+
+    def on_held_out() -> dict[str, Tensor]:
+        return {"reconstruction": losses((held_out, checked))["reconstruction"]}
+
+    fit("keypoints", network, draw, losses, on_held_out, settings, seed, folder, progress)
     return network
 
 
 def keypoints_of(network: KeypointNetwork, images: Images) -> tuple[Array, Array]:
-    """Return key points (N, 2) and class probabilities (N, C) of images."""
+    """Return key points (N, 2) and class probabilities (N, C) of images.
+
+    The object is known, as the graph has its outline, so only the place on a rectangle is left to the classifier.
+    """
     network.eval()
-    points, classes = [], []
+    of_object = torch.tensor([[1, 0, 0, 0], [0, 1, 1, 0], [0, 1, 1, 0], [0, 0, 0, 1]], dtype=torch.float32)
+    points, classes = [np.empty((0, 2))], [np.empty((0, len(CLASSES)))]
     with torch.no_grad():
         for begin in range(0, len(images.frame), 256):
-            found, logits, _ = network(_tensor(images.difference[begin : begin + 256]))
-            points.append(found[:, 0].numpy())
-            classes.append(logits.softmax(dim=1).numpy())
-    empty = [np.empty((0, 2))], [np.empty((0, len(CLASSES)))]
-    return np.concatenate(points or empty[0]).astype(float), np.concatenate(classes or empty[1]).astype(float)
+            batch = slice(begin, begin + 256)
+            found, logits, _ = network(_tensor(images.difference[batch]))
+            possible = of_object[torch.from_numpy(images.contact_class[batch])]
+            points.append(found[:, 0].numpy().astype(float))
+            classes.append((logits + possible.log()).softmax(dim=1).numpy().astype(float))
+    return np.concatenate(points), np.concatenate(classes)
 
 
 def _tensor(difference: NDArray[np.float16]) -> Tensor:

@@ -15,15 +15,14 @@ from palpate.geometry import se2
 Array = NDArray[np.float64]
 Tracks = Mapping[str, Mapping[str, Any]]
 COLOURS = {"none": "#000000", "const": "#E69F00", "learnt": "#0072B2", "oracle": "#009E73", "palpate": "#D55E00"}
-OBJECTS = ("disc", "rect", "ellip")
 
 
-def draw(out: Path, tracks: Tracks, results: Mapping[str, Any], images: Mapping[str, Any]) -> None:
+def draw(out: Path, tracks: Tracks, images: Mapping[str, Any]) -> None:
     """Write all figures to a folder."""
     figures: dict[str, Callable[[], Figure]] = {
         "fig5_keypoints": lambda: keypoints(images),
         "fig6_error_over_time": lambda: errors_over_time(tracks),
-        "fig7_final_error": lambda: final_errors(tracks),
+        "fig7_final_error": lambda: finalerrors(tracks),
         "fig8_runtime": lambda: runtime(tracks),
         "fig10_11_rect": lambda: trajectories({name: each for name, each in tracks.items() if name.startswith("rect")}),
         "fig12_disc_ellip": lambda: trajectories({n: each for n, each in tracks.items() if not n.startswith("rect")}),
@@ -36,7 +35,7 @@ def draw(out: Path, tracks: Tracks, results: Mapping[str, Any], images: Mapping[
 def keypoints(images: Mapping[str, Any]) -> Figure:
     """Figure 5: key points on touch images over a contact, a row for each object."""
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
-    for row, (name, (seen, points, _)) in zip(figure.subplots(3, 6), images.items(), strict=True):
+    for row, (name, (seen, points)) in zip(figure.subplots(3, 6), images.items(), strict=True):
         for axes, k in zip(row, np.linspace(0, len(points) - 1, 6).astype(int), strict=True):
             shown = np.clip(0.5 + 0.3 * seen.difference[k].astype(np.float32), 0.0, 1.0)
             height, width = shown.shape[:2]
@@ -53,7 +52,7 @@ def errors_over_time(tracks: Tracks) -> Figure:
     count = min(len(track["time"]) for track in tracks.values())
     for axes, which, unit in zip(figure.subplots(1, 2), (0, 1), ("translation [mm]", "rotation [deg]"), strict=True):
         for mode, colour in COLOURS.items():
-            curves = np.array([_errors(track, mode)[which][:count] for track in tracks.values()])
+            curves = np.array([errors(track, mode)[which][:count] for track in tracks.values()])
             rmse = np.sqrt(np.cumsum(curves**2, axis=1) / np.arange(1, count + 1)) + 1e-3
             mean, deviation = rmse.mean(axis=0), rmse.std(axis=0)
             time = next(iter(tracks.values()))["time"][:count]
@@ -67,11 +66,11 @@ def errors_over_time(tracks: Tracks) -> Figure:
     return figure
 
 
-def final_errors(tracks: Tracks) -> Figure:
+def finalerrors(tracks: Tracks) -> Figure:
     """Figure 7: box plots of final errors, semi-log."""
     figure = Figure(figsize=(7.5, 3.4), layout="constrained")
     for axes, which, unit in zip(figure.subplots(1, 2), (0, 1), ("translation [mm]", "rotation [deg]"), strict=True):
-        final = [[max(_errors(track, mode)[which][-1], 1e-3) for track in tracks.values()] for mode in COLOURS]
+        final = [[max(errors(track, mode)[which][-1], 1e-3) for track in tracks.values()] for mode in COLOURS]
         axes.boxplot(final, tick_labels=list(COLOURS))
         axes.set(yscale="log", ylabel=f"final error of {unit}")
     return figure
@@ -116,7 +115,7 @@ def _draw_poses(axes: Axes, track: Mapping[str, Any], mode: str, colour: str) ->
     axes.tick_params(labelsize=5)
 
 
-def _errors(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
-    """Errors of translation (N,) [mm] and rotation (N,) [degrees]."""
+def errors(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
+    """Return errors of translation (N,) [mm] and rotation (N,) [degrees] of a tracked sequence."""
     off = se2.between(track["truth"], track[f"{mode}_pose"])
     return 1e3 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(se2.wrap(off[:, 2])))

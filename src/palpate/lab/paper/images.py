@@ -1,5 +1,6 @@
-"""Images of contact episodes with their ground truth, and pairs of them (paper Sec. III and IV-A)."""
+"""Images of contact episodes with their ground truth, engineered features and pairs (paper Sec. III, IV-A and V-B)."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -9,9 +10,8 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.io import load_recording
-from palpate.lab.paper.ellipse import ellipse_features
 from palpate.lab.train.samples import geometry_of
-from palpate.touch.background import background_of
+from palpate.touch.background import Background, Image, background_of, check_image
 from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording
 
@@ -21,8 +21,6 @@ Indices = NDArray[np.int_]
 CLASSES = ("disc", "rect-edges", "rect-corners", "ellip")
 """Classes of contact that the networks are conditioned on, as in the authors' code."""
 _CLASS_OF = {"disc": 0, "ellipse": 3, "edge": 1, "near-corner": 2, "corner": 2}
-SHORTEST = 5
-"""Fewest frames of a contact episode, as in the authors' code."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,52 +40,40 @@ class Images:
     frame: Indices
     """Number of the frame in its recording, (N,)."""
 
-    def of(self, chosen: NDArray[np.bool_]) -> "Images":
-        """Return some of the images."""
-        return Images(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
-
-def read_images(path: Path) -> Images:
+def read_images(recording: Recording | Path) -> Images:
     """Return the images of all contact episodes of a recording."""
-    recording = load_recording(path)
-    assert recording.object_pose is not None and recording.contact is not None
-    episode = episodes_of(recording)
-    frame = np.flatnonzero(episode >= 0)
+    recording = load_recording(recording) if isinstance(recording, Path) else recording
+    assert recording.object_pose is not None and recording.contact is not None and recording.episode is not None
+
+    def image(index: int) -> Image:
+        found = recording[index].image
+        assert found is not None
+        return found
+
+    frame = np.flatnonzero(recording.episode >= 0)
     untouched = np.flatnonzero(~recording.contact)
     chosen = untouched[np.linspace(0, len(untouched) - 1, min(30, len(untouched))).astype(int)]
-    background = background_of([_image(recording, index) for index in chosen.tolist()])
+    background = background_of([image(index) for index in chosen.tolist()])
     mean = reduced(background.mean)
     relative = se2.between(recording.object_pose, recording.sensor_pose)[frame]
     _, _, kind = geometry_of(recording, relative)
-    images = [_image(recording, index) for index in frame.tolist()]
+    images = [image(index) for index in frame.tolist()]
     return Images(
-        np.array([difference(image, mean) for image in images], np.float16).reshape(-1, *mean.shape),
-        np.array([ellipse_features(image, background) for image in images]).reshape(-1, 6),
+        np.array([difference(each, mean) for each in images], np.float16).reshape(-1, *mean.shape),
+        np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
         relative,
         np.array([_CLASS_OF[KINDS[each]] for each in kind], int),
-        episode[frame],
+        recording.episode[frame],
         frame,
     )
-
-
-def episodes_of(recording: Recording) -> Indices:
-    """Return the number of the contact episode of each frame (N,), -1 between episodes."""
-    assert recording.contact is not None
-    edges = np.flatnonzero(np.diff(recording.contact, prepend=False, append=False))
-    found, number = np.full(len(recording.time), -1), 0
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if last - first >= SHORTEST:
-            found[first:last] = number
-            number += 1
-    return found
 
 
 def joined(parts: Sequence[Images]) -> Images:
     """Return the images of several recordings, with episodes counted through."""
     counts = [int(part.episode.max(initial=-1)) + 1 for part in parts]
-    episode = [part.episode + first for part, first in zip(parts, np.cumsum([0, *counts[:-1]]), strict=True)]
     columns = {each.name: [getattr(part, each.name) for part in parts] for each in fields(Images)}
-    columns["episode"] = episode
+    columns["episode"] = [part.episode + n for part, n in zip(parts, np.cumsum([0, *counts[:-1]]), strict=True)]
     return Images(**{name: np.concatenate(column) for name, column in columns.items()})
 
 
@@ -104,7 +90,55 @@ def turn_between(images: Images, earlier: Indices, later: Indices) -> Array:
     return se2.wrap(images.relative[later, 2] - images.relative[earlier, 2])
 
 
-def _image(recording: Recording, index: int) -> NDArray[np.uint8]:
-    image = recording[index].image
-    assert image is not None
-    return image
+def patch_outline(image: Image, background: Background) -> NDArray[np.float32] | None:
+    """Return the convex outline of the contact patch, (N, 2) pixels (column, row), or None where there is no patch.
+
+    The change from the untouched gel, less what has shifted all of a channel, is averaged over the channels and split
+    by Otsu's threshold. The hull of the largest contour is the patch: it fills what a ring or the shading of a slope
+    leaves open. Raises SettingError on an image of another size or type than the background's.
+    """
+    import cv2
+
+    height, width = background.mean.shape[:2]
+    check_image(image, height, width)
+    scale = max(min(height, width) / 120, 1.0)  # 120 pixels a side are enough for a patch, with little noise
+    columns, rows = round(width / scale), round(height / scale)
+    change = cv2.subtract(image, background.mean, dtype=cv2.CV_32F)
+    change = cv2.GaussianBlur(cv2.resize(change, (columns, rows), interpolation=cv2.INTER_AREA), (0, 0), 1.5)
+    levels = np.abs(change - np.median(change, axis=(0, 1))).mean(axis=-1)
+    step = max(float(levels.max()) / 255.0, 1e-6)
+    otsu, _ = cv2.threshold((levels / step).astype(np.uint8), 0.0, 1.0, cv2.THRESH_OTSU)
+    patch = (levels > max((otsu + 0.5) * step, 3.0)).astype(np.uint8)  # blurred noise differs by less than 1
+    for operation, size in ((cv2.MORPH_OPEN, 3), (cv2.MORPH_CLOSE, 11)):  # a dome shows as a ring, which is closed
+        patch = cv2.morphologyEx(patch, operation, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    contours, _ = cv2.findContours(patch, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        return None
+    hull = cv2.convexHull(max(contours, key=cv2.contourArea))
+    if cv2.contourArea(hull) < 40.0:  # 0.9 mm^2 of a DIGIT's pad
+        return None
+    return ((hull[:, 0] + 0.5) * (width / columns, height / rows) - 0.5).astype(np.float32)
+
+
+def ellipse_features(image: Image, background: Background) -> Array:
+    """Return the ellipse that fits the contact patch best, (6,), all NaN where there is no patch.
+
+    Column and row of the centre, in widths and heights of the image; the full major and minor axes, in widths; cosine
+    and sine of the major axis' angle from the columns' direction (right) to the rows' (down), from 0 to below pi. The
+    angle of a round patch means nothing.
+    """
+    import cv2
+
+    outline = patch_outline(image, background)
+    if outline is None:
+        return np.full(6, np.nan)
+    # Points at even steps: a fit would lean to where corners are dense.
+    closed = np.concatenate([outline, outline[:1]])
+    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(closed, axis=0).T)))
+    even = [np.interp(np.linspace(0.0, way[-1], 64, endpoint=False), way, each) for each in closed.T]
+    (column, row), axes, degrees = cv2.fitEllipse(np.stack(even, axis=-1).astype(np.float32))
+    height, width = background.mean.shape[:2]
+    # OpenCV gives the angle of the first axis, which is the minor one.
+    angle = math.radians(degrees + (90.0 if axes[1] >= axes[0] else 0.0)) % math.pi
+    center = (column + 0.5) / width, (row + 0.5) / height
+    return np.array([*center, max(axes) / width, min(axes) / width, math.cos(angle), math.sin(angle)])

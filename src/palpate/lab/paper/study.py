@@ -22,24 +22,26 @@ from palpate.io import load_recording
 from palpate.io.outlines import load_shape
 from palpate.lab.paper import figures
 from palpate.lab.paper.features import KeypointNetwork, keypoints_of, learn_keypoints
-from palpate.lab.paper.graph import Model, compared_frames, track_episodes
-from palpate.lab.paper.images import Images, draw_pairs, episodes_of, joined, read_images, turn_between
+from palpate.lab.paper.graph import Deviations, Model, compared_frames, physical_errors, tactile_error, track_episodes
+from palpate.lab.paper.images import Images, draw_pairs, joined, read_images, turn_between
 from palpate.lab.paper.transform_network import Pairs, expanded, fit_all, fit_linear, validation_loss
 from palpate.lab.parallel import spread
 from palpate.lab.simulate.recordings import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
 from palpate.pipeline.track import track as track_with_palpate
+from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
+Tracks = Mapping[str, Mapping[str, Any]]
 
 SHAPES = {"disc": "disc", "rect": "rectangle", "ellip": "ellipse"}
 """The paper's objects and palpate's names of their outlines."""
 MODES = ("none", "const", "learnt", "oracle", "palpate")
-PAIRS_A_STEP = 30
-"""Pairs of images a step, which are not independent: the variance of one is as many times that of a prediction."""
-LOST = 0.05, np.radians(30.0)
-"""Final error [m], [rad] from which a sequence is lost."""
+TACTILE = MODES[1:4]
+LOST = 50.0, 30.0
+"""Final error [mm], [degrees] from which a sequence is lost."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class StudySettings:
     pairs: int = 20_000
     """Pairs that the transform networks are fitted to, and as many to validate."""
     seed: int = 0
-    """Of recordings, weights and pairs."""
+    """Of recordings, the sensor, weights and pairs."""
 
 
 FULL = StudySettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)
@@ -69,18 +71,21 @@ def run(out: Path, settings: StudySettings, bar: Bar, workers: int = 1, dask: st
 
     Raises FileError if the folder holds a study of another size.
     """
-    _check_folder(out, settings)
+    out.mkdir(parents=True, exist_ok=True)
+    if (out / "settings.json").exists() and (found := read_json(out / "settings.json")) != asdict(settings):
+        raise FileError(f"{out}: holds a study with settings {found}; take another folder")
+    _write_json(out / "settings.json", asdict(settings))
     shapes = {name: load_shape(outline) for name, outline in SHAPES.items()}
     for name, count, seconds, seed in (
         ("train", settings.train, settings.seconds, 2 * settings.seed + 1),
         ("test", settings.test, 15.0, 2 * settings.seed + 2),
     ):
-        wanted = plan(shapes, count, seed, seconds=seconds, ideal=True)
+        # All with one sensor, as the paper has one DIGIT.
+        wanted = plan(shapes, count, seed, seconds=seconds, ideal=True, unit=settings.seed)
         with bar(f"simulating, {name}", len(wanted)) as progress:
             simulate_folder(out / name, wanted, workers=workers, dask=dask, resume=True, progress=progress)
-    if not (out / "table2.json").exists():
+    if not (out / "models.json").exists():
         _learn(out, settings, bar, workers, dask)
-    table2 = read_json(out / "table2.json")
     files = sorted((out / "test").glob("*.mcap"))
     (out / "tracks").mkdir(exist_ok=True)
     missing = [path for path in files if not (out / "tracks" / f"{path.stem}.npz").exists()]
@@ -88,35 +93,32 @@ def run(out: Path, settings: StudySettings, bar: Bar, workers: int = 1, dask: st
         for done, _ in enumerate(spread(partial(_track, out=out), missing, workers, dask), 1):
             progress(done)
     tracks = {path.stem: dict(np.load(out / "tracks" / f"{path.stem}.npz")) for path in files}
-    results = {"table2": table2["loss"], "tracking": {mode: _summary(tracks, mode) for mode in MODES}}
-    results |= {"settings": asdict(settings), "sequences": len(tracks), "step_ms": _step_times(tracks)}
-    results["not_solved"] = {mode: int(sum(each[f"{mode}_refused"] for each in tracks.values())) for mode in MODES[:4]}
-    with whole_file(out / "results.json", overwrite=True) as part:
-        part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    models = read_json(out / "models.json")
+    results = {
+        "table2": models["table2"],
+        "tracking": {mode: _summary(tracks, mode) for mode in MODES},
+        "deviations": models["deviations"],
+        "settings": asdict(settings),
+        "sequences": len(tracks),
+        "step_ms": {mode: _step_times(tracks, mode) for mode in MODES[:4]},
+        "not_solved": {mode: int(sum(each[f"{mode}_refused"] for each in tracks.values())) for mode in MODES[:4]},
+    }
+    _write_json(out / "results.json", results)
     with bar("figures", 1) as progress:
-        figures.draw(out, tracks, results, _example_images(out, files))
+        figures.draw(out, tracks, _example_images(out, files))
         progress(1)
     return results
 
 
-def _check_folder(out: Path, settings: StudySettings) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    known = out / "settings.json"
-    if known.exists():
-        if (found := read_json(known)) != asdict(settings):
-            raise FileError(f"{out}: holds a study with settings {found}; take another folder")
-        return
-    with whole_file(known, overwrite=True) as part:
-        part.write_text(json.dumps(asdict(settings), indent=2) + "\n", encoding="utf-8")
-
-
 def _learn(out: Path, settings: StudySettings, bar: Bar, workers: int, dask: str | None) -> None:
-    """Train the auto-encoder and all transform networks; writes model.pt and table2.json."""
+    """Train the auto-encoder and all transform networks, and measure the factors; writes model.pt and models.json."""
     parts: dict[str, Images] = {}
+    physical: list[Array] = []
     files = sorted((out / "train").glob("*.mcap"))
     with bar("reading images", len(files)) as progress:
-        for done, (name, images) in enumerate(spread(_read, files, workers, dask), 1):
+        for done, (name, images, errors) in enumerate(spread(_read, files, workers, dask), 1):
             parts[name] = images
+            physical.append(errors)
             progress(done)
     # A quarter validates, of each object: every fourth recording, which takes turns with its kinds of contact.
     of_object = {name: [parts[each] for each in sorted(parts) if each.startswith(name)] for name in SHAPES}
@@ -129,27 +131,35 @@ def _learn(out: Path, settings: StudySettings, bar: Bar, workers: int, dask: str
         everything = for_training["combined"], validation["combined"]
         network = learn_keypoints(*everything, fit_settings, settings.seed, out, progress)
     losses: dict[str, dict[str, float]] = {}
-    saved: dict[str, Any] = {"network": network.state_dict()}
     with bar("transform networks", 4) as progress:
+        weights = np.empty(0)
         for done, name in enumerate((*SHAPES, "combined"), 1):
             trained = _pairs(network, for_training[name], settings.pairs, settings.seed)
             checked = _pairs(network, validation[name], settings.pairs, settings.seed + 1)
             for model, (features, predict) in fit_all(trained[0], trained[1], trained[2], settings.seed).items():
                 pairs = checked[0] if features == "engineered" else checked[1]
                 losses.setdefault(model, {})[name] = validation_loss(predict, pairs, checked[2])
-            if name == "combined":
-                saved["weights"] = torch.from_numpy(fit_linear(trained[1], trained[2]))
+            weights = fit_linear(trained[1], trained[2])  # the last are of all objects
             progress(done)
-    for mode, model in (("const", "const"), ("learnt", "linear learnt-feat")):
-        saved[f"{mode}_sigma"] = float(np.sqrt(2.0 * losses[model]["combined"] * PAIRS_A_STEP))
+    sigmas = _tactile_sigmas(network, weights, validation["combined"])
+    *quasi_static, contact = _scale(np.concatenate(physical))
+    deviations = {"quasi_static": quasi_static, "contact": contact, **sigmas}
     with whole_file(out / "model.pt", overwrite=True) as part:
-        torch.save(saved, part)
-    with whole_file(out / "table2.json", overwrite=True) as part:
-        part.write_text(json.dumps({"loss": losses}, indent=2) + "\n", encoding="utf-8")
+        torch.save({"network": network.state_dict(), "weights": torch.from_numpy(weights)}, part)
+    _write_json(out / "models.json", {"table2": losses, "deviations": deviations})
 
 
-def _read(path: Path) -> tuple[str, Images]:
-    return path.stem, read_images(path)
+def _read(path: Path) -> tuple[str, Images, Array]:
+    """Return the name of a recording, its images, and the errors of the physical factors in it."""
+    recording = load_recording(path)
+    assert recording.object_pose is not None and recording.episode is not None
+    errors = physical_errors(_model(recording), recording.object_pose, recording.sensor_pose, recording.episode)
+    return path.stem, read_images(recording), errors
+
+
+def _model(recording: Recording) -> Model:
+    shape = recording.shape
+    return Model(DistanceField.of(shape), shape.friction_radius(), recording.sensor.radius)
 
 
 def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> tuple[Pairs, Pairs, Array]:
@@ -163,52 +173,68 @@ def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> t
     return (ellipse[earlier], ellipse[later], class_vector), (points[earlier], points[later], class_vector), sine
 
 
+def _turns(network: KeypointNetwork, weights: Array, images: Images) -> tuple[Indices, Indices, dict[str, Array]]:
+    """Return the pairs of images that the graph compares, (P,) each, and their turns (P,) [rad] by kind of touch."""
+    first = np.searchsorted(images.episode, images.episode).tolist()
+    pairs = [(k - back, k) for k in range(len(images.frame)) for back in compared_frames(k - first[k])]
+    earlier, later = np.array(pairs, int).reshape(-1, 2).T
+    points, classes = keypoints_of(network, images)
+    sine = expanded((points[earlier], points[later], 0.5 * (classes[earlier] + classes[later]))) @ weights
+    turns = np.zeros(len(pairs)), np.arcsin(np.clip(sine, -1.0, 1.0)), turn_between(images, earlier, later)
+    return earlier, later, dict(zip(TACTILE, turns, strict=True))
+
+
+def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) -> dict[str, float]:
+    """Return the standard deviation of a tactile factor [rad] by kind of touch, from episodes not trained on.
+
+    With it the turn over an episode, from these factors alone, is as uncertain as it is wrong.
+    """
+    earlier, later, turns = _turns(network, weights, images)
+    first, episode = np.searchsorted(images.episode, images.episode)[later], images.episode[later]
+    found = {"oracle": 1e-3}
+    for mode in ("const", "learnt"):
+        error = turns[mode] - turns["oracle"]
+        each = [
+            tactile_error((earlier - first)[k], (later - first)[k], error[k])
+            for k in (episode == number for number in np.unique(episode))
+        ]
+        found[mode] = float(_scale(np.array(each)))
+    return found
+
+
 def _track(path: Path, out: Path) -> None:
     """Track a sequence in all modes and write tracks/NAME.npz."""
     torch.set_num_threads(1)
-    saved = torch.load(out / "model.pt", weights_only=True)
-    network = KeypointNetwork()
-    network.load_state_dict(saved["network"])
-    weights = saved["weights"].numpy()
-    recording, images = load_recording(path), read_images(path)
-    assert recording.object_pose is not None
-    points, classes = keypoints_of(network, images)
-    episode, truth = episodes_of(recording), recording.object_pose
-    first = np.searchsorted(images.episode, images.episode)
-    turns: dict[str, dict[int, list[tuple[int, float]]]] = {"none": {}, "const": {}, "learnt": {}, "oracle": {}}
-    for k, frame in enumerate(images.frame.tolist()):
-        back = compared_frames(k - int(first[k]))
-        if not back:
-            continue
-        earlier, later = k - np.array(back), np.full(len(back), k)
-        class_vector = 0.5 * (classes[earlier] + classes[later])
-        sine = np.clip(expanded((points[earlier], points[later], class_vector)) @ weights, -1.0, 1.0)
-        found = {
-            "const": np.zeros(len(back)),
-            "learnt": np.arcsin(sine),
-            "oracle": turn_between(images, earlier, later),
-        }
-        for mode, turn in found.items():
-            turns[mode][frame] = list(zip(back, turn.tolist(), strict=True))
-    model = Model(DistanceField.of(recording.shape), recording.shape.friction_radius(), recording.sensor.radius)
+    network, weights = _load_network(out)
+    deviations = read_json(out / "models.json")["deviations"]
+    recording = load_recording(path)
+    images, truth, episode = read_images(recording), recording.object_pose, recording.episode
+    assert truth is not None and episode is not None
+    earlier, later, found = _turns(network, weights, images)
+    turns: dict[str, dict[int, list[tuple[int, float]]]] = {mode: {} for mode in MODES[:4]}
+    for mode, turn in found.items():
+        for i, k, angle in zip(earlier.tolist(), later.tolist(), turn.tolist(), strict=True):
+            turns[mode].setdefault(int(images.frame[k]), []).append((k - i, angle))
     arrays: dict[str, Any] = {
         "truth": truth,
         "sensor": recording.sensor_pose,
         "time": recording.time,
         "episode": episode,
+        "is_disc": isinstance(recording.shape, Disc),
+        "outline": recording.shape.outline(),
     }
-    arrays["is_disc"] = isinstance(recording.shape, Disc)
-    arrays["outline"] = recording.shape.outline()
+    physical = Deviations(tuple(deviations["quasi_static"]), deviations["contact"])
     for mode in MODES[:4]:
-        sigma = saved.get(f"{mode}_sigma", 1e-3)
-        pose, covariance, took, refused = track_episodes(
-            model, recording.sensor_pose, episode, turns[mode], truth[0], sigma
-        )
+        sigma = deviations.get(mode, 0.0)
         arrays |= {
-            f"{mode}_pose": pose,
-            f"{mode}_covariance": covariance,
-            f"{mode}_ms": took,
-            f"{mode}_refused": refused,
+            f"{mode}_{name}": value
+            for name, value in zip(
+                ("pose", "covariance", "ms", "refused"),
+                track_episodes(
+                    _model(recording), recording.sensor_pose, episode, turns[mode], truth[0], sigma, physical
+                ),
+                strict=True,
+            )
         }
     online = track_with_palpate(recording, TrackerSettings("learnt")).online
     arrays |= {"palpate_pose": online.pose, "palpate_covariance": online.covariance}
@@ -216,48 +242,53 @@ def _track(path: Path, out: Path) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def errors_of(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
-    """Return errors of translation (N,) [m] and rotation (N,) [rad] of a tracked sequence."""
-    off = se2.between(track["truth"], track[f"{mode}_pose"])
-    return np.hypot(off[:, 0], off[:, 1]), np.abs(se2.wrap(off[:, 2]))
-
-
-def _summary(tracks: Mapping[str, Mapping[str, Any]], mode: str) -> dict[str, float]:
+def _summary(tracks: Tracks, mode: str) -> dict[str, float]:
     """Return medians of final errors, the number of lost sequences, and the share of true poses in the 95 % region."""
-    last = {name: [errors[-1] for errors in errors_of(track, mode)] for name, track in tracks.items()}
-    lost = [
-        metres > LOST[0] or (radians > LOST[1] and not tracks[name]["is_disc"])
-        for name, (metres, radians) in last.items()
-    ]
-    inside = []
+    final, lost, inside = [], 0, []
     for track in tracks.values():
+        translation, rotation = (float(each[-1]) for each in figures.errors(track, mode))
+        final.append((translation, rotation))
+        lost += translation > LOST[0] or (rotation > LOST[1] and not track["is_disc"])
         off = se2.log(se2.between(track[f"{mode}_pose"], track["truth"]))
         weighed = np.linalg.solve(track[f"{mode}_covariance"], off[..., None])[..., 0]
         since = np.arange(len(off)) >= np.argmax(track["episode"] >= 0)
         inside.append(np.mean((np.sum(off * weighed, axis=1) < 7.815)[since]))  # chi-square, 3 degrees, 95 %
-    final = np.array(list(last.values()))
+    translation, rotation = np.median(final, axis=0).tolist()
     return {
-        "final_translation_mm": float(1e3 * np.median(final[:, 0])),
-        "final_rotation_deg": float(np.degrees(np.median(final[:, 1]))),
-        "lost": int(np.sum(lost)),
+        "final_translation_mm": translation,
+        "final_rotation_deg": rotation,
+        "lost": int(lost),
         "in_95_share": float(np.mean(inside)),
     }
 
 
-def _step_times(tracks: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    found = {}
-    for mode in MODES[:4]:
-        took = np.concatenate([track[f"{mode}_ms"][track["episode"] >= 0] for track in tracks.values()])
-        found[mode] = {"median": float(np.median(took)), "p95": float(np.percentile(took, 95))}
-    return found
+def _step_times(tracks: Tracks, mode: str) -> dict[str, float]:
+    took = np.concatenate([track[f"{mode}_ms"][track["episode"] >= 0] for track in tracks.values()])
+    return {"median": float(np.median(took)), "p95": float(np.percentile(took, 95))}
 
 
-def _example_images(out: Path, files: list[Path]) -> dict[str, tuple[Images, Array, Array]]:
-    """Return images of one test sequence of each object, with key points and class probabilities."""
-    network = KeypointNetwork()
-    network.load_state_dict(torch.load(out / "model.pt", weights_only=True)["network"])
+def _example_images(out: Path, files: list[Path]) -> dict[str, tuple[Images, Array]]:
+    """Return images of one test sequence of each object, with key points."""
+    network, _ = _load_network(out)
     found = {}
     for name in SHAPES:
         images = read_images(next(path for path in files if path.stem.startswith(name)))
-        found[name] = (images, *keypoints_of(network, images))
+        found[name] = images, keypoints_of(network, images)[0]
     return found
+
+
+def _load_network(out: Path) -> tuple[KeypointNetwork, Array]:
+    saved = torch.load(out / "model.pt", weights_only=True)
+    network = KeypointNetwork()
+    network.load_state_dict(saved["network"])
+    return network, saved["weights"].numpy()
+
+
+def _scale(errors: Array) -> Any:
+    """Return the standard deviation of a typical episode: one in which the contact sticks, as the factors suppose."""
+    return (1.4826 * np.median(np.abs(errors), axis=0)).tolist()  # the median of a Gaussian's absolute values
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    with whole_file(path, overwrite=True) as part:
+        part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

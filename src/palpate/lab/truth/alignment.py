@@ -12,18 +12,10 @@ from scipy.optimize import least_squares
 
 from palpate.errors import FileError
 from palpate.geometry import se2
-from palpate.lab.truth.tracks import TagTrack
+from palpate.lab.truth.camera import TagTrack
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
-
-FEWEST = 20
-"""Pictures of the sensor's tag that are needed."""
-SIGMA = "object_pose_sigma"
-"""Field of a recording's `extra` with the standard deviations of its truth: x, y [m] and angle [rad], (N, 3)."""
-_STEP = 0.01  # [s] between turning rates that are compared
-_ROBOT = np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad] accuracy of the robot's poses
-_ADVICE = "let it turn by 60 or more in the recording, best before the first push"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +49,18 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
         by_robot = se2.compose(sensor_at(tag.time[used] + unknowns[6]), unknowns[3:6])
         return se2.between(by_robot, by_video)
 
-    _check_enough(len(tag.time))
     turned = np.degrees(np.ptp(angle))
+    advice = "let it turn by 60 or more in the recording, best before the first push"
     if turned < 10.0:
-        raise FileError(f"the sensor turns by {turned:.0f} degrees; {_ADVICE}")
-    delay = _delay(time, angle, tag)
+        raise FileError(f"the sensor turns by {turned:.0f} degrees; {advice}")
+    delay = _delay(time, angle, tag) if len(tag.time) > 1 else 0.0
     used = (tag.time + delay > time[0]) & (tag.time + delay < time[-1])
-    _check_enough(int(used.sum()))
+    if used.sum() < 20:
+        raise FileError(f"the sensor's tag is seen in {used.sum()} pictures of the recording's time, 20 are needed")
     table = _laid_over(sensor_at(tag.time[used] + delay), tag.pose[used])
     mount = se2.between(sensor_at(tag.time[used] + delay), se2.compose(table, tag.pose[used]))
     start = np.concatenate([table, [0.0, 0.0, np.angle(np.exp(1j * mount[:, 2]).mean())], [delay]])
-    noise = tag.sigma + _ROBOT
+    noise = tag.sigma + np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad], the latter of the robot
 
     def residuals(unknowns: Array) -> Array:
         # The tag is within some 5 cm of the sensor's origin.
@@ -80,7 +73,7 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
     if (largest := sigma[:2].max()) > 1e-3:
         raise FileError(
             f"the table's place in the world is known to {largest * 1e3:.1f} mm only: the sensor turns by "
-            f"{turned:.0f} degrees; {_ADVICE}"
+            f"{turned:.0f} degrees; {advice}"
         )
     off = difference(found.x, used)[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
@@ -88,7 +81,10 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
 
 
 def with_truth(recording: Recording, tag: TagTrack, alignment: Alignment) -> Recording:
-    """Return the recording with the object's poses in the world from its tag in the video; NaN if it is not seen."""
+    """Return the recording with the object's poses in the world from its tag in the video; NaN if it is not seen.
+
+    Its `extra` has their standard deviations as object_pose_sigma, (N, 3) [m, m, rad].
+    """
     table = alignment.sigma[:3]
     away = np.linalg.norm(tag.pose[:, :2], axis=1, keepdims=True)
     place = np.sqrt(tag.sigma[:2] ** 2 + table[:2] ** 2 + (table[2] * away) ** 2)
@@ -97,7 +93,7 @@ def with_truth(recording: Recording, tag: TagTrack, alignment: Alignment) -> Rec
     pose, sigma = _at_times(recording.time, tag.time + alignment.delay, pose, sigma)
     how = f"by an overhead camera and a tag {tag.height * 1e3:.0f} mm over the table, {alignment.delay:.3f} s apart"
     frames = recording.frames | {"object_pose": how}
-    return replace(recording, object_pose=pose, extra={**recording.extra, SIGMA: sigma}, frames=frames)
+    return replace(recording, object_pose=pose, extra={**recording.extra, "object_pose_sigma": sigma}, frames=frames)
 
 
 def _at_times(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Array, Array]:
@@ -110,23 +106,18 @@ def _at_times(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Arra
     return np.where(known, se2.interpolated(when, time, pose), np.nan), np.where(known, spread, np.nan)
 
 
-def _check_enough(count: int) -> None:
-    if count < FEWEST:
-        raise FileError(f"the sensor's tag is seen in {count} pictures of the recording's time, {FEWEST} are needed")
-
-
 def _delay(time: Array, angle: Array, tag: TagTrack) -> float:
     """Return the delay [s] at which the turning rates of sensor and tag differ least, independent of the mounting.
 
     All of the video counts; the sensor is taken to rest before and after its recording.
     """
-    robot, video = _turning(time, angle), _turning(tag.time, np.unwrap(tag.pose[:, 2]))
+    step = 0.01  # [s]
+    robot, video = (
+        np.diff(np.interp(np.arange(when[0], when[-1], step), when, turned))
+        for when, turned in ((time, angle), (tag.time, np.unwrap(tag.pose[:, 2])))
+    )
     agreement = 2.0 * np.correlate(robot, video, "full") - np.correlate(robot**2, np.ones(len(video)), "full")
-    return float((np.argmax(agreement) - (len(video) - 1)) * _STEP + time[0] - tag.time[0])
-
-
-def _turning(time: Array, angle: Array) -> Array:
-    return np.diff(np.interp(np.arange(time[0], time[-1], _STEP), time, angle))
+    return float((np.argmax(agreement) - (len(video) - 1)) * step + time[0] - tag.time[0])
 
 
 def _laid_over(sensor: Array, tag: Array) -> Array:
