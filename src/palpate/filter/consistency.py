@@ -5,6 +5,7 @@
 - Disturbance: they contradict each other so clearly that something else may have moved the object.
 - Contradiction: measured poses of the object are far from its estimate, or put its outline far from the contact.
 - Displacement: the sensor is inside the untouched object's outline, or touches the object far from its outline.
+- Ambiguity: several hypotheses are likely and far apart.
 - Uncertainty: the covariance is too large for a linearised one to be reliable.
 """
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings
-from palpate.filter.hypotheses import Hypotheses
+from palpate.filter.hypotheses import LIKELY, POOR, Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, overlap, true_angle
 from palpate.graph.contact_geometry import ContactModel, reaches
@@ -48,6 +49,7 @@ _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand
 _FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] standard deviations at which a displaced object is found again
 _ALONG = np.linspace(-1.0, 1.0, 7)  # places along the outline where directions are compared, over the likely length
 _UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad] standard deviations too large to be reliable
+_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad] distance between ambiguous poses
 _CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
 _SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
@@ -151,8 +153,11 @@ class ConsistencyMonitor:
         inconsistency = np.where(tested, np.maximum(rows.inconsistency, inflated), rows.inconsistency)
         return replace(rows, squares=squares, inconsistency=inconsistency)
 
-    def assessed(self, rows: Hypotheses, in_contact: bool) -> tuple[Array, Status, str]:
-        """Return the covariances to report (B, 3, 3), the status of the first hypothesis, and a reason that it has."""
+    def assessed(self, rows: Hypotheses, in_contact: bool) -> tuple[Array, Array, Status, str]:
+        """Return what to report: the covariance of all hypotheses about the best, those of each, status and reason.
+
+        Covariances are in the tangent space at the pose (right, body frame), status and reason are of the best one.
+        """
         known = rows.belief.covariance[:, :3, :3].copy()
         known[:, 2, 2] += rows.unobservable_yaw
         covariance = rows.inconsistency[:, None, None] * known + self._calibration
@@ -173,7 +178,12 @@ class ConsistencyMonitor:
             status = "uncertain"
         elif in_contact and rows.inconsistency[0] > 1.0:
             status = "strained"
-        return covariance if in_contact else covariance + self.displacement_covariance(rows), status, reason
+        if not in_contact:
+            covariance = covariance + self.displacement_covariance(rows)
+        if len(covariance) == 1:
+            return covariance[0], covariance, status, reason
+        joint, ambiguity = _joint(rows.belief.pose, covariance, rows.weight)
+        return joint, covariance, status if ambiguity is None else "ambiguous", reason or ambiguity or ""
 
     def displacement_covariance(self, rows: Hypotheses) -> Array:
         """Return the covariance (B, 3, 3) of a displacement: twice its size, since a gap shows one direction of it."""
@@ -218,6 +228,27 @@ class ConsistencyMonitor:
 def is_uncertain(covariance: Array) -> bool:
     """Return True if a covariance (3, 3) of the object's pose is too large to be reliable."""
     return bool((np.diagonal(covariance) > _UNCERTAIN**2).any())
+
+
+def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:
+    """Return the covariance (3, 3) of all hypotheses about the best, and what makes them ambiguous in words.
+
+    The covariance is in the tangent space at its pose (right, body frame). They are ambiguous if another hypothesis is
+    likely and far from the best, or if all together are spread out.
+    """
+    from_best = se2.log(se2.between(poses[0], poses))
+    joint = np.zeros((3, 3))
+    for weight, covariance, apart in zip(weights, covariances, from_best, strict=True):
+        joint += weight * (covariance + np.outer(apart, apart))
+    is_far = (np.abs(from_best) > _APART).any(axis=1)
+    is_spread = (np.diagonal(joint) > _APART**2).any()
+    if np.count_nonzero(weights) < 2 or not (is_spread or ((weights > LIKELY) & is_far).any()):
+        return joint, None
+    apart = np.abs(from_best[weights > 0.5 * POOR])
+    if len(apart) < 2:
+        return joint, ""
+    far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
+    return joint, f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 
 
 def true_directions(step: Step, belief: Belief, sign: Array) -> list[tuple[Array, float]]:

@@ -20,6 +20,8 @@ Counts = NDArray[np.int64]
 
 MOST_YOUNG = 20
 """Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
+LIKELY = 0.1
+"""Weight from which a hypothesis makes an estimate ambiguous, and is watched for disturbances."""
 POOR = 1e-3
 """Weight, relative to the best hypothesis, below which one hardly counts."""
 AHEAD = 6

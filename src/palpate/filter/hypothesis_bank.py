@@ -25,9 +25,8 @@ from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, POOR, Hypotheses, branched, costs_of_contact, worth_keeping
+from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Hypotheses, branched, costs_of_contact, worth_keeping
 from palpate.filter.rest import measured_at_rest
-from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step, make_factors
@@ -42,8 +41,6 @@ Array = NDArray[np.float64]
 _BACK = 10  # steps before an alarm in which a hand may have moved the object
 _SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
 _SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the sensor that become hypotheses
-_LIKELY = 0.1  # weight from which a hypothesis makes an estimate ambiguous, and is watched for disturbances
-_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad] distance between ambiguous poses
 _UNDECIDED = 0.48  # [s] for which one group is contradicted and the other is not: 15 frames at 30 Hz
 _EDGE = 0.02
 """Angle over which sticking turns into sliding at the cone's edge [rad]. While a contact slides, the graph holds the
@@ -133,13 +130,8 @@ class HypothesisBank:
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
         rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
         poses, weights, belief = rows.belief.pose, rows.weight, rows.belief
-        covariances, status, reason = self._monitor.assessed(rows, window is not None)
-        covariance, ambiguity = covariances[0], None
-        if len(weights) > 1:
-            covariance, ambiguity = _joint(poses, covariances, weights)
-        if ambiguity is not None:
-            status, reason = "ambiguous", reason or ambiguity
-        elif self._is_indeterminate:
+        covariance, covariances, status, reason = self._monitor.assessed(rows, window is not None)
+        if self._is_indeterminate and status != "ambiguous":
             status = "indeterminate"
         if hidden_motion:
             covariance = covariance + self._monitor.covariance_of_motion(hidden_motion)
@@ -331,7 +323,7 @@ class HypothesisBank:
     def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
         rows = self._rows
-        is_watched = (rows.weight > _LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
+        is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         alarms = is_watched & disturbance_alarms(window, self._steps, is_suspicion_enough=True)
         for is_mirror in (True, False) if alarms.any() else ():
             group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
@@ -429,24 +421,3 @@ class HypothesisBank:
             self._window = None
             raise EstimationError("the linear system of the window is indeterminate")
         self._take(~window.is_lost)
-
-
-def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:
-    """Return the covariance (3, 3) of all hypotheses about the best, and what makes them ambiguous in words.
-
-    The covariance is in the tangent space at its pose (right, body frame). They are ambiguous if another hypothesis is
-    likely and far from the best, or if all together are spread out.
-    """
-    from_best = se2.log(se2.between(poses[0], poses))
-    joint = np.zeros((3, 3))
-    for weight, covariance, apart in zip(weights, covariances, from_best, strict=True):
-        joint += weight * (covariance + np.outer(apart, apart))
-    is_far = (np.abs(from_best) > _APART).any(axis=1)
-    is_spread = (np.diagonal(joint) > _APART**2).any()
-    if np.count_nonzero(weights) < 2 or not (is_spread or ((weights > _LIKELY) & is_far).any()):
-        return joint, None
-    apart = np.abs(from_best[weights > 0.5 * POOR])
-    if len(apart) < 2:
-        return joint, ""
-    far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
-    return joint, f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
