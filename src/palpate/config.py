@@ -262,17 +262,6 @@ class NoiseSettings:
     priors: Priors = Priors()
 
 
-STICKING = NoiseSettings(
-    direction=DirectionSettings(share=0.8),
-    turn=TurnSettings(share=20.0),
-    sticking=StickingSettings(share=0.05, sliding_share=0.05),
-    balance=BalanceSettings(still=1e-6, share=0.5),
-    friction_cone=FrictionConeSettings(share=None),
-    priors=Priors(friction_ratio=(0.0, 1e-6), friction_center=(0.0, 1e-6)),
-)
-"""A contact that sticks: c and centre of friction are known, balance hardly counts. Better if the object is disturbed
-and touch measures yaw alone; overconfident if the contact slides."""
-
 _KNOWN = (0.0, 1e-9)
 PUBLISHED = NoiseSettings(
     sensor_pose=SensorPoseSettings(deviation=(1e-5, 1e-5, 1e-5), calibration=(0.0, 0.0, 0.0)),
@@ -289,7 +278,7 @@ PUBLISHED = NoiseSettings(
 """Settings of the paper's experiments, from the authors' published code. Pushing hardly counts, so that a contradiction
 between it and touch does not show."""
 
-PRESETS = {"palpate": NoiseSettings(), "sticking": STICKING, "published": PUBLISHED}
+PRESETS = {"palpate": NoiseSettings(), "published": PUBLISHED}
 
 
 @dataclass(frozen=True)

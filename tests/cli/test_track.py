@@ -184,7 +184,7 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["push.mcap", "--tactile", "learnt"], "has no images, which tactile learnt needs"),
         ([], "no FILE"),
         (["push.mcap", "--pressure", "nan"], "uniform, rim, corner or a friction radius"),
-        (["push.mcap", "--noise", "loud"], "'palpate', 'sticking', 'published' or a file"),
+        (["push.mcap", "--noise", "loud"], "'palpate', 'published' or a file"),
         (["push.mcap", "--hypotheses", 0], "hypotheses is 0"),
         (["push.mcap", "--first-pose-sigma", 0, 1, 1], "it must be three numbers above 0"),
         (["push.mcap", "--first-pose", "a", 0, 0], "--first-pose is 'a 0 0'; it must be three numbers"),

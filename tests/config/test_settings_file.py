@@ -46,7 +46,7 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
     assert noise_of(str(written(tmp_path / "mine.json"))) == CHANGED
     (tmp_path / "published").write_text("not the preset")
     assert noise_of("published") == PUBLISHED
-    with pytest.raises(SettingError, match="allowed are 'palpate', 'sticking', 'published' or a file of"):
+    with pytest.raises(SettingError, match="allowed are 'palpate', 'published' or a file of"):
         noise_of("magic")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from push_samples import SHAPES, Linear, rows_of, sensor, touching, values_at, with_settings
 
-from palpate.config import PUBLISHED, STICKING, NoiseSettings
+from palpate.config import PUBLISHED, NoiseSettings
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.variables import (
@@ -159,10 +159,9 @@ def test_the_weights_of_direction_and_turn(kernel):
         np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, 1e4 if kernel is None else 1e3], rtol=1e-3)
 
 
-def test_published_and_sticking_settings():
+def test_published_settings():
     angle = np.array([0.0, 0.5, 3.0])
-    for noise in (PUBLISHED, STICKING):
-        found = sigmas(noise, angle)
-        assert (found == found[0]).all()
-        assert np.isinf(found[:, 3]).all()
+    found = sigmas(PUBLISHED, angle)
+    assert (found == found[0]).all()
+    assert np.isinf(found[:, 3]).all()
     np.testing.assert_allclose(sigmas(PUBLISHED, angle, 0.1)[:, :3], 1e-3)

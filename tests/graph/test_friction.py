@@ -18,7 +18,7 @@ from push_samples import (
 from slide_samples import DEEPER, slid
 from smoother_samples import FELT, ROBUST, belief_at
 
-from palpate.config import STICKING, NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
@@ -120,7 +120,7 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
     # Of a slide the grip is learnt as well.
     assert belief.covariance[0, -1, -1] < 0.7 * ROBUST.priors.grip[1] ** 2
     # Taken for sticking it is missed altogether, and nothing says so.
-    stuck = with_settings(STICKING, first_pose={"deviation": ROBUST.first_pose.deviation})
+    stuck = with_settings(ROBUST, sticking={"sliding_share": 0.05}, friction_cone={"share": None})
     _, along, nees = followed(o, e, stuck, seed)
     assert abs(along) > 0.9 * abs(way)
     assert nees > 100.0

@@ -28,7 +28,7 @@ ShapeUnit = Literal["m", "cm", "mm", "in"]
 Numbers = tuple[float, float, float]
 """A pose or its standard deviations [m, m, rad]."""
 
-NOISE = "palpate|sticking|published|FILE"
+NOISE = "palpate|published|FILE"
 """The metavar of an option that takes noise settings."""
 
 
