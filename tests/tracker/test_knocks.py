@@ -86,19 +86,6 @@ def test_a_knock_while_truth_is_unknown():
     assert knocks(replace(recording, object_pose=pose)) == []
 
 
-def test_simulation_tells_its_knocks():
-    told = np.zeros(40)
-    told[3], told[5], told[6] = 1.0, np.nan, 0.5
-    recording = pushed(sideways=[20, 21, 22])
-    assert knocks(replace(recording, extra={"knocked": told})) == [(3, 3), (6, 6)]
-
-
-def test_nothing_is_found_without_truth_or_contact():
-    recording = pushed(sideways=[20, 21, 22])
-    assert knocks(replace(recording, object_pose=None)) == []
-    assert knocks(replace(recording, contact=None)) == []
-
-
 def test_knocks_of_real_pushes(shared_data: Path):
     """By hands that were seen in plots of how the squares moved; [s]."""
     times = {

@@ -15,12 +15,10 @@ from palpate import (
     Frame,
     FrameError,
     Measurement,
-    NoiseSettings,
     ObjectPose,
     OwnMeasurement,
     SensorProfile,
     Tracker,
-    TrackerSettings,
 )
 
 SEEN = ObjectPose(np.zeros(3), 1e-4 * np.eye(3))
@@ -116,7 +114,7 @@ class Tells:
             "has a measurement ContactDirection, which is of one tip, and the sensor has 2",
         ),
         (None, "has measurements of type NoneType; they must be a list of measurements"),
-        *((BAD[name][0]["measurements"], BAD[name][1]) for name in BAD if "measurements" in BAD[name][0]),
+        ([OfNothing()], "variable 'detph' is not known; known are"),
     ],
 )
 def test_touch_of_ones_own_is_checked_as_measurements_are(told, words):
@@ -157,11 +155,3 @@ def test_lists_are_taken_where_arrays_are():
         listed: Any = {"sensor_pose": frame.sensor_pose.tolist(), "object_pose": tuple(frame.object_pose)}
         given = dataclasses.replace(frame, **listed)
         assert lists.update(given, seen) == arrays.update(frame, seen)
-
-
-def test_a_measurement_may_come_alone():
-    tracker = Tracker(SHAPES["disc"], sensor(), np.zeros(3))
-    alone: Any = SEEN
-    both = Tracker(SHAPES["disc"], sensor(), np.zeros(3)).update(small_frame(), [SEEN])
-    assert tracker.update(small_frame(measurements=alone)) == both
-    assert isinstance(SEEN, Measurement) and TrackerSettings().noise == NoiseSettings()
