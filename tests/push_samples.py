@@ -16,7 +16,7 @@ from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surfa
 from palpate.graph.factors import LINEAR, NAMES, ROW, STEP, Step, make_factors
 from palpate.graph.gauss_newton import linearise
 from palpate.graph.pushing import force_angle
-from palpate.graph.se2_kernels import rotation
+from palpate.graph.se2_kernels import position, rotation
 from palpate.graph.variables import IN_SHARED, OBJECT_SIZE, Variable
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.types.measurements import ContactDirection, Frame, Measurement
@@ -85,7 +85,7 @@ def _linearise(steps: Array, rows: Array, terms: Array, settings: Any, surface: 
         for k in range(steps.shape[1]):
             now = steps[b, k]
             now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
-            put_touch(now.g, surface, parts, now.touch)
+            put_touch(position(now.g), now.turn_g, surface, parts, now.touch)
         for k in range(steps.shape[1]):
             steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings)
         for t in range(len(terms)):

@@ -2,8 +2,8 @@
 
 They are eliminated step by step, oldest first. The numbers of two steps and of the shared variables form one small
 system (WIDTH,): once the older step is eliminated, the rest is a Gaussian on the newer step and the shared variables,
-which is all that the past says about what follows. The cost is proportional to the number of steps. Only upper
-triangles are used.
+which is all that the past says about what follows. The cost is proportional to the number of steps. Of all matrices only
+upper triangles count.
 """
 
 import math
@@ -20,19 +20,17 @@ def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array
 
     Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (stop - first, WIDTH) and y.
     """
-    for i in range(first, WIDTH):
-        for c in range(min(i, stop) - first):
-            factor = root[c, i]
-            gradient[i] -= factor * y[c]
+    for p in range(first, stop):
+        if not system[p, p] > 0.0:  # not for NaN either
+            return False
+        row, share = root[p - first], 1.0 / math.sqrt(system[p, p])
+        for j in range(p, WIDTH):
+            row[j] = share * system[p, j]
+        y[p - first] = share * gradient[p]
+        for i in range(p + 1, WIDTH):
+            gradient[i] -= row[i] * y[p - first]
             for j in range(i, WIDTH):
-                system[i, j] -= factor * root[c, j]
-        if i < stop:
-            if not system[i, i] > 0.0:  # not for NaN either
-                return False
-            pivot = math.sqrt(system[i, i])
-            y[i - first] = gradient[i] / pivot
-            for j in range(i, WIDTH):
-                root[i - first, j] = system[i, j] / pivot
+                system[i, j] -= row[i] * row[j]
     return True
 
 
@@ -88,13 +86,13 @@ def last_covariance(root: Array, covariance: Array) -> None:
 @compiled
 def inflate(variance: Array, information: Array, gradient: Array) -> None:
     """Let numbers of a Gaussian (N,) change at random, with these variances (N,)."""
+    pulled = np.empty(len(variance))
     for p in range(len(variance)):
         if variance[p] > 0.0:
-            pulled = information[p] / (information[p, p] + 1.0 / variance[p])
-            change = gradient[p]
+            left, change = 1.0 / (information[p, p] + 1.0 / variance[p]), gradient[p]
             for i in range(len(variance)):
-                gradient[i] -= change * pulled[i]
-            row = information[p].copy()
+                pulled[i] = information[p, i]
             for i in range(len(variance)):
+                gradient[i] -= change * left * pulled[i]
                 for j in range(len(variance)):
-                    information[i, j] -= row[i] * pulled[j]
+                    information[i, j] -= left * pulled[i] * pulled[j]

@@ -138,23 +138,22 @@ def _touching(g: Array, surface: Surface, out: Records) -> None:
     parts = np.empty(len(surface.parts), CONTACT_GEOMETRY)
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
-            put_touch(g[b, k], surface, parts, out[b, k])
+            put_touch(position(g[b, k]), rotation(g[b, k, 2]), surface, parts, out[b, k])
 
 
 @compiled
-def put_touch(pose: Array, surface: Surface, parts: Records, touch: Records) -> None:
-    """Write the geometry at a sensor pose (3,) in the object frame to `touch`; `parts` (n,) is room for the parts."""
+def put_touch(place: complex, turn: complex, surface: Surface, parts: Records, touch: Records) -> None:
+    """Write the geometry at a sensor pose in the object frame to `touch`; `parts` (n,) is room for the parts."""
     for i in range(len(parts)):
-        _put_round(pose, surface.parts[i], surface, parts[i])
+        _put_round(place, turn, surface.parts[i], surface, parts[i])
     _put_mean(parts, touch)
 
 
 @compiled
-def _put_round(pose: Array, center: complex, surface: Surface, touch: Records) -> None:
+def _put_round(place: complex, turn: complex, center: complex, surface: Surface, touch: Records) -> None:
     """Write the geometry of one round part, whose centre is given in the sensor frame, to `touch`."""
     radius = surface.radius
-    turn = rotation(pose[2])
-    placed = position(pose) + turn * center
+    placed = place + turn * center
     distance, normal, bend_x, bend_y = _distance(placed, surface)
     normal_in_sensor = turn.conjugate() * normal
     touch.gap = distance - radius

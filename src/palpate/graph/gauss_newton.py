@@ -13,7 +13,7 @@ from palpate.graph.block_tridiagonal import eliminate, inflate, last_covariance,
 from palpate.graph.compiled import Array, Records, compiled
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, Surface, put_touch
 from palpate.graph.factors import FIRST_POSE, FRICTION_CONE, LINEAR, OWN, STICKING
-from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
+from palpate.graph.se2_kernels import adjoint, between, copy, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import CONTACT_SIZE, LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
@@ -68,10 +68,11 @@ def improve(
         if not changing[b]:
             continue
         row = rows[b]
-        row.at_shared[:] = row.shared
+        copy(row.shared, row.at_shared)
         for k in range(steps.shape[1]):
             now = steps[b, k]
-            now.at_g[:], now.at_e[:] = now.g, now.e
+            copy(now.g, now.at_g)
+            copy(now.e, now.at_e)
             _put_touch(now, surface, parts)
         is_found = _eliminate_steps(steps[b], row, terms, settings, drift, own[b], room, root, y, last_root, last_y)
         if is_found and _move(steps[b], row, root, y, last_root, last_y):
@@ -79,16 +80,17 @@ def improve(
             _conclude(steps[b], row, terms, settings, last_root, room)
             continue
         row.is_lost, row.change = True, 0.0
-        row.shared[:] = row.at_shared
+        copy(row.at_shared, row.shared)
         for k in range(steps.shape[1]):
-            steps[b, k].g[:], steps[b, k].e[:] = steps[b, k].at_g, steps[b, k].at_e
+            copy(steps[b, k].at_g, steps[b, k].g)
+            copy(steps[b, k].at_e, steps[b, k].e)
 
 
 @compiled
 def _put_touch(now: Records, surface: Surface, parts: Records) -> None:
     """Write rotations and contact geometry, which several kernels use."""
     now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
-    put_touch(now.g, surface, parts, now.touch)
+    put_touch(position(now.g), now.turn_g, surface, parts, now.touch)
 
 
 @compiled
@@ -110,7 +112,9 @@ def _eliminate_steps(
     _begin_with_past(steps[0], row, system, gradient)
     for k in range(len(steps)):
         now, before = steps[k], steps[max(k - 1, 0)]
-        now.cost[:], now.squares[:] = 0.0, 0.0
+        now.cost[0] = now.cost[1] = 0.0
+        for kind in range(len(now.squares)):
+            now.squares[kind] = 0.0
         now.force_angle = pushing.force_angle(steps, k, row, settings)
         if k > 0:
             step_into_past(system, gradient)
@@ -161,7 +165,7 @@ def _begin_with_past(oldest: Records, row: Records, system: Array, gradient: Arr
 @compiled
 def _write_next_past(row: Records, drift: Array, system: Array, gradient: Array) -> None:
     """Write what the oldest step will say about the next one once it has left; all its terms are in the system."""
-    system, gradient = system.copy(), gradient.copy()
+    system, gradient = np.copy(system), np.copy(gradient)
     is_found = eliminate(0, STEP_SIZE, system, gradient, np.empty((STEP_SIZE, WIDTH)), np.empty(STEP_SIZE))
     for i in range(LAST_SIZE):
         row.next_gradient[i] = gradient[STEP_SIZE + i] if is_found else math.nan
@@ -174,20 +178,16 @@ def _write_next_past(row: Records, drift: Array, system: Array, gradient: Array)
 @compiled
 def _add(count: int, out: Records, system: Array, gradient: Array) -> None:
     """Add the rows of a term to the system, and clear them."""
-    used = np.empty(WIDTH, np.int64)
     for r in range(count):
-        row, weight, size = out.jacobian[r], out.weight[r], 0
-        for c in range(WIDTH):
-            if row[c] != 0.0:
-                used[size] = c
-                size += 1
-        for i in range(size):
-            pull = weight * row[used[i]]
-            gradient[used[i]] -= pull * out.residual[r]
-            for j in range(i, size):
-                system[used[i], used[j]] += pull * row[used[j]]
-        for i in range(size):
-            row[used[i]] = 0.0
+        row = out.jacobian[r]
+        for i in range(WIDTH):
+            if row[i] != 0.0:
+                pull = out.weight[r] * row[i]
+                gradient[i] -= pull * out.residual[r]
+                for j in range(i, WIDTH):
+                    system[i, j] += pull * row[j]
+        for i in range(WIDTH):
+            row[i] = 0.0
 
 
 @compiled
@@ -225,7 +225,7 @@ def _move(steps: Records, row: Records, root: Array, y: Array, last_root: Array,
         if k > 0:
             if not substitute_back(0, root[k - 1], y[k - 1], change):
                 return False
-            change[STEP_SIZE : 2 * STEP_SIZE] = change[:STEP_SIZE]
+            copy(change[:STEP_SIZE], change[STEP_SIZE : 2 * STEP_SIZE])
     row.change = largest
     return True
 
@@ -244,7 +244,8 @@ def _conclude(steps: Records, row: Records, terms: Records, settings: Records, l
             for r in range(count):
                 place = r if terms[t].kind == STICKING else 2
                 row.errors[place] = abs(out.residual[r]) * math.sqrt(out.information[r])
-                out.jacobian[r] = 0.0
+                for c in range(WIDTH):
+                    out.jacobian[r, c] = 0.0
         t -= 1
     turn = rotation(now.e[2] - now.g[2])
     place_now = position(now.e) - turn * position(now.g)
@@ -260,7 +261,9 @@ def _put_object_covariance(g: Array, row: Records, last_root: Array) -> None:
     last_covariance(last_root, covariance)
     adjoint(g, turned)
     by_last = np.zeros((3 + OBJECT_SIZE, LAST_SIZE))
-    by_last[:3, :3], by_last[:3, 3:STEP_SIZE] = -turned, turned
+    for r in range(3):
+        for c in range(3):
+            by_last[r, c], by_last[r, 3 + c] = -turned[r, c], turned[r, c]
     for i in range(OBJECT_SIZE):
         by_last[3 + i, STEP_SIZE + CONTACT_SIZE + i] = 1.0
     for i in range(3 + OBJECT_SIZE):

@@ -50,6 +50,13 @@ def dot(a: complex, b: complex) -> float:
 
 
 @compiled
+def copy(numbers: Array, out: Array) -> None:
+    """Write numbers (N,) to out (N,); slice assignments of Numba take seconds to compile."""
+    for i in range(len(out)):
+        out[i] = numbers[i]
+
+
+@compiled
 def between(a: Array, b: Array, out: Array) -> None:
     """Write the pose b (3,) as seen from a (3,) to out (3,)."""
     seen = (position(b) - position(a)) * rotation(-a[2])
