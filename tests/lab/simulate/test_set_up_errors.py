@@ -11,7 +11,7 @@ from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
-from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, with_errors, worn
+from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, with_errors
 from palpate.lab.simulate.unit import draw_unit
 from palpate.pipeline.track import track
 
@@ -80,14 +80,6 @@ def test_a_grain_and_a_scratch_appear_and_stay():
     for image in (early, late):  # the scratch is there from the first image on, 3 px across and 60 px long
         rows_columns = np.argwhere((image == -30).all(axis=2))
         assert rows_columns.min(axis=0).tolist() == [131, 119] and rows_columns.max(axis=0).tolist() == [189, 121]
-
-
-def test_wear_changes_an_image_by_less_than_a_grey_level_at_a_time():
-    time = np.arange(20 * 30) / 30.0
-    levels = [float(now.no_contact.mean(axis=(0, 1))[1]) for now in worn(UNIT, Wear(RISE, ()), time)]
-    assert levels[0] == 120.0 and levels[-1] < 118.0 and levels[-1] == levels[16 * 30]
-    assert np.abs(np.diff(levels)).max() < 1.0
-    assert all(now is UNIT for now in worn(UNIT, None, time))
 
 
 def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):

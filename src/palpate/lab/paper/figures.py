@@ -1,6 +1,6 @@
 """Figures 5 to 8 and 10 to 12 of the paper."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,34 +15,41 @@ from palpate.geometry import se2
 Array = NDArray[np.float64]
 Tracks = Mapping[str, Mapping[str, Any]]
 COLOURS = {"none": "#000000", "const": "#E69F00", "learnt": "#0072B2", "oracle": "#009E73", "palpate": "#D55E00"}
+UNITS = ("translation [mm]", "rotation [deg]")
 
 
-def draw(out: Path, tracks: Tracks, images: Mapping[str, Any]) -> None:
+def draw(out: Path, tracks: Tracks) -> None:
     """Write all figures to a folder."""
-    figures: dict[str, Callable[[], Figure]] = {
-        "fig5_keypoints": lambda: keypoints(images),
-        "fig6_error_over_time": lambda: errors_over_time(tracks),
-        "fig7_final_error": lambda: finalerrors(tracks),
-        "fig8_runtime": lambda: runtime(tracks),
-        "fig10_11_rect": lambda: trajectories({name: each for name, each in tracks.items() if name.startswith("rect")}),
-        "fig12_disc_ellip": lambda: trajectories({n: each for n, each in tracks.items() if not n.startswith("rect")}),
+    rectangles = {name: track for name, track in tracks.items() if name.startswith("rect")}
+    others = {name: track for name, track in tracks.items() if name not in rectangles}
+    figures = {
+        "fig5_keypoints": keypoints([next(iter(rectangles.values())), *list(others.values())[:: len(others) - 1]]),
+        "fig6_error_over_time": errors_over_time(tracks),
+        "fig7_final_error": final_errors(tracks),
+        "fig8_runtime": runtime(tracks),
+        "fig10_11_rect": trajectories(rectangles),
+        "fig12_disc_ellip": trajectories(others),
     }
-    for name, make in figures.items():
+    for name, figure in figures.items():
         with whole_file(out / f"{name}.png", overwrite=True) as part:
-            make().savefig(part, format="png", dpi=110)
+            figure.savefig(part, format="png", dpi=110)
 
 
-def keypoints(images: Mapping[str, Any]) -> Figure:
+def errors(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
+    """Return errors of translation (N,) [mm] and rotation (N,) [degrees] of a tracked sequence."""
+    off = se2.between(track["truth"], track[f"{mode}_pose"])
+    return 1e3 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(se2.wrap(off[:, 2])))
+
+
+def keypoints(tracks: list[Mapping[str, Any]]) -> Figure:
     """Figure 5: key points on touch images over a contact, a row for each object."""
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
-    for row, (name, (seen, points)) in zip(figure.subplots(3, 6), images.items(), strict=True):
-        for axes, k in zip(row, np.linspace(0, len(points) - 1, 6).astype(int), strict=True):
-            shown = np.clip(0.5 + 0.3 * seen.difference[k].astype(np.float32), 0.0, 1.0)
-            height, width = shown.shape[:2]
-            axes.imshow(shown, aspect=4 / 3 * width / height)
-            axes.plot(*(0.5 * (points[k] + 1.0) * (width, height) - 0.5), "o", color="blue", markersize=5)
+    for row, track in zip(figure.subplots(len(tracks), len(tracks[0]["images"])), tracks, strict=True):
+        for axes, image, point in zip(row, track["images"], track["keypoints"], strict=True):
+            height, width = image.shape[:2]
+            axes.imshow(np.clip(0.5 + 0.3 * image.astype(np.float32), 0.0, 1.0), aspect=4 / 3 * width / height)
+            axes.plot(*(0.5 * (point + 1.0) * (width, height) - 0.5), "o", color="blue", markersize=5)
             axes.set_axis_off()
-        row[0].set_title(name, loc="left", fontsize=9)
     return figure
 
 
@@ -50,29 +57,28 @@ def errors_over_time(tracks: Tracks) -> Figure:
     """Figure 6 (e, f): RMSE over the time so far, mean over the sequences and a standard deviation, semi-log."""
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     count = min(len(track["time"]) for track in tracks.values())
-    for axes, which, unit in zip(figure.subplots(1, 2), (0, 1), ("translation [mm]", "rotation [deg]"), strict=True):
+    time = next(iter(tracks.values()))["time"][:count]
+    for which, axes in enumerate(figure.subplots(1, 2)):
         for mode, colour in COLOURS.items():
             curves = np.array([errors(track, mode)[which][:count] for track in tracks.values()])
             rmse = np.sqrt(np.cumsum(curves**2, axis=1) / np.arange(1, count + 1)) + 1e-3
             mean, deviation = rmse.mean(axis=0), rmse.std(axis=0)
-            time = next(iter(tracks.values()))["time"][:count]
             axes.semilogy(time - time[0], mean, color=colour, label=mode)
-            axes.fill_between(
-                time - time[0], np.maximum(mean - deviation, 1e-2), mean + deviation, color=colour, alpha=0.1
-            )
-        axes.set(xlabel="time [s]", ylabel=f"RMSE of {unit}")
+            below = np.maximum(mean - deviation, 1e-2)
+            axes.fill_between(time - time[0], below, mean + deviation, color=colour, alpha=0.1)
+        axes.set(xlabel="time [s]", ylabel=f"RMSE of {UNITS[which]}")
         axes.set_ylim(bottom=1e-2)
     figure.axes[0].legend(fontsize=8)
     return figure
 
 
-def finalerrors(tracks: Tracks) -> Figure:
+def final_errors(tracks: Tracks) -> Figure:
     """Figure 7: box plots of final errors, semi-log."""
     figure = Figure(figsize=(7.5, 3.4), layout="constrained")
-    for axes, which, unit in zip(figure.subplots(1, 2), (0, 1), ("translation [mm]", "rotation [deg]"), strict=True):
+    for which, axes in enumerate(figure.subplots(1, 2)):
         final = [[max(errors(track, mode)[which][-1], 1e-3) for track in tracks.values()] for mode in COLOURS]
         axes.boxplot(final, tick_labels=list(COLOURS))
-        axes.set(yscale="log", ylabel=f"final error of {unit}")
+        axes.set(yscale="log", ylabel=f"final error of {UNITS[which]}")
     return figure
 
 
@@ -83,9 +89,8 @@ def runtime(tracks: Tracks) -> Figure:
     for mode in ("none", "const", "learnt", "oracle"):
         curves = [track[f"{mode}_ms"][track["episode"] >= 0] for track in tracks.values()]
         count = min(len(curve) for curve in curves)
-        axes.plot(
-            np.median([curve[:count] for curve in curves], axis=0), color=COLOURS[mode], label=mode, linewidth=0.8
-        )
+        median = np.median([curve[:count] for curve in curves], axis=0)
+        axes.plot(median, color=COLOURS[mode], label=mode, linewidth=0.8)
     axes.set(xlabel="step in contact", ylabel="time of a step [ms]", yscale="log")
     axes.legend(fontsize=8)
     return figure
@@ -113,9 +118,3 @@ def _draw_poses(axes: Axes, track: Mapping[str, Any], mode: str, colour: str) ->
     axes.plot(*track["sensor"][:, :2].T, ":", color="#666666", linewidth=0.6)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=5)
-
-
-def errors(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
-    """Return errors of translation (N,) [mm] and rotation (N,) [degrees] of a tracked sequence."""
-    off = se2.between(track["truth"], track[f"{mode}_pose"])
-    return 1e3 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(se2.wrap(off[:, 2])))

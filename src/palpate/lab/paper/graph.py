@@ -5,6 +5,7 @@ the tactile factor (Eq. 5) is a native between factor on g, and the contact fact
 episode has a graph, which starts from the marginal of the last one: between episodes the object rests.
 """
 
+import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 
+_log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 BACK = np.arange(10, 40)
@@ -115,10 +117,10 @@ class Tracker:
         """Frames in the graph of this episode; 0 begins one, for which the object rests where it was estimated."""
         self._isam = gtsam.ISAM2()
 
-    def step(self, sensor_pose: Array, turns: Sequence[tuple[int, float]], sigma: float) -> bool:
-        """Add a frame of contact with turns [rad] since so many frames ago; return False if iSAM2 cannot solve it.
+    def step(self, sensor_pose: Array, turns: Sequence[tuple[int, float]], sigma: float) -> None:
+        """Add a frame of contact with turns [rad] since so many frames ago.
 
-        The estimate is kept then, and the next frame begins a graph from it.
+        If iSAM2 cannot solve it the estimate is kept, and the next frame begins a graph from it.
         """
         t, graph, values = self.steps, gtsam.NonlinearFactorGraph(), gtsam.Values()
         if t == 0:
@@ -143,13 +145,13 @@ class Tracker:
             self._isam.update(graph, values)
             g, e = (_array(self._isam.calculateEstimatePose2(key)) for key in (_g(t), _e(t)))
             of_g, of_e = (self._isam.marginalCovariance(key) for key in (_g(t), _e(t)))
-        except RuntimeError:  # an indeterminate linear system
+        except RuntimeError as error:  # an indeterminate linear system
+            _log.warning("a frame of contact is left out: %s", error)
             self.steps = 0
-            return False
+            return
         turned = se2.adjoint(g)
         self.pose, self.covariance = se2.compose(e, se2.inverse(g)), turned @ (of_g + of_e) @ turned.T
         self.steps += 1
-        return True
 
 
 def track_episodes(
@@ -160,23 +162,23 @@ def track_episodes(
     first_pose: Array,
     sigma: float,
     deviations: Deviations,
-) -> tuple[Array, Array, Array, int]:
+) -> tuple[Array, Array, Array]:
     """Track a sequence of N frames; `turns` has the tactile measurements by frame, `sigma` their deviation [rad].
 
-    Return poses (N, 3), covariances (N, 3, 3), the time of each step (N,) [ms] and the number of frames not solved.
+    Return poses (N, 3), covariances (N, 3, 3) and the time of each step (N,) [ms].
     """
     tracker = Tracker(model, first_pose, deviations)
-    poses, covariances, took, refused = [], [], [], 0
+    poses, covariances, took = [], [], []
     for t, pose in enumerate(sensor_pose):
         begin = time.perf_counter()
         if episode[t] < 0 or (t and episode[t] != episode[t - 1]):
             tracker.steps = 0
         if episode[t] >= 0:
-            refused += not tracker.step(pose, turns.get(t, []), sigma)
+            tracker.step(pose, turns.get(t, []), sigma)
         took.append(1e3 * (time.perf_counter() - begin))
         poses.append(tracker.pose)
         covariances.append(tracker.covariance)
-    return np.array(poses), np.array(covariances), np.array(took), refused
+    return np.array(poses), np.array(covariances), np.array(took)
 
 
 def compared_frames(age: int) -> list[int]:

@@ -100,12 +100,10 @@ def run(out: Path, settings: StudySettings, bar: Bar, workers: int = 1, dask: st
         "deviations": models["deviations"],
         "settings": asdict(settings),
         "sequences": len(tracks),
-        "step_ms": {mode: _step_times(tracks, mode) for mode in MODES[:4]},
-        "not_solved": {mode: int(sum(each[f"{mode}_refused"] for each in tracks.values())) for mode in MODES[:4]},
     }
     _write_json(out / "results.json", results)
     with bar("figures", 1) as progress:
-        figures.draw(out, tracks, _example_images(out, files))
+        figures.draw(out, tracks)
         progress(1)
     return results
 
@@ -205,17 +203,21 @@ def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) ->
 def _track(path: Path, out: Path) -> None:
     """Track a sequence in all modes and write tracks/NAME.npz."""
     torch.set_num_threads(1)
-    network, weights = _load_network(out)
+    saved, network = torch.load(out / "model.pt", weights_only=True), KeypointNetwork()
+    network.load_state_dict(saved["network"])
     deviations = read_json(out / "models.json")["deviations"]
     recording = load_recording(path)
     images, truth, episode = read_images(recording), recording.object_pose, recording.episode
     assert truth is not None and episode is not None
-    earlier, later, found = _turns(network, weights, images)
+    earlier, later, found = _turns(network, saved["weights"].numpy(), images)
     turns: dict[str, dict[int, list[tuple[int, float]]]] = {mode: {} for mode in MODES[:4]}
     for mode, turn in found.items():
         for i, k, angle in zip(earlier.tolist(), later.tolist(), turn.tolist(), strict=True):
             turns[mode].setdefault(int(images.frame[k]), []).append((k - i, angle))
+    shown = np.linspace(0, len(images.frame) - 1, 6).astype(int)
     arrays: dict[str, Any] = {
+        "images": images.difference[shown],
+        "keypoints": keypoints_of(network, images)[0][shown],
         "truth": truth,
         "sensor": recording.sensor_pose,
         "time": recording.time,
@@ -226,16 +228,10 @@ def _track(path: Path, out: Path) -> None:
     physical = Deviations(tuple(deviations["quasi_static"]), deviations["contact"])
     for mode in MODES[:4]:
         sigma = deviations.get(mode, 0.0)
-        arrays |= {
-            f"{mode}_{name}": value
-            for name, value in zip(
-                ("pose", "covariance", "ms", "refused"),
-                track_episodes(
-                    _model(recording), recording.sensor_pose, episode, turns[mode], truth[0], sigma, physical
-                ),
-                strict=True,
-            )
-        }
+        pose, covariance, took = track_episodes(
+            _model(recording), recording.sensor_pose, episode, turns[mode], truth[0], sigma, physical
+        )
+        arrays |= {f"{mode}_pose": pose, f"{mode}_covariance": covariance, f"{mode}_ms": took}
     online = track_with_palpate(recording, TrackerSettings("learnt")).online
     arrays |= {"palpate_pose": online.pose, "palpate_covariance": online.covariance}
     with whole_file(out / "tracks" / f"{path.stem}.npz", overwrite=True) as part, part.open("wb") as file:
@@ -260,28 +256,6 @@ def _summary(tracks: Tracks, mode: str) -> dict[str, float]:
         "lost": int(lost),
         "in_95_share": float(np.mean(inside)),
     }
-
-
-def _step_times(tracks: Tracks, mode: str) -> dict[str, float]:
-    took = np.concatenate([track[f"{mode}_ms"][track["episode"] >= 0] for track in tracks.values()])
-    return {"median": float(np.median(took)), "p95": float(np.percentile(took, 95))}
-
-
-def _example_images(out: Path, files: list[Path]) -> dict[str, tuple[Images, Array]]:
-    """Return images of one test sequence of each object, with key points."""
-    network, _ = _load_network(out)
-    found = {}
-    for name in SHAPES:
-        images = read_images(next(path for path in files if path.stem.startswith(name)))
-        found[name] = images, keypoints_of(network, images)[0]
-    return found
-
-
-def _load_network(out: Path) -> tuple[KeypointNetwork, Array]:
-    saved = torch.load(out / "model.pt", weights_only=True)
-    network = KeypointNetwork()
-    network.load_state_dict(saved["network"])
-    return network, saved["weights"].numpy()
 
 
 def _scale(errors: Array) -> Any:

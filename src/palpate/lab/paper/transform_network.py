@@ -19,11 +19,6 @@ Pairs = tuple[Array, Array, Array]
 Predict = Callable[[Pairs], Array]
 """Sine of the turn (P,) of pairs."""
 
-HIDDEN, STEPS, BATCH, RATE = 32, 3000, 1024, 1e-3
-"""Hidden units and descent of the non-linear network."""
-RIDGE = 1e-6
-"""Regularisation of the linear network, relative to the mean square of its inputs."""
-
 
 def expanded(pairs: Pairs) -> Array:
     """Return the inputs (P, 2 F C + C) of the regression: features of both images and a bias, for each class."""
@@ -47,7 +42,7 @@ def fit_linear(pairs: Pairs, sine: Array) -> Array:
     """Return the weights (2 F C + C,) of the linear network, by least squares over both orders."""
     inputs = np.concatenate([expanded(pairs), expanded(reversed_pairs(pairs))])
     square = inputs.T @ inputs / len(inputs)
-    ridge = RIDGE * np.trace(square) / len(square) * np.eye(len(square))
+    ridge = 1e-6 * np.trace(square) / len(square) * np.eye(len(square))
     return np.linalg.solve(square + ridge, inputs.T @ np.concatenate([sine, -sine]) / len(inputs))
 
 
@@ -58,10 +53,10 @@ def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
     scale = np.sqrt(np.mean(both**2, axis=0)) + 1e-9
     inputs = torch.from_numpy((both / scale).astype(np.float32))
     wanted = torch.from_numpy(np.concatenate([sine, -sine]).astype(np.float32))
-    network = nn.Sequential(nn.Linear(inputs.shape[1], HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, 1))
-    optimiser = torch.optim.Adam(network.parameters(), lr=RATE)
-    for _ in range(STEPS):
-        chosen = torch.from_numpy(rng.integers(len(inputs), size=BATCH))
+    network = nn.Sequential(nn.Linear(inputs.shape[1], 32), nn.ReLU(), nn.Linear(32, 1))
+    optimiser = torch.optim.Adam(network.parameters(), lr=1e-3)
+    for _ in range(3000):
+        chosen = torch.from_numpy(rng.integers(len(inputs), size=1024))
         loss = nn.functional.mse_loss(network(inputs[chosen])[:, 0], wanted[chosen])
         optimiser.zero_grad()
         loss.backward()

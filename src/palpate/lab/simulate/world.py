@@ -87,21 +87,16 @@ class World:
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
         self._shove, self._finger = Shove(np.zeros(2), 0.0, 0.0, 0.0), deque[tuple[float, float]]()
-        self._sensor, self._rate = sensor, sensor.rate
-        self._sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
-        self._velocity = np.zeros(3)
-        self.run(np.repeat(self._sensor_pose[None], int(0.4 * sensor.rate), axis=0))  # 0.4 s to settle
+        self._sensor, self._rate, self._velocity = sensor, sensor.rate, np.zeros(3)
+        self.sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
+        """world_T_sensor now, (3,) [m, m, rad]."""
+        self.run(np.repeat(self.sensor_pose[None], int(0.4 * sensor.rate), axis=0))  # 0.4 s to settle
 
     @property
     def object_pose(self) -> Array:
         """world_T_object now, (3,) [m, m, rad]."""
         x, y, _, w, i, j, k = self._data.qpos[4:].tolist()
         return np.array([x, y, np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))])
-
-    @property
-    def sensor_pose(self) -> Array:
-        """world_T_sensor now, (3,) [m, m, rad]."""
-        return self._sensor_pose
 
     def shove(self, shove: Shove) -> None:
         """Begin a shove of the object at its present pose; it goes on during `run`, independent of the sensor."""
@@ -127,7 +122,12 @@ class World:
                 step(model, data)
             rows[frame, :3] = self.object_pose
             rows[frame, 3:9] = self._touch()
-            self._check(frame)
+            i, j = qpos[8:10].tolist()
+            upright = 1.0 - 2.0 * (i * i + j * j)
+            # Its feet can tilt the object by 2.6 degrees.
+            if not upright > 0.999 or any(warning.number for warning in data.warning):
+                broke = f"the simulation broke down at frame {frame} of a run"
+                raise SettingError(f"{broke}: the object's axis is at {upright:.4f} of upright")
         contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
         return Motion(rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
 
@@ -141,13 +141,13 @@ class World:
 
     def _interpolated(self, poses: Array) -> tuple[Array, Array]:
         """Return position and velocity of the pusher's joints at every time step, (M, 3) each."""
-        knots = np.concatenate((self._sensor_pose[None], poses))
+        knots = np.concatenate((self.sensor_pose[None], poses))
         knots[:, 2] = np.unwrap(knots[:, 2])
         if len(knots) == 1:
             return np.empty((0, 3)), np.empty((0, 3))
         slopes = np.gradient(knots, 1.0 / self._rate, axis=0)
         slopes[0] = self._velocity
-        self._sensor_pose, self._velocity = knots[-1], slopes[-1]
+        self.sensor_pose, self._velocity = knots[-1], slopes[-1]
         curve = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
         pose, rate = curve(at), curve(at, 1)
@@ -199,26 +199,13 @@ class World:
             if -contact.dist > depth:
                 depth = -contact.dist
                 angle = float(np.arctan2(np.sin(bearing), np.cos(bearing)))
-                slip = float(tangent[:2] @ self._sliding(contact.pos))
+                x, y = contact.pos[:2] - data.qpos[:2]
+                over_gel = self._velocity_at(contact.pos) - data.qvel[:2] - data.qvel[2] * np.array([-y, x])
+                slip = float(tangent[:2] @ over_gel)
         return 1.0, normal_sum, tangent_sum, slip, max(depth, 0.0), angle
-
-    def _sliding(self, point: Array) -> Array:
-        """Return the velocity of the object over the gel (2,) [m/s] at a point of both."""
-        qpos, qvel = self._data.qpos, self._data.qvel
-        x, y = point[:2] - qpos[:2]
-        return self._velocity_at(point) - qvel[:2] - qvel[2] * np.array([-y, x])
 
     def _velocity_at(self, point: Array) -> Array:
         """Return the velocity of the object (2,) [m/s] at a point."""
         qpos, qvel = self._data.qpos, self._data.qvel
         x, y = point[:2] - qpos[4:6]
         return qvel[4:6] + qvel[9] * np.array([-y, x])
-
-    def _check(self, frame: int) -> None:
-        """Raise SettingError if the object tilts by more than its feet can give, 2.6 degrees, or MuJoCo warns."""
-        i, j = self._data.qpos[8:10].tolist()
-        upright = 1.0 - 2.0 * (i * i + j * j)
-        if not upright > 0.999 or any(warning.number for warning in self._data.warning):
-            raise SettingError(
-                f"the simulation broke down at frame {frame} of a run: the object's axis is at {upright:.4f} of upright"
-            )
