@@ -98,14 +98,14 @@ class Hypotheses(RowArrays):
         """Belief with the unobservable yaw."""
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * np.diag([0.0, 0.0, 1.0]))
 
-    def with_observable_yaw(self) -> "Hypotheses":
-        """Return hypotheses about a round object with the large variance of its yaw kept out of the graph.
+    def with_observable_yaw(self, is_observable: bool) -> "Hypotheses":
+        """Return hypotheses with a large variance of yaw kept out of the graph, unless touch can observe it.
 
-        The graph would otherwise learn yaw from its own linearisation errors.
+        The graph would otherwise learn the yaw of a round object from its own linearisation errors.
         """
         whole = self.whole_belief
         variance = whole.covariance[:, 2, 2]
-        held_out = np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
+        held_out = np.zeros_like(variance) if is_observable else np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
         less = np.ones(whole.covariance.shape[:2])
         less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
         belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))

@@ -272,29 +272,15 @@ class HypothesisBank:
         doubt = self._monitor.displacement_covariance(rows) + self._monitor.contradiction_covariance(rows)
         displaced = rest.inflated(doubt)
         if self._most == 1:
-            self._rows = replace(rows, belief=displaced)
+            rows = replace(rows, belief=displaced)
         else:
-            origins, begun = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, step)
+            origins, rows = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, step)
             self._take(origins)
-            self._rows = begun
-        rows = self._rows
         is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
-        if is_measured or not is_round(self._model):
-            self._rows = replace(rows, belief=rows.whole_belief, unobservable_yaw=np.zeros(len(rows.age)))
-        else:
-            self._rows = rows.with_observable_yaw()
-        self._window = Window(
-            self._factors,
-            self._model,
-            self._rows.belief,
-            step.sensor_pose,
-            step.measurements,
-            step.times[-1],
-            self._lag,
-            self._settings.priors,
-            self._rows.sign,
-            step.from_touch,
-        )
+        self._rows = rows.with_observable_yaw(is_observable=is_measured or not is_round(self._model))
+        known = self._factors, self._model, self._rows.belief
+        how = self._lag, self._settings.priors, self._rows.sign, step.from_touch
+        self._window = Window(*known, step.sensor_pose, step.measurements, step.times[-1], *how)
         self._drop_lost(self._window)
         return self._window
 
@@ -303,8 +289,7 @@ class HypothesisBank:
         still_going_on = np.array([0.0, _SPREAD / np.sqrt(_BACK)])  # slide [m] by a hand: mean and standard deviation
         disturbance = np.where(self._rows.disturbed_steps_left[:, None] > 0, still_going_on, 0.0)
         leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], disturbance, step.from_touch)
-        is_lost = window.is_lost
-        if is_lost.any():
+        if (is_lost := window.is_lost).any():
             self._drop_lost(window)
         if leaving is not None:
             self._history.append(leaving[~is_lost, None])
