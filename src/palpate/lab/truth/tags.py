@@ -69,13 +69,6 @@ def find_tags(image: Gray) -> dict[int, Array]:
     return found
 
 
-def tag_image(number: int, pixels: int) -> Gray:
-    """Return the picture of a tag (pixels, pixels), black and white."""
-    import cv2
-
-    return np.asarray(cv2.aruco.generateImageMarker(_family(), number, pixels), np.uint8)
-
-
 @cache
 def board() -> Any:
     """Return the calibration board of OpenCV; its markers of 26 mm are of another family."""
@@ -85,7 +78,6 @@ def board() -> Any:
     return cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.026, family)
 
 
-@cache
 def _family() -> Any:
     import cv2
 
@@ -124,9 +116,8 @@ def write_sheets(path: Path, name: str, shape: Shape, paper: str = "a4", overwri
         axes.plot(*(np.vstack([outline, outline[:1]]) - middle).T, "k-", linewidth=0.5)
         pdf.savefig(figure)
         pdf.savefig(_page(size, "Sensor: fix the tag on top, parallel to the table", (SENSOR,))[0])
-        figure, axes = _page(
-            size, f"Board for palpate truth-camera: glue it on something flat; squares of {SQUARE * 1e3:.0f} mm"
-        )
+        squares = f"squares of {SQUARE * 1e3:.0f} mm"
+        figure, axes = _page(size, f"Board for palpate truth-camera: glue it on something flat; {squares}")
         _draw(axes, board().generateImage((SQUARES[0] * 245, SQUARES[1] * 245), None, 0, 1), -half, half)
         pdf.savefig(figure)
 
@@ -139,19 +130,18 @@ def _page(size: Array, title: str, tags: Iterable[Tag] = (), shift: Array | tupl
     figure = Figure((float(size[0]) / 0.0254, float(size[1]) / 0.0254))  # [inch]
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.axis("off")
+    axes.set(xlim=(left, -left), ylim=(low, -low), autoscale_on=False)
     axes.text(left + 0.012, -low - 0.012, title, fontsize=9, va="top")
     axes.plot((-0.05, 0.05), (low + 0.012, low + 0.012), "k-", linewidth=1.0)
     axes.text(0.055, low + 0.012, "100 mm, if printed at 100 %", fontsize=7, va="center")
     for tag in tags:
         corners = tag.corners + shift
-        _draw(axes, tag_image(tag.number, 8), corners.min(axis=0), corners.max(axis=0))  # a pixel for each square
-    axes.set(xlim=(left, -left), ylim=(low, -low))
+        image = _family().generateImageMarker(tag.number, 8)  # a pixel for each square
+        _draw(axes, image, corners.min(axis=0), corners.max(axis=0))
     return figure, axes
 
 
 def _draw(axes: Any, image: Any, low: Array, high: Array) -> None:
     """Draw a picture between two corners (2,) [m]."""
-    window = axes.axis()
     extent = (low[0], high[0], low[1], high[1])
     axes.imshow(image, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
-    axes.axis(window)
