@@ -237,10 +237,8 @@ class Priors(Settings):
         return np.square(np.array([0.0] * 5 + [share] * 4) * self.deviation)
 
     def _of_each_number(self) -> list[Normal]:
-        return [
-            *(self.direction_bias, self.direction_scale, self.place_bias, self.depth, self.outline_scale),
-            *(self.friction_ratio, self.friction_center, self.friction_center, self.grip),
-        ]
+        normals = [getattr(self, each.name) for each in fields(self)]
+        return [*normals[:-1], *normals[-2:]]  # the centre of friction, which is the last but one, twice
 
 
 @dataclass(frozen=True)
