@@ -43,22 +43,6 @@ SmootherName = Literal["fixed-lag", "batch"]
 """
 
 
-class Settings:
-    """Base of the groups: converts numbers to float and raises SettingError on values out of range.
-
-    Numbers must be above 0 unless named in `zero_allowed`; a field that may be None is typed so.
-    """
-
-    zero_allowed: ClassVar[tuple[str, ...]] = ()
-
-    def __post_init__(self) -> None:
-        words = type(self).__name__.removesuffix("Settings")
-        group = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in words).lstrip("_")
-        for each in fields(self):  # pyright: ignore[reportArgumentType]
-            given, name = getattr(self, each.name), f"{group}.{each.name}"
-            object.__setattr__(self, each.name, _checked(name, given, each.type, each.name in self.zero_allowed))
-
-
 def _checked(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tuple[float, ...] | None:
     optional, shape = kind == Kernel, {Sigmas: (3,), Normal: (2,)}.get(kind, ())
     if given is None and optional:
@@ -73,7 +57,7 @@ def _checked(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tu
 
 
 @dataclass(frozen=True)
-class SensorPoseSettings(Settings):
+class SensorPoseSettings:
     """Accuracy of the sensor's pose in the world."""
 
     zero_allowed = ("calibration",)
@@ -85,7 +69,7 @@ class SensorPoseSettings(Settings):
 
 
 @dataclass(frozen=True)
-class FirstPoseSettings(Settings):
+class FirstPoseSettings:
     """Accuracy of the object's first pose, and its motion between contacts."""
 
     deviation: Sigmas = (3e-3, 3e-3, 5e-2)
@@ -97,7 +81,7 @@ class FirstPoseSettings(Settings):
 
 
 @dataclass(frozen=True)
-class ContactSettings(Settings):
+class ContactSettings:
     """Contact between the sensor's surface and the outline."""
 
     deviation: float = 1e-3
@@ -107,38 +91,18 @@ class ContactSettings(Settings):
 
 
 @dataclass(frozen=True)
-class DirectionSettings(Settings):
-    """Contact direction on a round tip, measured by touch."""
+class TouchSettings:
+    """Contact direction on a round tip, contact place on a flat pad, or turn of the sensor, measured by touch."""
 
     share: float = 2.0
     """Factor on the variance that the touch model predicts, without the bias and scale that all directions share."""
     kernel: Kernel = 3.0
-    """Scale of the Cauchy kernel [standard deviations]; a single bad image must not bend the path."""
+    """Scale of the Cauchy kernel [standard deviations]: a single bad image must not bend the path; None is a plain
+    square."""
 
 
 @dataclass(frozen=True)
-class PlaceSettings(Settings):
-    """Contact place on a flat pad, measured by touch."""
-
-    share: float = 2.0
-    """Factor on the variance that the touch model predicts."""
-    kernel: Kernel = 3.0
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
-
-
-@dataclass(frozen=True)
-class TurnSettings(Settings):
-    """Turn of the sensor on the object, measured by touch."""
-
-    share: float = 88.0
-    """Factor on the variance that the touch model predicts: on round objects turns are some percent off for a whole
-    contact, and these errors add up."""
-    kernel: Kernel = 3.0
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
-
-
-@dataclass(frozen=True)
-class StickingSettings(Settings):
+class StickingSettings:
     """Sticking contact: sliding while the pushing force is inside the friction cone."""
 
     zero_allowed = ("share", "sliding_share")
@@ -158,7 +122,7 @@ class StickingSettings(Settings):
 
 
 @dataclass(frozen=True)
-class BalanceSettings(Settings):
+class BalanceSettings:
     """Balance of force and torque on the limit surface of the friction between object and table."""
 
     zero_allowed = ("share", "load")
@@ -175,7 +139,7 @@ class BalanceSettings(Settings):
 
 
 @dataclass(frozen=True)
-class FrictionConeSettings(Settings):
+class FrictionConeSettings:
     """Force at the edge of the friction cone while the contact slides."""
 
     zero_allowed = ("share",)
@@ -190,7 +154,7 @@ class FrictionConeSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Priors(Settings):
+class Priors:
     """Mean and standard deviation of what belongs to the object, before its first contact; see `graph.variables`."""
 
     direction_bias: Normal = (0.0, 2e-2)
@@ -245,19 +209,33 @@ class Priors(Settings):
 class NoiseSettings:
     """Standard deviations, shares and kernels of all factors, a group each; see the classes of the groups.
 
-    Defaults for touch and sliding are tuned by `palpate tune` on simulated recordings; the others state their reasons.
+    Numbers must be above 0 unless named in `zero_allowed`, and become floats. Defaults for touch and sliding are tuned
+    by `palpate tune` on simulated recordings; the others state their reasons.
     """
 
     sensor_pose: SensorPoseSettings = SensorPoseSettings()
     first_pose: FirstPoseSettings = FirstPoseSettings()
     contact: ContactSettings = ContactSettings()
-    direction: DirectionSettings = DirectionSettings()
-    place: PlaceSettings = PlaceSettings()
-    turn: TurnSettings = TurnSettings()
+    direction: TouchSettings = TouchSettings()
+    place: TouchSettings = TouchSettings()
+    turn: TouchSettings = TouchSettings(share=88.0)
+    """On round objects turns are some percent off for a whole contact, and these errors add up."""
     sticking: StickingSettings = StickingSettings()
     balance: BalanceSettings = BalanceSettings()
     friction_cone: FrictionConeSettings = FrictionConeSettings()
     priors: Priors = Priors()
+
+    def __post_init__(self) -> None:
+        for group in fields(self):
+            settings, checked = getattr(self, group.name), {}
+            if not isinstance(settings, type(group.default)):
+                raise SettingError(
+                    f"{group.name} is {settings!r}; it must be palpate.config.{type(group.default).__name__}"
+                )
+            for each in fields(settings):
+                given, zero_allowed = getattr(settings, each.name), each.name in getattr(settings, "zero_allowed", ())
+                checked[each.name] = _checked(f"{group.name}.{each.name}", given, each.type, zero_allowed)
+            object.__setattr__(self, group.name, replace(settings, **checked))
 
 
 _KNOWN = (0.0, 1e-9)
@@ -265,9 +243,9 @@ PUBLISHED = NoiseSettings(
     sensor_pose=SensorPoseSettings(deviation=(1e-5, 1e-5, 1e-5), calibration=(0.0, 0.0, 0.0)),
     first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), truth=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
     contact=ContactSettings(deviation=1e-2, kernel=None),
-    direction=DirectionSettings(share=1.0, kernel=None),
-    place=PlaceSettings(share=1.0, kernel=None),
-    turn=TurnSettings(share=1.0, kernel=None),
+    direction=TouchSettings(share=1.0, kernel=None),
+    place=TouchSettings(share=1.0, kernel=None),
+    turn=TouchSettings(share=1.0, kernel=None),
     sticking=StickingSettings(still=1e-3, share=0.0, sliding_share=0.0, kernel=None),
     balance=BalanceSettings(still=1e-3, share=0.0, load=0.0, kernel=None),
     friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),
