@@ -41,14 +41,14 @@ def tracked(which: tuple[str, int]) -> dict[str, dict[str, float]]:
 def simulated(name: str, rng: np.random.Generator) -> palpate.Recording:
     """Draw a push by the hand, with the errors of a set-up."""
     errors, shape = draw_errors(rng), palpate.load_shape(name)
-    sequence = draw_sequence(shape, OBJECTS[name], HAND, rng, 12.0, gel_drift=errors.gel_drift)
+    motion = draw_sequence(shape, OBJECTS[name], HAND, rng, 12.0, gel_drift=errors.gel_drift)
     exact = palpate.Recording(
-        time=sequence.time,
-        sensor_pose=measured(sequence.sensor_pose, rng),
+        time=np.arange(len(motion.contact)) / HAND.rate,
+        sensor_pose=measured(motion.sensor_pose, rng),
         shape=shape,
         sensor=HAND,
-        object_pose=measured(sequence.motion.object_pose, rng),
-        contact=sequence.motion.contact,
+        object_pose=measured(motion.object_pose, rng),
+        contact=motion.contact,
     )
     return with_errors(exact, errors)
 

@@ -55,9 +55,10 @@ def pushed_by_two_fingers(what: str, seed: int) -> Recording:
     from palpate.lab.simulate.pushes import draw_sequence, measured
 
     (shape, kind), rng = _shape_and_kind(what), np.random.default_rng(seed)
-    sequence = draw_sequence(shape, kind, HAND, rng, 6.0)
-    sensor_pose, object_pose = measured(sequence.sensor_pose, rng), measured(sequence.motion.object_pose, rng)
-    return Recording(sequence.time, sensor_pose, shape, HAND, object_pose, sequence.motion.contact)
+    motion = draw_sequence(shape, kind, HAND, rng, 6.0)
+    sensor_pose, object_pose = measured(motion.sensor_pose, rng), measured(motion.object_pose, rng)
+    time = np.arange(len(sensor_pose)) / HAND.rate
+    return Recording(time, sensor_pose, shape, HAND, object_pose, motion.contact)
 
 
 def faulty(recording: Recording, fault: str) -> "Given":

@@ -15,7 +15,7 @@ A sequence is steered like a robot by a person who sees the object; each contact
   to 50 mm in 0.15 to 0.4 s, at a place beside the sensor where it turns the object.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,21 +33,6 @@ Array = NDArray[np.float64]
 _AGAIN = 4.5  # [s] that must be left for another contact
 _PAUSE = 1.0  # [s] for which the sensor stands still for a shove between contacts
 
-SECONDS = (3.0, 600.0)
-"""Shortest and longest sequence [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sequence:
-    """One object pushed by one sensor, N exact frames."""
-
-    time: Array
-    """(N,) [s], from 0."""
-    sensor_pose: Array
-    """world_T_sensor, (N, 3) [m, m, rad]."""
-    motion: Motion
-    """Motion of the object, and the contact."""
-
 
 def draw_sequence(
     shape: Shape,
@@ -57,16 +42,14 @@ def draw_sequence(
     seconds: float = 15.0,
     knocks: np.random.Generator | None = None,
     gel_drift: tuple[float, float] = (0.0, 0.0),
-) -> Sequence:
+) -> Motion:
     """Draw a world and a sequence of pushes in it, at the sensor's rate; the same generator gives the same.
 
     `kind` is one of `kinds(shape)`. With a generator for `knocks` a finger shoves the object; until the first shove
-    the sequence is the same as without. Raises SettingError on a kind or duration that is not allowed.
+    the sequence is the same as without. Raises SettingError on a kind that is not allowed.
     """
     if kind not in kinds(shape):
         raise SettingError(f"kind of contact is {kind!r}; a {type(shape).__name__.lower()} allows {kinds(shape)}")
-    if not SECONDS[0] <= seconds <= SECONDS[1]:
-        raise SettingError(f"seconds is {seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
     settings = replace(draw_settings(shape, rng), gel_drift=gel_drift)
     object_pose = rng.uniform((-0.1, -0.1, -np.pi), (0.1, 0.1, np.pi))
     contacts = max(1, round(seconds / rng.uniform(5.0, 7.5)))
@@ -90,9 +73,7 @@ def draw_sequence(
             touch = draw_touch(shape, kind, sensor, rng)
             start = around.start(touch, world.object_pose)
             robot.go(around.travel(world.sensor_pose, start, world.object_pose))
-    sensor_pose = np.concatenate(robot.poses)
-    sensor_pose[:, 2] = se2.wrap(sensor_pose[:, 2])
-    return Sequence(np.arange(len(sensor_pose)) / sensor.rate, sensor_pose, concatenated(robot.motions))
+    return concatenated(robot.motions)
 
 
 def measured(poses: ArrayLike, rng: np.random.Generator) -> Array:
@@ -176,7 +157,6 @@ class _Robot:
         self, world: World, sensor: SensorProfile, frames: int, hand: _Knocks, rng: np.random.Generator
     ) -> None:
         self.left = frames
-        self.poses: list[Array] = []
         self.motions: list[Motion] = []
         self._world, self._hand, self._rng, self._rate = world, hand, rng, sensor.rate
         self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (20.0, 30.0))
@@ -185,7 +165,6 @@ class _Robot:
         """Follow a path (N, 3), as far as frames are left."""
         path = path[: self.left]
         self.left -= len(path)
-        self.poses.append(path)
         self.motions.append(self._world.run(path))
         return self.motions[-1]
 

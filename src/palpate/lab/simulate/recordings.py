@@ -20,7 +20,7 @@ from palpate.io.recording_mcap import source_of, write_recording
 from palpate.lab.parallel import one_thread, spread
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import kinds
-from palpate.lab.simulate.pushes import SECONDS, draw_sequence, measured
+from palpate.lab.simulate.pushes import draw_sequence, measured
 from palpate.lab.simulate.scene import load_mujoco
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
@@ -66,8 +66,8 @@ class Simulation:
         check_not_negative(seed=self.seed, unit=self.unit)
         if not 0.05 <= (extent := self.shape.extent) <= 0.5:  # larger than a gel, and passed in a few seconds
             raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
-        if not SECONDS[0] <= self.seconds <= SECONDS[1]:
-            raise SettingError(f"seconds is {self.seconds:g}; allowed is {SECONDS[0]:g} to {SECONDS[1]:g} s")
+        if not 3.0 <= self.seconds <= 600.0:
+            raise SettingError(f"seconds is {self.seconds:g}; allowed is 3 to 600 s")
 
     @property
     def source(self) -> str:
@@ -95,20 +95,20 @@ class Simulation:
         with one_thread():
             gel = replace(self.sensor, radius=unit.radius)
             hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)
-            sequence = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
-            motion, images = sequence.motion, None
+            motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
+            time, images = np.arange(len(motion.contact)) / gel.rate, None
             if self.images:
                 images, side = [], draw_side(camera)
-                poses = se2.between(motion.object_pose, sequence.sensor_pose)
-                units = worn(unit, errors.wear if errors else None, sequence.time)
+                poses = se2.between(motion.object_pose, motion.sensor_pose)
+                units = worn(unit, errors.wear if errors else None, time)
                 for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
                     images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
                     if progress:
                         progress(len(images))
         captured = "simulated motion capture with drawn noise; exact in extra/{}_clean"
         exact = Recording(
-            time=sequence.time,
-            sensor_pose=measured(sequence.sensor_pose, noise),
+            time=time,
+            sensor_pose=measured(motion.sensor_pose, noise),
             shape=self.shape,
             sensor=self.sensor,
             object_pose=measured(motion.object_pose, noise),
@@ -130,7 +130,7 @@ class Simulation:
                 "indentation": motion.indentation,
                 "pad_angle": motion.pad_angle,
                 "shown_angle": unit.shown_angle(motion.pad_angle),
-                "sensor_pose_clean": sequence.sensor_pose,
+                "sensor_pose_clean": motion.sensor_pose,
                 "object_pose_clean": motion.object_pose,
                 **({"knocked": motion.knocked.astype(np.float64)} if self.knocks else {}),
             },

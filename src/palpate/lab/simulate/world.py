@@ -19,8 +19,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion and contact of the object, frame by frame; forces and slip are those of the last time step of a frame."""
+    """Motion and contact, frame by frame; forces and slip are those of the last time step of a frame."""
 
+    sensor_pose: Array
+    """world_T_sensor, (N, 3) [m, m, rad]."""
     object_pose: Array
     """world_T_object, (N, 3) [m, m, rad]."""
     contact: NDArray[np.bool_]
@@ -43,7 +45,9 @@ class Motion:
 def concatenated(motions: list[Motion]) -> Motion:
     """Return motions, one after the other, as one."""
     names = [field.name for field in fields(Motion)]
-    return Motion(**{name: np.concatenate([getattr(motion, name) for motion in motions]) for name in names})
+    joined = {name: np.concatenate([getattr(motion, name) for motion in motions]) for name in names}
+    joined["sensor_pose"][:, 2] = se2.wrap(joined["sensor_pose"][:, 2])
+    return Motion(**joined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +113,8 @@ class World:
         Between frames the sensor follows cubics without a jump in velocity. Raises SettingError if the object topples
         or the simulation breaks down.
         """
-        path, velocity = self._interpolated(np.asarray(sensor_poses, dtype=np.float64))
+        poses = np.asarray(sensor_poses, dtype=np.float64)
+        path, velocity = self._interpolated(poses)
         data, model, step = self._data, self._model, self._mujoco.mj_step
         qpos, qvel = data.qpos, data.qvel
         rows = np.zeros((len(path) // self._steps, 10))
@@ -129,7 +134,7 @@ class World:
                 broke = f"the simulation broke down at frame {frame} of a run"
                 raise SettingError(f"{broke}: the object's axis is at {upright:.4f} of upright")
         contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
-        return Motion(rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
+        return Motion(poses, rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
 
     def _drift(self) -> None:
         """Set friction and stiffness of the gel for the next frame."""
