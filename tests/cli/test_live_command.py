@@ -97,7 +97,7 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     poses, diagnoses = topics["/palpate/object_pose"], topics["/palpate/diagnostics"]
     assert len(poses) == len(diagnoses) == found["tracked"] and len(topics["/sensor/pose"]) == FRAMES
     values = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
-    assert all(float(one["latency [ms]"]) > 0.0 and one["sensor pose"] == "known" for one in values[5:10])
+    assert all(float(one["latency [ms]"]) > 0.0 and one["sensor pose age [ms]"] == "0.0" for one in values[5:10])
     assert {one.status[0].message for one in diagnoses} == set(found["statuses"])
     code, out, _ = run_palpate("track", "live.mcap", "--first-pose", "0.3", "0.05", "0", "--json")
     assert code == 0 and json.loads(out)["frames"] == FRAMES

@@ -1,56 +1,39 @@
-"""What the node publishes of an estimate, with a stand-in for rclpy: `rosbags` has the same types of messages."""
+"""Messages that the node publishes of an estimate, with a stand-in for rclpy: `rosbags` has the same types."""
 
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
+from palpate import Estimate, ros2
 from palpate.io.ros_messages import ros_types
-from palpate.live.pose_track import SensorPlace
 from palpate.live.session import LiveEstimate, LiveState
-from palpate.ros2 import node as ros2_node
-from palpate.types.estimate import Answer, Estimate
+from palpate.live.sources import SensorPlace
+from palpate.types.estimate import Answer
 from palpate.types.space import plane_across
 
 COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])
 POSES = np.array([[0.1, 0.2, 0.0], [0.1, 0.24, np.pi / 2]])
 
 
-class Node:
-    """Keeps what it publishes, by the names of topics."""
+def test_all_answers_are_published(monkeypatch):
+    published: dict[str, list[Any]] = {}
 
-    def __init__(self) -> None:
-        self.told: dict[str, list[Any]] = {}
+    def create_publisher(type_: type, topic: str, _: int) -> Any:
+        return SimpleNamespace(publish=published.setdefault(topic, []).append)
 
-    def create_publisher(self, type_: type, topic: str, _: int) -> Any:
-        messages = self.told.setdefault(topic, [])
-
-        def publish(message: Any) -> None:
-            assert type(message) is type_
-            messages.append(message)
-
-        return SimpleNamespace(publish=publish)
-
-
-@pytest.fixture
-def node(monkeypatch):
-    monkeypatch.setattr(ros2_node, "message_type", lambda name: ros_types("cdr").types[name])
-    return Node()
-
-
-def test_all_answers_are_published(node):
-    ros: Any = SimpleNamespace(node=node, lost=0)
+    monkeypatch.setattr(ros2, "message_type", lambda name: ros_types("cdr").types[name])
+    ros: Any = SimpleNamespace(node=SimpleNamespace(create_publisher=create_publisher))
     plane = plane_across("base", np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 0.25]]))
-    publishing = ros2_node.Publisher(ros, lambda: plane, 10**9, LiveState(print))
+    publisher = ros2.Publisher(ros, lambda: plane, 10**9, LiveState(print))
     several = tuple(Answer(pose, COVARIANCE, weight) for pose, weight in zip(POSES, (0.7, 0.3), strict=True))
     ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
     sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
     for estimate in (ambiguous, sure):
-        publishing.publish(LiveEstimate(estimate, SensorPlace(np.zeros(3), "known", 0.0), 0.004))
-    arrays, diagnoses = node.told["~/object_pose_answers"], node.told["~/diagnostics"]
+        publisher.publish(LiveEstimate(estimate, SensorPlace(np.zeros(3), 0.0), 0.004))
+    arrays, diagnoses = published["~/object_pose_answers"], published["~/diagnostics"]
     for index, poses in enumerate((POSES, POSES[1:])):
-        array, diagnosis, best = arrays[index], diagnoses[index], node.told["~/object_pose"][index]
+        array, diagnosis, best = arrays[index], diagnoses[index], published["~/object_pose"][index]
         assert array.header == diagnosis.header == best.header and array.header.frame_id == "base"
         found = [[one.position.x, one.position.y, one.position.z, one.orientation.z] for one in array.poses]
         assert np.allclose(found, [[x, y, 0.25, np.sin(yaw / 2)] for x, y, yaw in poses])

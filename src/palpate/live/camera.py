@@ -4,7 +4,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,43 +20,19 @@ BY_ID = Path("/dev/v4l/by-id")
 _IMAGES = "video-index0"  # ending of the link to a camera's images; further links are metadata
 
 
-@dataclass(frozen=True)
-class CameraTiming:
-    """Limits of opening and reading a camera."""
-
-    settled_images: int = 15
-    """Consecutive images whose mean brightness must agree before the exposure counts as settled."""
-    settled_range: float = 0.5
-    """Range of these means [grey levels]."""
-    longest_settling: float = 5.0
-    """Time after which images are taken as they are [s]."""
-    reopen_every: float = 0.5
-    """Time between attempts to open a lost camera [s]."""
-    stale_images: int = 5
-    """Images in the driver's buffer, which are old when reading begins."""
-    damaged_images: int = 10
-    """Consecutive damaged images after which a camera counts as lost."""
-
-
-TIMING = CameraTiming()
-
-
 class Camera:
     """A camera read through V4L2 by OpenCV, that survives being unplugged and plugged in again."""
 
     def __init__(self, path: Path, size: Size, clock: Clock) -> None:
-        """Open the camera, let its exposure settle and measure its rate.
+        """Open the camera and measure its rate.
 
         Raises SettingError if it cannot be opened, gives no images, or images of another size.
         """
         self._path, self._size, self._clock = path, size, clock
         self._capture: Any = None
-        if not self._open():
+        images = self._open()
+        if not images:
             raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
-        images = list(self._settling(threading.Event()))
-        if len(images) < 2:
-            self.close()
-            raise SettingError(f"camera {path} is open, but gives no images")
         self.rate: float = (len(images) - 1) / (images[-1].time - images[0].time)
         """Measured rate [Hz]."""
         found = images[-1].pixels(size).shape[:2]
@@ -67,20 +43,19 @@ class Camera:
     def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
         """Yield each image with the time of its arrival and, as text, notes for the user; ends at the event."""
         try:
-            for _ in range(TIMING.stale_images):
+            for _ in range(5):  # old ones, in the driver's buffer
                 self._read()
             while not stop.is_set():
-                image = self._read()
-                found = None if image is None else image.pixels(self._size).shape[:2]
-                if image is not None and found == self._size:
+                if image := self._read():
                     yield image
                     continue
-                if image is not None:
-                    yield f"the camera gives images of {found} rows and columns, not {self._size}"
                 lost = self._clock.now()
                 yield "the camera is lost, and is opened again as soon as it is there"
-                if self._reopen(stop):
-                    yield f"the camera is back after {self._clock.now() - lost:.1f} s"
+                self.close()
+                while not stop.wait(0.5):
+                    if self._open():
+                        yield f"the camera is back after {self._clock.now() - lost:.1f} s"
+                        break
         finally:
             self.close()
 
@@ -90,48 +65,32 @@ class Camera:
             self._capture.release()
         self._capture = None
 
-    def _open(self) -> bool:
+    def _open(self) -> list[TouchImage]:
+        """Open the camera and return the images of one second, in which its exposure settles; none if that fails."""
         os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")  # [s] instead of 10
         import cv2
 
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported in one sentence
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_V4L2)
         if not capture.isOpened():
-            return False
+            return []
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[0])
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[1])
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._capture = capture
-        return True
-
-    def _reopen(self, stop: threading.Event) -> bool:
-        """Open the camera again and let it settle; return False if the event comes first."""
-        self.close()
-        while not stop.wait(TIMING.reopen_every):
-            if self._open():
-                if list(self._settling(stop)):
-                    return True
-                self.close()
-        return False
-
-    def _settling(self, stop: threading.Event) -> Iterator[TouchImage]:
-        """Yield images until the exposure has settled or the time for it is over."""
-        means: list[float] = []
-        begin, last = self._clock.now(), TIMING.settled_images
-        while not stop.is_set() and self._clock.now() - begin < TIMING.longest_settling:
-            image = self._read()
-            if image is None:
-                return
-            yield image
-            means.append(float(image.pixels(self._size).mean()))
-            if len(means) >= last and np.ptp(means[-last:]) <= TIMING.settled_range:
-                return
+        images, begin = [], self._clock.now()
+        while self._clock.now() - begin < 1.0 and (image := self._read()):
+            images.append(image)
+        if len(images) < 2:
+            self.close()
+            return []
+        return images
 
     def _read(self) -> TouchImage | None:
         """Return the next image with the time of its arrival; None if the camera gives none."""
         import cv2
 
-        for _ in range(TIMING.damaged_images):
+        for _ in range(10):  # more damaged images than that are a fault of the camera
             # OpenCV goes on grabbing from an unplugged camera.
             if not self._path.exists() or not self._capture.grab():
                 return None
@@ -172,10 +131,10 @@ def camera_path(name: str) -> Path:
             raise SettingError(f"camera {name}: there is no such device; {listed}")
         return Path(name)
     found = [link for link in links if name in link.name]
-    if len(found) == 1:
-        return found[0]
-    fault = f"fits {len(found)} cameras" if found else "is no number, path or serial of a camera"
-    raise SettingError(f"camera {name!r} {fault}; {listed}")
+    if len(found) != 1:
+        fault = f"fits {len(found)} cameras" if found else "is no number, path or serial of a camera"
+        raise SettingError(f"camera {name!r} {fault}; {listed}")
+    return found[0]
 
 
 def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> Size:

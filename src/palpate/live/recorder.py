@@ -9,12 +9,12 @@ import numpy as np
 
 from palpate.geometry.shapes import Shape
 from palpate.io.estimates_mcap import add_estimates
-from palpate.io.mcap_file import MessageWriter, growing_mcap, nanoseconds
+from palpate.io.mcap_file import growing_mcap, nanoseconds
 from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
 from palpate.io.ros_messages import COMPRESSED_IMAGE, POSE, MessageSink, ros_types
 from palpate.live.session import Listen, LiveEstimate
 from palpate.live.sources import TimedPose, TouchImage
-from palpate.types.estimate import Trajectory
+from palpate.pipeline.track import gathered
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Plane, flat, out_of_plane
 
@@ -27,7 +27,7 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
     """
     ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
     lock = threading.Lock()
-    is_open = True
+    plane, is_open = flat(), True
     with growing_mcap(path, force) as file:
         describe(file, shape, sensor)
         file.flush()
@@ -36,8 +36,17 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
             time = item.estimate.time if isinstance(item, LiveEstimate) else item.time
             stamp = nanoseconds(path, np.array([time]))[0]
             with lock:
-                if is_open:  # a thread that was left behind may go on
-                    _add(file, stamp, item)
+                if not is_open:  # a thread that was left behind may go on
+                    return
+                if isinstance(item, LiveEstimate):
+                    add_live_estimate(file, plane, stamp, item, {})
+                elif isinstance(item, TimedPose):
+                    (position,), (rotation,) = out_of_plane(plane, item.pose[None])
+                    header, pose = file.header(stamp, plane.frame), file.pose(position, rotation)
+                    file.add(SENSOR_POSES, POSE, stamp, header=header, pose=pose)
+                else:
+                    data, header = np.frombuffer(item.encoded(), np.uint8), file.header(stamp, "sensor")
+                    file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=item.codec, data=data)
 
         try:
             yield record
@@ -46,35 +55,16 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
                 is_open = False
 
 
-def _add(file: MessageWriter, stamp: int, item: TouchImage | TimedPose | LiveEstimate) -> None:
-    plane = flat()
-    match item:
-        case TouchImage():
-            data, header = np.frombuffer(item.encoded(), np.uint8), file.header(stamp, "sensor")
-            file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=item.codec, data=data)
-        case TimedPose():
-            (position,), (rotation,) = out_of_plane(plane, item.pose[None])
-            header, pose = file.header(stamp, plane.frame), file.pose(position, rotation)
-            file.add(SENSOR_POSES, POSE, stamp, header=header, pose=pose)
-        case LiveEstimate():
-            add_live_estimate(file, plane, stamp, item, {})
-
-
 def add_live_estimate(sink: MessageSink, plane: Plane, stamp: int, last: LiveEstimate, more: Mapping[str, str]) -> None:
     """Add the messages of an estimate with its stamp [ns], the same in a file and on topics.
 
     Its diagnostics hold the reason, the age of the sensor's pose, the latency, and `more`.
     """
-    one, place, latency = last
-    trajectory = Trajectory(
-        np.array([one.time]), one.pose[None], one.covariance[None], np.array([one.contact]), (one.status,)
-    )
     values = {
-        "reason": one.reason,
-        "sensor pose": place.how,
-        "sensor pose age [ms]": f"{1e3 * place.age:.1f}",
-        "latency [ms]": f"{1e3 * latency:.1f}",
+        "reason": last.estimate.reason,
+        "sensor pose age [ms]": f"{1e3 * last.place.age:.1f}",
+        "latency [ms]": f"{1e3 * last.latency:.1f}",
         **more,
     }
-    answers = one.answers if len(one.answers) > 1 else ()
-    add_estimates(sink, trajectory, [stamp], plane, (answers,), values)
+    trajectory, answers, _ = gathered([last.estimate])
+    add_estimates(sink, trajectory, [stamp], plane, answers, values)

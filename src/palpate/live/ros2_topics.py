@@ -16,12 +16,8 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import SettingError
 from palpate.io.ros_messages import IMAGE_TYPES, POSE_TYPES, Pose, compressed_image, poses_of, raw_image, stamp_of
-from palpate.io.rosbag_recording import BagChoices
 from palpate.live.sources import Clock, PoseSource, Refused, TimedPose, TouchImage, checked_pose
 from palpate.types.space import STEEPEST, Plane, into_plane, plane_across
-
-POLL = 0.05
-"""Time between looks at the stop event [s]."""
 
 
 class Ros2Node:
@@ -30,14 +26,18 @@ class Ros2Node:
     def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
         """Join ROS under a name, with ROS arguments (--ros-args ...). Raises SettingError without rclpy."""
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        rclpy = _rclpy()
+        try:
+            rclpy = import_module("rclpy")
+        except ImportError as error:
+            raise SettingError(
+                "ROS 2 topics need rclpy, which comes with ROS 2 and cannot be imported here: source its setup.bash, "
+                "and use a Python environment that sees it (python3 -m venv --system-site-packages)"
+            ) from error
         self._context = rclpy.Context()
         no_signals = import_module("rclpy.signals").SignalHandlerOptions.NO
         rclpy.init(args=list(arguments), context=self._context, signal_handler_options=no_signals)
         self.node: Any = rclpy.create_node(name, context=self._context)
         """The node of rclpy."""
-        self.lost = 0
-        """Messages that ROS reports as lost."""
         self._executor = import_module("rclpy.executors").SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._executor.spin, name="palpate-ros2", daemon=True)
@@ -63,25 +63,19 @@ class Ros2Node:
         if publisher is None:
             return
         waiting: SimpleQueue[Any] = SimpleQueue()
-        qos, events = import_module("rclpy.qos"), import_module("rclpy.event_handler")
-        subscription = self.node.create_subscription(
-            message_type(publisher.topic_type),
-            topic,
-            waiting.put,
-            qos.QoSProfile(depth=100, reliability=publisher.qos_profile.reliability),
-            event_callbacks=events.SubscriptionEventCallbacks(message_lost=self._count_lost),
-        )
+        qos = import_module("rclpy.qos").QoSProfile(depth=100, reliability=publisher.qos_profile.reliability)
+        subscription = self.node.create_subscription(message_type(publisher.topic_type), topic, waiting.put, qos)
         try:
             while not stop.is_set():
                 with suppress(Empty):
-                    yield waiting.get(timeout=POLL)
+                    yield waiting.get(timeout=0.05)
         finally:
             self.node.destroy_subscription(subscription)
 
     def _first_publisher(self, topic: str, types: Collection[str], stop: threading.Event) -> Generator[str, None, Any]:
         """Return the first publisher of a topic, None at the event; yield a note after two seconds without one."""
         begin, is_noted = time.monotonic(), False
-        while not stop.wait(POLL):
+        while not stop.wait(0.05):
             for publisher in self.node.get_publishers_info_by_topic(topic):
                 if publisher.topic_type in types:
                     return publisher
@@ -91,9 +85,6 @@ class Ros2Node:
                 is_noted = True
                 yield f"nobody publishes {topic} yet, of type {' or '.join(types)}"
         return None
-
-    def _count_lost(self, status: Any) -> None:
-        self.lost = status.total_count
 
 
 class Ros2Clock(Clock):
@@ -117,19 +108,13 @@ def ros2_images(
 
     Raises FileError if they are no colour images.
     """
-    is_noted = False
     for message in ros.messages(topic, IMAGE_TYPES, stop):
         if isinstance(message, str):
             yield message
-            continue
-        if not (is_noted or stamp_of(message)):
-            is_noted = True
-            yield "the images have no stamps, so each gets the time of its arrival"
-        time = _time(message, clock, epoch)
-        if hasattr(message, "format"):
-            yield TouchImage(time, *compressed_image(message))
+        elif hasattr(message, "format"):
+            yield TouchImage(_time(message, clock, epoch), *compressed_image(message))
         else:
-            yield TouchImage(time, raw_image(message))
+            yield TouchImage(_time(message, clock, epoch), raw_image(message))
 
 
 class Ros2Poses:
@@ -161,9 +146,8 @@ class Ros2Poses:
         if pose.frame != self.plane.frame:
             return Refused(f"it is given in frame {pose.frame!r}, the first was in {self.plane.frame!r}")
         placed, height, angle = into_plane(self.plane, position, rotation)
-        most = BagChoices().off_plane
-        if abs(off := height[0] - self.plane.height) > most:
-            return Refused(f"it is {off * 1e3:.1f} mm off the plane of the first, allowed are {most * 1e3:g} mm")
+        if abs(off := height[0] - self.plane.height) > 0.01:
+            return Refused(f"it is {off * 1e3:.1f} mm off the plane of the first, allowed are 10 mm")
         if abs(angle[0]) > STEEPEST:
             found = f"its x axis is {np.degrees(angle[0]):.1f} degrees out of the plane"
             return Refused(f"{found}, allowed are {np.degrees(STEEPEST):.0f}")
@@ -197,13 +181,3 @@ def _time(message: Any, clock: Clock, epoch: int) -> float:
     """Return the time of a message's stamp [s], or that of its arrival if it has none."""
     stamp = stamp_of(message)
     return (stamp - epoch) * 1e-9 if stamp else clock.now()
-
-
-def _rclpy() -> Any:
-    try:
-        return import_module("rclpy")
-    except ImportError as error:
-        raise SettingError(
-            "ROS 2 topics need rclpy, which comes with ROS 2 and cannot be imported here: source its setup.bash, and "
-            "use a Python environment that sees it (python3 -m venv --system-site-packages)"
-        ) from error

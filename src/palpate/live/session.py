@@ -1,7 +1,7 @@
 """The loop of a live session: two threads read images and poses, and the caller's thread tracks the newest image.
 
-The threads hand over what arrives through a queue and a `PoseTrack`. Images that arrive during a step replace one
-another, so that the estimate never lags behind; `listen`, which records, receives all of them.
+Images that arrive during a step replace one another, so that the estimate never lags behind; `listen`, which records,
+receives all of them.
 """
 
 import signal
@@ -17,15 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.errors import FrameError
-from palpate.live.pose_track import PoseTrack, SensorPlace
-from palpate.live.sources import Refused, Sources, TimedPose, TouchImage
+from palpate.live.sources import STALLED, PoseTrack, Refused, SensorPlace, Sources, TimedPose, TouchImage
 from palpate.touch.background import Background
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import Frame
-
-POSE_STALL = 0.15
-"""Time without a sensor pose after which a warning appears [s]."""
 
 
 class LiveEstimate(NamedTuple):
@@ -60,31 +56,22 @@ class LiveState:
     sensor poses taken and refused."""
     last: LiveEstimate | None = None
     """The last estimate."""
-    pose_age: float | None = None
-    """Age of the last sensor pose [s]; None before the first."""
     contact_frames: int = 0
     """Estimates in contact."""
     statuses: Counter[str] = field(default_factory=Counter)
     """Estimates by status."""
-    notes: deque[str] = field(default_factory=lambda: deque(maxlen=3))
-    """The last notes."""
     arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=60))
     """Times of the last images [s]."""
     _latencies: "array[float]" = field(default_factory=lambda: array("d"))
     _next_note: dict[str, float] = field(default_factory=dict)
     _stalled_since: float | None = None
 
-    def note(self, text: str) -> None:
-        """Tell the user something."""
-        self.notes.append(text)
-        self.say(text)
-
     def count_fault(self, name: str, fault: str, reason: str, now: float) -> None:
         """Count a fault under a name and tell the user, once a second at most."""
         self.counts[name] += 1
         if now >= self._next_note.get(name, -np.inf):
             self._next_note[name] = now + 1.0
-            self.note(f"{fault}, {self.counts[name]} so far: {reason}")
+            self.say(f"{fault}, {self.counts[name]} so far: {reason}")
 
     def add(self, last: LiveEstimate) -> None:
         """Count an estimate."""
@@ -96,15 +83,14 @@ class LiveState:
 
     def check_poses(self, last: float | None, begin: float, now: float) -> None:
         """Tell the user when poses stop and when they are back, by the times of the last one, the start and now [s]."""
-        self.pose_age = None if last is None else now - last
         reference = begin if last is None else last
-        is_stalled = now - reference > POSE_STALL
+        is_stalled = now - reference > STALLED
         if is_stalled and self._stalled_since is None:
             self._stalled_since = reference
             fault = "no sensor pose has come" if last is None else "the sensor's poses have stalled: none"
-            self.note(f"{fault} for {now - reference:.2f} s")
+            self.say(f"{fault} for {now - reference:.2f} s")
         elif not is_stalled and self._stalled_since is not None:
-            self.note(f"sensor poses come, after {reference - self._stalled_since:.2f} s without")
+            self.say(f"sensor poses come, after {reference - self._stalled_since:.2f} s without")
             self._stalled_since = None
 
     @property
@@ -146,12 +132,11 @@ def track_live(
     the FrameError of the first frame.
     """
     clock, begin = sources.clock, sources.clock.now()
-    arrived: SimpleQueue[TouchImage | Exception | None] = SimpleQueue()
+    arrived: SimpleQueue[TouchImage] = SimpleQueue()
     track = PoseTrack()
-    with _threads(sources, state, stop, listen, arrived, track):
-        is_over = False
-        while not (is_over or stop.is_set()):
-            image, is_over = _newest(arrived, state, 0.02)
+    with _threads(sources, state, stop, listen, arrived, track) as is_reading:
+        while is_reading() and not stop.is_set():
+            image = _newest(arrived, state)
             state.check_poses(track.last_time, begin, clock.now())
             if seconds is not None and clock.now() - begin >= seconds:
                 stop.set()
@@ -167,45 +152,27 @@ def track_live(
                     raise
                 state.count_fault("left_out", "a frame is left out", str(error), clock.now())
                 continue
-            if state.last is None:
-                _note_choices(tracker, state)
+            if state.last is None and tracker.tactile_reason:
+                state.say(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
+            if state.last is None and tracker.unusual_colours:
+                state.say(tracker.unusual_colours)
             last = LiveEstimate(estimate, place, clock.now() - image.time)
             state.add(last)
             listen(last)
             if watch:
                 watch(tracker.frame, estimate, tracker.background)
-    image, _ = _newest(arrived, state, 0.0)
-    state.counts["dropped"] += image is not None
+    state.counts["dropped"] += arrived.qsize()
 
 
-def _note_choices(tracker: Tracker, state: LiveState) -> None:
-    """Tell the user which kind of touch the tracker chose by the first image."""
-    if tracker.tactile_reason:
-        state.note(f"tactile {tracker.tactile}: {tracker.tactile_reason}")
-    if tracker.unusual_colours:
-        state.note(tracker.unusual_colours)
-
-
-def _newest(
-    arrived: "SimpleQueue[TouchImage | Exception | None]", state: LiveState, patience: float
-) -> tuple[TouchImage | None, bool]:
-    """Return the newest image that waits, counting the others as dropped, and True if it was the last of all.
-
-    Waits `patience` [s] for the first. Raises the exception of a thread.
-    """
-    items: list[TouchImage | Exception | None] = []
-    with suppress(Empty):
-        items.append(arrived.get(timeout=patience) if patience else arrived.get_nowait())
-        while True:
-            items.append(arrived.get_nowait())
+def _newest(arrived: SimpleQueue[TouchImage], state: LiveState) -> TouchImage | None:
+    """Return the newest image that waits or comes within 20 ms; the others are counted as dropped."""
     images: list[TouchImage] = []
-    for item in items:
-        if isinstance(item, Exception):
-            raise item
-        if item is not None:
-            images.append(item)
+    with suppress(Empty):
+        images.append(arrived.get(timeout=0.02))
+        while True:
+            images.append(arrived.get_nowait())
     state.counts["dropped"] += max(0, len(images) - 1)
-    return (images[-1] if images else None), None in items
+    return images[-1] if images else None
 
 
 @contextmanager
@@ -214,26 +181,29 @@ def _threads(
     state: LiveState,
     stop: threading.Event,
     listen: Listen,
-    arrived: "SimpleQueue[TouchImage | Exception | None]",
+    arrived: SimpleQueue[TouchImage],
     track: PoseTrack,
-) -> Iterator[None]:
-    """Read the sources in threads: images, a last None and exceptions into a queue, poses into the track."""
+) -> Iterator[Callable[[], bool]]:
+    """Read images into a queue and poses into the track, in threads.
+
+    Yields a function that returns False when all images are read, and raises the exception of a thread.
+    """
+    failures: list[Exception] = []
 
     def read_images() -> None:
         for image in sources.images(stop):
             if isinstance(image, str):
-                state.note(image)
+                state.say(image)
                 continue
             state.counts["images"] += 1
             state.arrivals.append(image.time)
             arrived.put(image)
             listen(image)
-        arrived.put(None)
 
     def read_poses() -> None:
         for pose in sources.poses(stop):
             if isinstance(pose, str):
-                state.note(pose)
+                state.say(pose)
             elif refused := pose if isinstance(pose, Refused) else track.add(pose):
                 state.count_fault("refused_poses", "a sensor pose is refused", refused.reason, sources.clock.now())
             elif isinstance(pose, TimedPose):
@@ -243,14 +213,21 @@ def _threads(
     def run(read: Callable[[], None]) -> None:
         try:
             read()
-        except Exception as error:  # the loop raises it again
-            arrived.put(error)
+        except Exception as error:
+            failures.append(error)
 
     threads = [threading.Thread(target=run, args=(read,), daemon=True) for read in (read_images, read_poses)]
+
+    def is_reading() -> bool:
+        is_alive = threads[0].is_alive()  # asked before the queue, which nothing is put into afterwards
+        if failures:
+            raise failures[0]
+        return is_alive or not arrived.empty()
+
     for thread in threads:
         thread.start()
     try:
-        yield
+        yield is_reading
     finally:
         stop.set()
         for thread in threads:

@@ -9,6 +9,8 @@ import math
 import socket
 import threading
 import time
+from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
+from palpate.geometry import se2
 from palpate.types.images import Codec, decode_image, encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -28,23 +31,22 @@ Size = tuple[int, int]
 """Rows and columns of an image."""
 OWN_POSES = "palpate.poses"
 """Group of entry points: functions without arguments that yield time [s since 1970], x [m], y [m], theta [rad]."""
-LARGEST_CLOCK_ERROR = 1.0
-"""Difference between a pose's time and the clock from which the pose is refused [s]: its sender has another clock."""
+STALLED = 0.15
+"""Age of a sensor pose beyond which it says nothing of an image [s]; the user is told then."""
 
 
 class Clock:
-    """A clock that runs evenly, even if the computer's clock is set."""
+    """A clock that runs evenly, even if the computer's clock is set; it starts when it is first read."""
 
     def __init__(self, start: float | None = None) -> None:
-        """Show the time since 1970 [s] or, if given, a time that starts when the clock is first read."""
+        """Show the time since 1970 [s] or, if given, a time from `start` on."""
         self._start = start
-        self._offset = time.time() - time.monotonic() if start is None else None
+        self._offset: float | None = None
 
     def now(self) -> float:
         """Return the time [s]."""
         if self._offset is None:
-            assert self._start is not None
-            self._offset = self._start - time.monotonic()
+            self._offset = (time.time() if self._start is None else self._start) - time.monotonic()
         return time.monotonic() + self._offset
 
 
@@ -80,7 +82,6 @@ class Refused(NamedTuple):
     """A message or value that is no usable pose."""
 
     reason: str
-    """The fault, in words."""
 
 
 ImageSource = Callable[[threading.Event], Iterator[TouchImage | str]]
@@ -92,11 +93,9 @@ class Sources:
     """Images and poses of one session, and their common clock."""
 
     images: ImageSource
-    """Touch images."""
     poses: PoseSource
-    """Sensor poses."""
+    """Poses of the sensor."""
     clock: Clock
-    """Clock of all times."""
     sensor: SensorProfile
     """The sensor, with the measured rate of its images."""
     size: Size
@@ -108,6 +107,65 @@ class Sources:
     def recorded_sensor(self) -> SensorProfile:
         """The sensor with the size of images as they arrive."""
         return replace(self.sensor, image_height=self.size[0], image_width=self.size[1])
+
+
+class SensorPlace(NamedTuple):
+    """Sensor pose at the time of an image."""
+
+    pose: NDArray[np.float64]
+    """world_T_sensor, (3,) [m, m, rad]."""
+    age: float
+    """Time from the last pose to the image [s], over which motion is extrapolated; 0 if a pose follows the image."""
+
+
+class PoseTrack:
+    """The latest sensor poses; one thread adds them while another interpolates."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._poses: deque[TimedPose] = deque(maxlen=4096)
+
+    @property
+    def last_time(self) -> float | None:
+        """Time of the last pose [s]; None before the first."""
+        with self._changed:
+            return self._poses[-1].time if self._poses else None
+
+    def add(self, pose: TimedPose) -> Refused | None:
+        """Add a pose; refuse one that is not later than the last."""
+        with self._changed:
+            if self._poses and pose.time <= self._poses[-1].time:
+                return Refused(f"its time {pose.time:.3f} s is not after the last one's, {self._poses[-1].time:.3f} s")
+            self._poses.append(pose)
+            self._changed.notify_all()
+        return None
+
+    def at(self, time: float) -> SensorPlace | None:
+        """Return the sensor's pose at a time [s]; None if no pose is known shortly before.
+
+        Waits up to 10 ms for a pose that follows. If none comes, the motion of the last 50 ms is extrapolated.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1].time >= time, 0.01)
+            poses = list(self._poses)
+        count = bisect_right(poses, time, key=lambda pose: pose.time)
+        if not count or time - poses[count - 1].time > STALLED:
+            return None
+        last = poses[count - 1]
+        if count < len(poses):
+            return SensorPlace(_on_line(last, poses[count], time), 0.0)
+        earlier = next(pose for pose in poses if pose.time >= last.time - 0.05)
+        is_at_last = time == last.time or earlier is last
+        return SensorPlace(last.pose if is_at_last else _on_line(earlier, last, time), time - last.time)
+
+
+def _on_line(start: TimedPose, end: TimedPose, time: float) -> NDArray[np.float64]:
+    """Return the pose at a time [s] on the straight line through two poses, turning by less than half a turn."""
+    step = end.pose - start.pose
+    step[2] = se2.wrap(step[2])
+    pose = start.pose + (time - start.time) / (end.time - start.time) * step
+    pose[2] = se2.wrap(pose[2])
+    return pose
 
 
 def replayed(recording: Recording) -> Sources:
@@ -172,21 +230,18 @@ def udp_poses(port: int, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
             listening.settimeout(0.1)
             while not stop.is_set():
                 with suppress(TimeoutError):
-                    yield pose_in_packet(listening.recv(65536), clock.now())
+                    yield _pose_in_packet(listening.recv(65536), clock.now())
 
     return poses, listening.close
 
 
-def pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:
-    """Return the pose in a packet that arrived at a time [s], or the reason why it is refused."""
+def _pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:
     shown = ascii(data[:60].decode("utf-8", errors="replace")) + ("..." if len(data) > 60 else "")
     try:
         content = json.loads(data)
-    except (ValueError, RecursionError):
-        return Refused(f"{shown} is no JSON")
-    if not isinstance(content, dict) or "pose" not in content:
-        return Refused(f"{shown} is not of the form {{'time': s, 'pose': [x, y, theta]}}")
-    return checked_pose(content.get("time", now), content["pose"], now)
+        return checked_pose(content.get("time", now), content["pose"], now)
+    except (ValueError, RecursionError, AttributeError, KeyError):
+        return Refused(f"{shown} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
 
 def own_poses(name: str, clock: Clock) -> PoseSource:
@@ -207,19 +262,15 @@ def own_poses(name: str, clock: Clock) -> PoseSource:
             for item in function():
                 if stop.is_set():
                     return
-                yield _pose_of_item(item, clock.now())
+                if isinstance(item, Iterable):
+                    when, *numbers = item
+                    yield checked_pose(when, numbers, clock.now())
+                else:
+                    yield Refused(f"{item!r} is not time, x, y, theta")
         except Exception as error:
             raise SettingError(f"{entry} ended with {type(error).__name__}: {error}") from error
 
     return poses
-
-
-def _pose_of_item(item: Any, now: float) -> TimedPose | Refused:
-    try:
-        time, *numbers = item
-    except TypeError:
-        return Refused(f"{item!r} is not time, x, y, theta")
-    return checked_pose(time, numbers, now)
 
 
 def checked_pose(time: Any, numbers: Any, now: float) -> TimedPose | Refused:
@@ -230,6 +281,6 @@ def checked_pose(time: Any, numbers: Any, now: float) -> TimedPose | Refused:
         return Refused(f"time {time!r} and pose {numbers!r} are not numbers")
     if pose.shape != (3,) or not np.isfinite(pose).all() or not math.isfinite(when):
         return Refused(f"time {time!r}, pose {numbers!r}; allowed are finite numbers: time, and x, y, theta")
-    if abs(when - now) > LARGEST_CLOCK_ERROR:
+    if abs(when - now) > 1.0:  # its sender has another clock
         return Refused(f"its time {when:.3f} s is {when - now:+.1f} s off this computer's clock")
     return TimedPose(when, pose)

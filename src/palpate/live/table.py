@@ -32,16 +32,15 @@ def table_of(title: str, state: LiveState) -> Table:
     last, rate, counts = state.last, state.rate, state.counts
     seen = f"{counts['tracked']} tracked, {counts['dropped']} dropped, {counts['without_pose']} without a pose"
     table.add_row("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {seen}")
-    latency = contact = status = pose = "-"
+    latency = contact = status = pose = age = "-"
     if last:
         one, recent = last.estimate, state.latency_ms(600)
         latency = f"{recent['p50']:.1f} ms, 99 %: {recent['p99']:.1f} ms"
         contact = "yes" if one.contact else "no"
         status = f"{one.status}{one.reason and f': {one.reason}'}"
         pose = pose_words(one.pose, world_sigma(one.pose, one.covariance))
+        age = f"{1e3 * last.place.age:.0f} ms before the image"
     for name, words in (("latency", latency), ("contact", contact), ("status", status), ("object", pose)):
         table.add_row(name, words)
-    age = "none yet" if state.pose_age is None else f"the last {1e3 * max(state.pose_age, 0.0):.0f} ms ago"
-    table.add_row("sensor pose", f"{age}, {last.place.how if last else '-'}; {counts['refused_poses']} refused")
-    table.add_row("", "\n".join(state.notes))
+    table.add_row("sensor pose", f"{age}; {counts['refused_poses']} refused")
     return table
