@@ -34,8 +34,8 @@ _TYPICAL, _INCONSISTENT = 0.5, 4.0
 nine times in ten and at most 2; a disturbance by hand makes it 70 and more."""
 _ALARMS = (("turn", 5, 0.5), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
 """Factor, steps, and the mean square error over them [variances] at which touch and pushing contradict each other.
-Only exact turns reach theirs, those of the touch models do not. On 120 simulated recordings with exact turns, 0.13 makes
-three quarters of the frames of contact ambiguous, 0.5 as many as without it.
+Only exact turns reach theirs, those of the touch models do not. On 120 simulated recordings with exact turns a limit of
+0.13 makes three quarters of the frames of contact ambiguous, 0.5 as many as without it.
 Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a fifth of a standard
 deviation is systematic, since independent ones would cancel in the estimate."""
 _SUSPICION = "direction", 30, 0.025
