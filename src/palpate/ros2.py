@@ -6,7 +6,6 @@
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,15 +16,15 @@ from palpate.errors import PalpateError, SettingError
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines import load_shape
 from palpate.io.ros_messages import BOOL, POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
-from palpate.live.camera import check_size, size_of_images
+from palpate.live.camera import size_of_images
 from palpate.live.recorder import add_live_estimate
 from palpate.live.ros2_topics import Ros2Clock, Ros2Node, Ros2Poses, message_type, ros2_images
 from palpate.live.session import LiveEstimate, LiveState, stop_on_signals, track_live
-from palpate.live.sources import ImageSource, Size, Sources, TimedPose, TouchImage
+from palpate.live.sources import Sources, TimedPose, TouchImage
 from palpate.touch.calibration import load_calibration
 from palpate.tracker import Tracker
 from palpate.types.measurements import finite_numbers
-from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.types.sensor import DIGIT
 from palpate.types.space import Plane
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
@@ -77,37 +76,14 @@ def run(ros: Ros2Node, stop: threading.Event, say: Callable[[str], Any]) -> Live
     settings = TrackerSettings(_parameter(ros, "tactile") or "learnt")
     calibration = None if unit is None else load_calibration(Path(str(unit)))
     clock, state, size = Ros2Clock(ros), LiveState(say), size_of_images(DIGIT, calibration)
-    images = partial(ros2_images, ros, IMAGES, clock, clock.epoch)
-    poses = Ros2Poses(ros, SENSOR_POSES, clock, clock.epoch, normal or (0.0, 0.0, 1.0))
-    sensor = _with_measured_rate(DIGIT, size, images, stop, say)
+    images = partial(ros2_images, ros, IMAGES, clock)
+    poses = Ros2Poses(ros, SENSOR_POSES, clock, normal or (0.0, 0.0, 1.0))
     outline = load_shape(str(shape))
-    tracker = Tracker(outline, sensor, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
+    tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
     publisher = Publisher(ros, lambda: poses.plane, clock.epoch, state)
-    if not stop.is_set():
-        say(f"tracking: images of {ros.node.resolve_topic_name(IMAGES)}")
-        track_live(tracker, Sources(images, poses.poses, clock, sensor, size), state, stop, publisher.publish)
+    say(f"tracking: images of {ros.node.resolve_topic_name(IMAGES)}")
+    track_live(tracker, Sources(images, poses.poses, clock, DIGIT, size), state, stop, publisher.publish)
     return state
-
-
-def _with_measured_rate(
-    sensor: SensorProfile, size: Size, images: ImageSource, stop: threading.Event, say: Callable[[str], Any]
-) -> SensorProfile:
-    """Return the sensor with the rate of the first 16 images. Raises SettingError if they have another size."""
-    times: list[float] = []
-    for image in images(stop):
-        if isinstance(image, str):
-            say(image)
-            continue
-        check_size("sensor", image.pixels(size).shape[:2], size)
-        times.append(image.time)
-        if len(times) == 16:
-            break
-    else:
-        return sensor  # stopped before
-    span = times[-1] - times[0]
-    if not span > 0.0:
-        raise SettingError(f"the stamps of {len(times)} images span {span:g} s; they have to increase")
-    return replace(sensor, rate=(len(times) - 1) / span)
 
 
 def _parameter(ros: Ros2Node, name: str) -> Any:

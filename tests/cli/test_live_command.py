@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -97,7 +96,8 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     poses, diagnoses = topics["/palpate/object_pose"], topics["/palpate/diagnostics"]
     assert len(poses) == len(diagnoses) == found["tracked"] and len(topics["/sensor/pose"]) == FRAMES
     values = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
-    assert all(float(one["latency [ms]"]) > 0.0 and one["sensor pose age [ms]"] == "0.0" for one in values[5:10])
+    assert all(float(one["latency [ms]"]) > 0.0 for one in values)
+    assert any(one["sensor pose age [ms]"] == "0.0" for one in values)  # not all on a busy machine
     assert {one.status[0].message for one in diagnoses} == set(found["statuses"])
     code, out, _ = run_palpate("track", "live.mcap", "--first-pose", "0.3", "0.05", "0", "--json")
     assert code == 0 and json.loads(out)["frames"] == FRAMES
@@ -136,20 +136,6 @@ def test_a_kill_loses_at_most_the_last_second(caplog):
     same_frames("live.mcap")
     assert palpate.load_recording("live.mcap").time[-1] > 1.0 - 0.3  # a busy machine begins a little later
     assert "is cut off or damaged" in caplog.text
-
-
-def test_the_view_sees_each_frame(monkeypatch, run_palpate):
-    pytest.importorskip("rerun", reason="the extra view is not installed")
-    times = []
-
-    def watch(frame, estimate, untouched):
-        assert frame.time == estimate.time and frame.image.shape == (40, 30, 3)
-        times.append(frame.time)
-
-    monkeypatch.setenv("DISPLAY", ":7")
-    monkeypatch.setattr("palpate.viewer.rerun_view.live_view", lambda *_: nullcontext(watch))
-    assert run_palpate(*REPLAY, "--view", "--seconds", "0.4")[0] == 0
-    assert len(times) > 5
 
 
 def test_a_replay_that_cannot_be_tracked(fails):
@@ -212,25 +198,25 @@ def test_camera_and_poses_are_lost_and_come_back(camera, run_palpate):
     assert found["images"] == found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"]
 
 
-def test_without_poses_nothing_is_tracked(camera, run_palpate):
-    code, out, err = run_palpate(*camera_words(f"udp:{free_port()}"), "--seconds", "0.5", "--json")
+def test_without_poses_or_with_turned_images_nothing_is_tracked(camera, run_palpate):
+    port = free_port()
+    code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--seconds", "0.5", "--json")
     found = json.loads(out)
     assert code == 0 and "no sensor pose has come for 0." in err
     assert found["tracked"] == 0 and found["without_pose"] + found["dropped"] == found["images"] > 5
+    camera.size = (240, 320)
+    with sending(lambda n: pose_packet(), port):
+        code, out, err = run_palpate(*camera_words(f"udp:{port}"))
+    assert (code, out) == (2, "") and "(240, 320, 3), turned by a quarter; expected uint8 (320, 240, 3)" in err
 
 
 def test_a_camera_that_cannot_be_used(camera, fails):
     words = camera_words(f"udp:{free_port()}")
-    camera.size = SIZE = (240, 320)
-    found = "240 rows and 320 columns, expected 320 and 240; palpate calibrate --presses"
-    assert found in fails(*words)
-    camera.size = (99, 40)
-    assert "have 99 rows and 40 columns, expected 320 and 240\n" in fails(*words)
-    camera.size, camera.grab = SIZE, lambda: False
+    camera.grab = lambda: False
     assert "gives no images" in fails(*words)
     camera.is_plugged = False
     assert "cannot be opened: another program" in fails(*words)
-    assert camera.released == 3 == camera.opened
+    assert camera.released == 1 == camera.opened
     Path("video0").unlink()
     assert "there is no such device" in fails(*words)
 

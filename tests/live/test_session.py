@@ -111,18 +111,12 @@ def test_a_stall_is_noted_within_a_fifth_of_a_second_and_estimates_carry_its_age
 
     pose_times = [*np.arange(0, 30) / 100, *np.arange(90, 130) / 100]
     state, notes = run(FakeTracker(), 0.1 + np.arange(36) / 30, pose_times, listen=listen)
-    _, first, second = notes
+    _, first, second = notes  # after that of the tracker
     assert "the sensor's poses have stalled: none for 0.1" in first or "none for 0.2" in first
     assert "sensor poses come, after 0.6" in second
-    assert all(age in (0.0, pytest.approx(when - 0.29)) for when, age in ages.items()) and max(ages.values()) > 0.05
+    during = [(when, age) for when, age in ages.items() if 0.35 < when < 0.5]
+    assert during and all(age == pytest.approx(when - 0.29) for when, age in during)
     assert abs(state.counts["without_pose"] - 14) <= 2  # a busy machine may take more for stalled
-
-
-def test_poses_that_go_back_in_time_are_refused():
-    state, notes = run(FakeTracker(), [0.1, 0.3], [0.0, 0.15, 0.1, 0.1, 0.2])
-    assert (state.counts["sensor_poses"], state.counts["refused_poses"]) == (3, 2)
-    (refused,) = [text for text in notes if "refused" in text]  # once a second
-    assert "a sensor pose is refused, 1 so far: its time 0.100 s is not after" in refused
 
 
 def test_a_frame_that_the_tracker_refuses_is_left_out():
@@ -159,9 +153,8 @@ def test_errors_of_sources_and_trackers_come_through():
 
 
 def test_the_table_keeps_its_rows():
-    state = LiveState(lambda text: None)
-    names, shown = [list(column.cells) for column in table_of("palpate live", state).columns]
-    assert names == ["images", "latency", "contact", "status", "object", "sensor pose"] and shown[1] == "-"
     state, _ = run(FakeTracker(), np.arange(6) / 30, np.arange(60) / 100)
-    again, shown = [list(column.cells) for column in table_of("palpate live", state).columns]
-    assert again == names and shown[2:4] == ["no", "resting"]
+    before, after = (
+        [list(column.cells) for column in table_of("live", one).columns] for one in (LiveState(print), state)
+    )
+    assert before[0] == after[0] and before[1][1] == "-" and after[1][2:4] == ["no", "resting"]

@@ -1,14 +1,18 @@
 """Messages that the node publishes of an estimate, with a stand-in for rclpy: `rosbags` has the same types."""
 
+import threading
+import time
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from palpate import Estimate, ros2
 from palpate.io.ros_messages import ros_types
+from palpate.live.ros2_topics import Ros2Poses
 from palpate.live.session import LiveEstimate, LiveState
-from palpate.live.sources import SensorPlace
+from palpate.live.sources import Clock, Refused, SensorPlace, TimedPose
 from palpate.types.estimate import Answer
 from palpate.types.space import plane_across
 
@@ -42,3 +46,24 @@ def test_all_answers_are_published(monkeypatch):
     words = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
     assert [one["answer weights"] for one in words] == ["0.7000 0.3000", "1.0000"]
     assert [one["answer sigmas y [mm]"] for one in words] == ["3.00 3.00", "3.00"]
+
+
+def test_poses_are_those_of_the_plane_through_the_first():
+    types = ros_types("cdr").types
+
+    def message(height: float, w: float = 1.0, frame: str = "base") -> Any:
+        pose = SimpleNamespace(
+            position=SimpleNamespace(x=0.5, y=0.0, z=height), orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=w)
+        )
+        stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)  # none: the time is that of the arrival
+        return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id=frame), pose=pose)
+
+    messages = [message(0.2), message(0.23), message(0.2, 0.5), message(0.2, frame="map"), message(0.205)]
+    ros: Any = SimpleNamespace(messages=lambda *_: iter(messages))
+    first, off, broken, other, last = Ros2Poses(ros, "/robot/sensor_pose", Clock()).poses(threading.Event())
+    for pose in (first, last):
+        assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.5, 0.0, 0.0])
+        assert pose.time == pytest.approx(time.time(), abs=60.0)
+    words = ("30.0 mm off the plane of the first", "a quaternion of length 1", "the first was in 'base'")
+    for refused, expected in zip((off, broken, other), words, strict=True):
+        assert isinstance(refused, Refused) and expected in refused.reason

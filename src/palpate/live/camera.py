@@ -24,10 +24,7 @@ class Camera:
     """A camera read through V4L2 by OpenCV, that survives being unplugged and plugged in again."""
 
     def __init__(self, path: Path, size: Size, clock: Clock) -> None:
-        """Open the camera and measure its rate.
-
-        Raises SettingError if it cannot be opened, gives no images, or images of another size.
-        """
+        """Open the camera and measure its rate. Raises SettingError if it cannot be opened or gives no images."""
         self._path, self._size, self._clock = path, size, clock
         self._capture: Any = None
         images = self._open()
@@ -35,10 +32,6 @@ class Camera:
             raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
         self.rate: float = (len(images) - 1) / (images[-1].time - images[0].time)
         """Measured rate [Hz]."""
-        found = images[-1].pixels(size).shape[:2]
-        if found != size:
-            self.close()
-        check_size(f"camera {path}", found, size)
 
     def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
         """Yield each image with the time of its arrival and, as text, notes for the user; ends at the event."""
@@ -102,10 +95,7 @@ class Camera:
 
 
 def camera_sources(name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None) -> Sources:
-    """Open a camera (number, path or serial) and a source of poses (see `pose_source`).
-
-    Raises SettingError if one of them is missing or images have another size than the calibration's.
-    """
+    """Open a camera (number, path or serial) and a source of poses. Raises SettingError if one of them is missing."""
     size, clock, path = size_of_images(sensor, calibration), Clock(), camera_path(name)
     with ExitStack() as opened:
         camera = Camera(path, size, clock)
@@ -141,13 +131,3 @@ def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> Si
     """Return the size of a sensor's images as they arrive, before a calibration turns them."""
     height, width = sensor.image_height, sensor.image_width
     return (width, height) if view_of(calibration).quarter_turns % 2 else (height, width)
-
-
-def check_size(source: str, found: Size, expected: Size) -> None:
-    """Raise SettingError if images of a source have another size than expected."""
-    if found != expected:
-        turned = "; palpate calibrate --presses finds how they are turned" if found == expected[::-1] else ""
-        raise SettingError(
-            f"{source}: its images have {found[0]} rows and {found[1]} columns, expected {expected[0]} and "
-            f"{expected[1]}{turned}"
-        )

@@ -93,18 +93,15 @@ class Ros2Clock(Clock):
     def __init__(self, ros: Ros2Node) -> None:
         """Start at 0 s, now."""
         self._clock = ros.node.get_clock()
-        self.epoch: int = self._clock.now().nanoseconds
-        """Stamp of 0 s [ns]; times after it are small enough to resolve nanoseconds."""
+        self.epoch = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
 
     def now(self) -> float:
         """Return the time [s]."""
         return (self._clock.now().nanoseconds - self.epoch) * 1e-9
 
 
-def ros2_images(
-    ros: Ros2Node, topic: str, clock: Clock, epoch: int, stop: threading.Event
-) -> Iterator[TouchImage | str]:
-    """Yield touch images of a topic with the time of their stamp after an epoch [ns], or of arrival without a stamp.
+def ros2_images(ros: Ros2Node, topic: str, clock: Clock, stop: threading.Event) -> Iterator[TouchImage | str]:
+    """Yield touch images of a topic with the time of their stamp, or of their arrival without a stamp.
 
     Raises FileError if they are no colour images.
     """
@@ -112,19 +109,17 @@ def ros2_images(
         if isinstance(message, str):
             yield message
         elif hasattr(message, "format"):
-            yield TouchImage(_time(message, clock, epoch), *compressed_image(message))
+            yield TouchImage(_time(message, clock), *compressed_image(message))
         else:
-            yield TouchImage(_time(message, clock, epoch), raw_image(message))
+            yield TouchImage(_time(message, clock), raw_image(message))
 
 
 class Ros2Poses:
     """Sensor poses of a topic, projected into the plane with a normal through the first of them."""
 
-    def __init__(
-        self, ros: Ros2Node, topic: str, clock: Clock, epoch: int = 0, normal: ArrayLike = (0.0, 0.0, 1.0)
-    ) -> None:
+    def __init__(self, ros: Ros2Node, topic: str, clock: Clock, normal: ArrayLike = (0.0, 0.0, 1.0)) -> None:
         """Take times as `ros2_images` does; the plane's normal (3,) is in the frame of the poses."""
-        self._ros, self._topic, self._clock, self._epoch = ros, topic, clock, epoch
+        self._ros, self._topic, self._clock = ros, topic, clock
         self._normal = np.asarray(normal, np.float64)
         self.plane: Plane | None = None
         """The plane; known from the first pose on."""
@@ -135,7 +130,7 @@ class Ros2Poses:
             if isinstance(message, str):
                 yield message
             else:
-                yield self._planar(poses_of(message)[0], _time(message, self._clock, self._epoch))
+                yield self._planar(poses_of(message)[0], _time(message, self._clock))
 
     def _planar(self, pose: Pose, time: float) -> TimedPose | Refused:
         position, rotation = np.array([pose.numbers[:3]]), np.array([pose.numbers[3:]])
@@ -177,7 +172,7 @@ def message_type(name: str) -> Any:
         raise SettingError(f"messages of type {name} need {package}, which is not installed in this ROS") from error
 
 
-def _time(message: Any, clock: Clock, epoch: int) -> float:
+def _time(message: Any, clock: Clock) -> float:
     """Return the time of a message's stamp [s], or that of its arrival if it has none."""
     stamp = stamp_of(message)
-    return (stamp - epoch) * 1e-9 if stamp else clock.now()
+    return (stamp - clock.epoch) * 1e-9 if stamp else clock.now()

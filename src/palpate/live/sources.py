@@ -38,6 +38,9 @@ STALLED = 0.15
 class Clock:
     """A clock that runs evenly, even if the computer's clock is set; it starts when it is first read."""
 
+    epoch: int = 0
+    """Stamp of 0 s [ns]."""
+
     def __init__(self, start: float | None = None) -> None:
         """Show the time since 1970 [s] or, if given, a time from `start` on."""
         self._start = start
