@@ -151,7 +151,7 @@ class HypothesisBank:
 
     def _contact(self, window: Window, pose: Array, friction: float) -> dict[str, Any]:
         """Return contact point, outward normal and the probability of sliding, by the best hypothesis."""
-        nearest = self._model.touching(np.ascontiguousarray(window.sensor_in_object[:1])[None])[0, 0]
+        nearest = window.touch(0)
         turn = complex(math.cos(pose[2]), math.sin(pose[2]))
         point = complex(*pose[:2]) + turn * nearest["point"]
         normal = turn * nearest["normal"] / abs(nearest["normal"])

@@ -2,8 +2,8 @@
 
 They are eliminated step by step, oldest first. The numbers of two steps and of the shared variables form one small
 system (WIDTH,): once the older step is eliminated, the rest is a Gaussian on the newer step and the shared variables,
-which is all that the past says about what follows. The cost is proportional to the number of steps. Only upper triangles
-of matrices count.
+which is all that the past says about what follows. The cost is proportional to the number of steps. Only the upper
+triangles of matrices count.
 """
 
 import math

@@ -30,16 +30,14 @@ _WALK = 1e-3  # [m] step length along an outline
 _SOFT = 2e-4  # [m] indentation s over which parts share the load
 
 CONTACT_GEOMETRY = np.dtype(
-    [
-        ("gap", np.float64),
-        ("gap_by_g", np.float64, (3,)),
-        ("point", np.complex128),
-        ("point_by_g", np.complex128, (3,)),
-        ("material", np.complex128),
-        ("material_by_g", np.complex128, (3,)),
-        ("normal", np.complex128),
-        ("normal_by_g", np.complex128, (3,)),
-    ],
+    {
+        "names": [
+            "gap",
+            "gap_by_g",
+            *(f"{one}{by}" for one in ("point", "material", "normal") for by in ("", "_by_g")),
+        ],
+        "formats": ["f8", "3f8", *3 * ("c16", "3c16")],
+    },
     align=True,
 )
 """Contact geometry at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.

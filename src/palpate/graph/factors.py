@@ -26,19 +26,8 @@ logger = logging.getLogger(__name__)
 M = TypeVar("M", bound=Measurement)
 _SLACK = 0.02  # [s] tolerance on a measurement's time if there is only one step
 
-NAMES = (
-    "sticking",
-    "balance",
-    "friction_cone",
-    "first_pose",
-    "sensor_pose",
-    "contact",
-    "direction",
-    "place",
-    "turn",
-    "object_pose",
-    "own",
-)
+_PUSHING, _MEASURED = "sticking balance friction_cone", "sensor_pose contact direction place turn object_pose own"
+NAMES = (*_PUSHING.split(), "first_pose", *_MEASURED.split())
 """Names of the factors. Those of pushing come first: they hold only while nothing but the sensor moves the object."""
 STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, OBJECT_POSE, OWN = range(
     len(NAMES)
@@ -46,110 +35,71 @@ STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, P
 MOST_ROWS = 3 + OBJECT_SIZE
 """Largest number of residual rows of a term."""
 
-TERM = np.dtype(
-    [
-        ("kind", np.int64),
-        ("step", np.int64),
-        ("index", np.int64),
-        ("value", np.float64),
-        ("variance", np.float64),
-        ("from_touch", np.bool_),
-        ("pose", np.float64, (3,)),
-        ("root", np.float64, (3, 3)),
-    ],
-    align=True,
+
+def _record(formats: dict[str, Any]) -> np.dtype:
+    """Return a structured type for compiled code."""
+    return np.dtype(list(formats.items()), align=True)
+
+
+TERM = _record(
+    {"kind": "i8", "step": "i8", "index": "i8", "value": "f8", "variance": "f8", "from_touch": "?"}
+    | {"pose": "3f8", "root": "(3,3)f8"}
 )
 """A term.
 
 - kind: place of its factor in NAMES.
 - step: its step in the window or, in a term that arrives, relative to the new step.
 - index: place among own measurements.
-- value: measured angle [rad] or place [m]; of a term of pushing, distance of the sensor from the step before [m].
-- variance: its variance.
+- value, variance: measured angle [rad] or place [m]; of pushing, distance of the sensor from the step before [m].
 - from_touch: True if the value was read from touch images, which may be mirrored.
 - pose, root: measured pose of sensor or object, and the whitening matrix of its covariance.
 """
-
-
-STEP = np.dtype(
-    [
-        ("g", np.float64, (3,)),
-        ("e", np.float64, (3,)),
-        ("at_g", np.float64, (3,)),
-        ("at_e", np.float64, (3,)),
-        ("turn_g", np.complex128),
-        ("turn_e", np.complex128),
-        ("touch", CONTACT_GEOMETRY),
-        ("force_angle", np.float64),
-        ("slide", np.float64),
-        ("spread", np.float64),
-        ("cost", np.float64, (2,)),
-        ("squares", np.float64, (len(NAMES),)),
-    ],
-    align=True,
+STEP = _record(
+    {"g": "3f8", "e": "3f8", "at_g": "3f8", "at_e": "3f8", "object": "3f8"}
+    | {"turn_g": "c16", "turn_e": "c16", "touch": CONTACT_GEOMETRY, "force_angle": "f8"}
+    | {"slide": "f8", "spread": "f8", "cost": "2f8", "squares": f"{len(NAMES)}f8"}
 )
 """One step of a row of the window.
 
-- g, e: sensor pose in the object frame and in the world [m, m, rad]; at_...: where the terms were linearised.
-- turn_...: rotation exp(i theta) of these.
+- g, e, object: sensor pose in the object frame, sensor and object in the world [m, m, rad].
+- at_g, at_e: values at which the terms were linearised.
+- turn_g, turn_e: rotations exp(i theta).
 - force_angle: angle of the pushing force from the outline's inward normal, counter-clockwise [rad].
 - slide, spread: slide of the object over the sensor by something else in this step, mean and standard deviation [m],
   counter-clockwise along the outline. The latter is 0 in a step without disturbance.
 - cost: cost of measurements and of pushing.
 - squares: squared errors of each factor, without kernels [variances].
 """
-
-ROW = np.dtype(
-    [
-        ("shared", np.float64, (SHARED_SIZE,)),
-        ("at_shared", np.float64, (SHARED_SIZE,)),
-        ("sign", np.float64),
-        ("first_pose", np.float64, (3,)),
-        ("first_values", np.float64, (OBJECT_SIZE,)),
-        ("first_root", np.float64, (MOST_ROWS, MOST_ROWS)),
-        ("past_information", np.float64, (LAST_SIZE, LAST_SIZE)),
-        ("past_gradient", np.float64, (LAST_SIZE,)),
-        ("past_g", np.float64, (3,)),
-        ("past_e", np.float64, (3,)),
-        ("past_shared", np.float64, (SHARED_SIZE,)),
-        ("next_information", np.float64, (LAST_SIZE, LAST_SIZE)),
-        ("next_gradient", np.float64, (LAST_SIZE,)),
-        ("errors", np.float64, (3,)),
-        ("object_pose", np.float64, (3,)),
-        ("object_covariance", np.float64, (MOST_ROWS, MOST_ROWS)),
-        ("change", np.float64),
-        ("is_lost", np.bool_),
-    ],
-    align=True,
+ROW = _record(
+    {"shared": f"{SHARED_SIZE}f8", "at_shared": f"{SHARED_SIZE}f8", "sign": "f8"}
+    | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
+    | {"past_information": f"({LAST_SIZE},{LAST_SIZE})f8", "past_gradient": f"{LAST_SIZE}f8"}
+    | {"past_g": "3f8", "past_e": "3f8", "past_shared": f"{SHARED_SIZE}f8"}
+    | {"next_information": f"({LAST_SIZE},{LAST_SIZE})f8", "next_gradient": f"{LAST_SIZE}f8"}
+    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": "3f8", "change": "f8", "is_lost": "?"}
 )
 """All else in a row of the window.
 
-- shared: shared variables; at_shared: where the terms were linearised.
+- shared, at_shared: shared variables, and values at which the terms were linearised.
 - sign: -1.0 if touch images are taken as mirrored, else 1.0.
 - first_...: belief about the object at the beginning: pose, variables, and whitening matrix of their joint covariance.
 - past_...: Gaussian on the oldest step and the shared variables, which is what older steps say: information matrix,
   negative gradient, and the values at which it is that.
 - next_...: the same once the oldest step has left, at its linearisation; NaN if it is indeterminate.
+- covariance: joint covariance of the object's last pose and its variables.
 - errors: errors of the last step's sticking and balance, without kernels [standard deviations].
-- object_...: world_T_object at the last step, and the joint covariance of it and the object's variables.
 - change: largest change of a pose in the last Gauss-Newton step [m, rad].
 - is_lost: True if there is no solution.
 """
-
-LINEAR = np.dtype(
-    [
-        ("residual", np.float64, (MOST_ROWS,)),
-        ("jacobian", np.float64, (MOST_ROWS, WIDTH)),
-        ("information", np.float64, (MOST_ROWS,)),
-        ("weight", np.float64, (MOST_ROWS,)),
-    ]
+LINEAR = _record(
+    {"residual": f"{MOST_ROWS}f8", "jacobian": f"({MOST_ROWS},{WIDTH})f8"}
+    | {"information": f"{MOST_ROWS}f8", "weight": f"{MOST_ROWS}f8"}
 )
 """Rows of one linearised term.
 
 - jacobian: by right (body-frame) perturbations of g and e of the step before and of this step, and by the shared
   variables; 0 before a kernel writes to it.
-- information: inverse variances without the robust kernel.
-- weight: the same times the weight that the kernel leaves.
+- information, weight: inverse variances, without and with the weight that the robust kernel leaves.
 """
 
 

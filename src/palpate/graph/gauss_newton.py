@@ -78,12 +78,8 @@ def improve(
         if is_found and _move(steps[b], row, root, y, last_root, last_y):
             _put_touch(steps[b, -1], surface, parts)
             _conclude(steps[b], row, terms, settings, last_root, room)
-            continue
-        row.is_lost, row.change = True, 0.0
-        copy(row.at_shared, row.shared)
-        for k in range(steps.shape[1]):
-            copy(steps[b, k].at_g, steps[b, k].g)
-            copy(steps[b, k].at_e, steps[b, k].e)
+        else:
+            row.is_lost, row.change = True, 0.0
 
 
 @compiled
@@ -220,6 +216,9 @@ def _move(steps: Records, row: Records, root: Array, y: Array, last_root: Array,
         now = steps[k]
         exp_onto(now.at_g, change[STEP_SIZE : STEP_SIZE + 3], now.g)
         exp_onto(now.at_e, change[STEP_SIZE + 3 : 2 * STEP_SIZE], now.e)
+        turn = rotation(now.e[2] - now.g[2])
+        place = position(now.e) - turn * position(now.g)
+        now.object[0], now.object[1], now.object[2] = place.real, place.imag, wrap(now.e[2] - now.g[2])
         for i in range(STEP_SIZE, 2 * STEP_SIZE):
             largest = max(largest, abs(change[i]))
         if k > 0:
@@ -247,10 +246,6 @@ def _conclude(steps: Records, row: Records, terms: Records, settings: Records, l
                 for c in range(WIDTH):
                     out.jacobian[r, c] = 0.0
         t -= 1
-    turn = rotation(now.e[2] - now.g[2])
-    place_now = position(now.e) - turn * position(now.g)
-    row.object_pose[0], row.object_pose[1] = place_now.real, place_now.imag
-    row.object_pose[2] = wrap(now.e[2] - now.g[2])
     _put_object_covariance(now.g, row, last_root)
 
 
@@ -275,7 +270,7 @@ def _put_object_covariance(g: Array, row: Records, last_root: Array) -> None:
             total = 0.0
             for k in range(LAST_SIZE):
                 total += pulled[k] * by_last[j, k]
-            row.object_covariance[i, j] = row.object_covariance[j, i] = total
+            row.covariance[i, j] = row.covariance[j, i] = total
 
 
 @compiled

@@ -24,15 +24,7 @@ from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import FRICTION_CONE, NAMES, OWN, ROW, STEP, TERM, TURN, Factors, Step
 from palpate.graph.gauss_newton import extrapolate, improve
 from palpate.graph.own_measurements import evaluated
-from palpate.graph.variables import (
-    CONTACT_SIZE,
-    IN_SHARED,
-    LAG,
-    LAST_SIZE,
-    OF_CONTACT,
-    STEP_SIZE,
-    TURN_OFFSET,
-)
+from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import Measurement, OwnMeasurement
 
 Array = NDArray[np.float64]
@@ -94,7 +86,7 @@ class Window:
         terms, own = self._factors.terms(step)  # before any change, since they may raise
         leaving = None
         if len(self._times) == self._lag:
-            leaving = _object_poses(self._steps[:, 0])
+            leaving = self._steps["object"][:, 0].copy()
             self._marginalise()
         new = np.zeros((self.rows, 1), STEP)
         new["e"] = sensor_pose
@@ -144,12 +136,16 @@ class Window:
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
-        pose, shared, covariance = (self._rows[name] for name in ("object_pose", "shared", "object_covariance"))
-        return Belief(pose.copy(), shared[:, CONTACT_SIZE:].copy(), covariance.copy())
+        pose, values = self._steps["object"][:, -1], self._rows["shared"][:, CONTACT_SIZE:]
+        return Belief(pose.copy(), values.copy(), self._rows["covariance"].copy())
+
+    def touch(self, row: int) -> np.void:
+        """Return the CONTACT_GEOMETRY of a row at the last step."""
+        return self._steps["touch"][row, -1]
 
     def object_path(self) -> Array:
         """Return the object poses of all steps in the window, (B, N, 3)."""
-        return _object_poses(self._steps)
+        return self._steps["object"].copy()
 
     def force_angle(self, row: int) -> float:
         """Return the angle of the pushing force from the outline's inward normal [rad]; NaN at the first step."""
@@ -185,10 +181,9 @@ class Window:
         """Take the terms that arrive with the last step."""
         arrived["step"] += len(self._times) - 1
         arrived["index"][arrived["kind"] == OWN] = len(self._own) + np.arange(len(own))
-        self._own = [*self._own, *own]
-        terms = joined([self._terms, arrived[arrived["step"] >= 0]])  # that of a late one may have left the window
-        self._terms = terms.take(np.argsort(terms["step"] * len(NAMES) + terms["kind"], kind="stable"))
-        self._order_own()
+        arrived = arrived[arrived["step"] >= 0]  # that of a late measurement may have left the window
+        terms, self._own = joined([self._terms, arrived]), [*self._own, *own]
+        self._keep(np.argsort(terms["step"] * len(NAMES) + terms["kind"], kind="stable"), terms)
         turns = arrived[arrived["kind"] == TURN]
         if len(turns) and not self._has_turn:
             # Far from the true offset, the robust kernel would leave a turn hardly any weight.
@@ -197,8 +192,9 @@ class Window:
             offset = se2.wrap(self._steps["g"][:, first["step"], 2] - angle)
             self._rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
-    def _order_own(self) -> None:
-        """Keep the own measurements that have terms, in their order."""
+    def _keep(self, order: NDArray[np.int64], terms: NDArray[np.void]) -> None:
+        """Keep these terms and, in their order, the own measurements that have one."""
+        self._terms = terms.take(order)
         if self._own:
             is_own = self._terms["kind"] == OWN
             self._own = [self._own[index] for index in self._terms["index"][is_own]]
@@ -211,9 +207,11 @@ class Window:
         """
         steps, rows, terms, surface = self._steps, self._rows, self._terms, self._model.surface
         together = groups[:, None] == groups
-        own_steps = terms["step"][terms["kind"] == OWN].tolist() if self._own else []
+        own = np.empty((self.rows, 0, 0, 0))
         for _ in range(_ITERATIONS):
-            own = evaluated(self._own, own_steps, steps["g"], steps["e"], rows["shared"], self._times[-1])
+            if self._own:
+                own_steps = terms["step"][terms["kind"] == OWN].tolist()
+                own = evaluated(self._own, own_steps, steps["g"], steps["e"], rows["shared"], self._times[-1])
             improve(steps, rows, changing, terms, self._factors.settings, self._drift, surface, own)
             changing = changing & ((together * rows["change"]).max(axis=1) >= _CONVERGED)
             if not changing.any():
@@ -230,10 +228,9 @@ class Window:
         rows["past_g"], rows["past_e"], rows["past_shared"] = second["at_g"], second["at_e"], rows["at_shared"]
         self._steps = self._steps[:, 1:]
         needed = np.where(self._terms["kind"] <= FRICTION_CONE, 2, 1)  # terms of pushing are on two steps
-        self._terms = self._terms.take(np.flatnonzero(self._terms["step"] >= needed))
+        self._keep(np.flatnonzero(self._terms["step"] >= needed), self._terms)
         self._terms["step"] -= 1
         self._times = self._times[1:]
-        self._order_own()
 
 
 def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
@@ -259,11 +256,6 @@ def _whitening(covariance: Array) -> Array:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
     except np.linalg.LinAlgError:
         return np.full_like(covariance, np.nan)
-
-
-def _object_poses(steps: NDArray[np.void]) -> Array:
-    """Return world_T_object (..., 3) at steps (...)."""
-    return se2.compose(steps["e"], se2.inverse(steps["g"]))
 
 
 def joined(arrays: Sequence[NDArray[np.void]], axis: int = 0) -> NDArray[np.void]:
