@@ -4,12 +4,13 @@ import csv
 import gzip
 import io
 import json
+import math
 import os
 import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -122,8 +123,8 @@ def held_folder(folder: Path, file: str = "") -> Iterator[None]:
 
 
 @contextmanager
-def in_file(path: Path) -> Iterator[None]:
-    """Name a file in the FileErrors of what was read from it, where they do not yet."""
+def in_file(path: Path | str) -> Iterator[None]:
+    """Name a file, or a part of one, in the FileErrors of what was read from it, where they do not yet."""
     try:
         yield
     except FileError as error:
@@ -146,6 +147,56 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
     if len(data) > most:
         raise FileError(f"{path}: is a text of more than {most / 1e6:g} MB")
     return text
+
+
+def text_start(path: Path, length: int = 4096) -> str:
+    """Return the start of a text file, gzipped or plain; "" if it is anything else."""
+    try:
+        with path.open("rb") as file:
+            is_gzipped = file.read(2) == b"\x1f\x8b"
+        with gzip.open(path) if is_gzipped else path.open("rb") as file:
+            data = file.read(length)
+    except (OSError, EOFError, zlib.error):
+        return ""
+    # The cut may go through a character: its rest does not matter.
+    text = data.decode("utf-8", errors="replace")
+    return "" if "\x00" in text or "\ufffd" in text[:-4] else text
+
+
+def numbers_of(words: Iterable[str]) -> list[float] | None:
+    """Return words as numbers; None if one is no finite number."""
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        return None
+    return numbers if all(map(math.isfinite, numbers)) else None
+
+
+def first_rows(path: Path, count: int, separator: str | None = None) -> list[list[float]]:
+    """Return the first rows of a file of `count` numbers a line; none if it is another file."""
+    lines = _lines(text_start(path))[:5]
+    # A line may be cut off by the end of what was read, the first is not.
+    rows = [numbers_of(line.split(separator)) for _, line in lines[:-1] or lines]
+    return [row for row in rows if row] if all(row and len(row) == count for row in rows) else []
+
+
+def number_rows(path: Path, count: int, separator: str | None = None) -> dict[int, list[float]]:
+    """Return the rows of a file of `count` numbers a line, by the number of the line. Raises FileError."""
+    rows: dict[int, list[float]] = {}
+    for number, line in _lines(read_text(path)):
+        row = numbers_of(line.split(separator))
+        if row is None or len(row) != count:
+            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected {count} numbers")
+        rows[number] = row
+    if not rows:
+        raise FileError(f"{path}: holds no rows of numbers")
+    return rows
+
+
+def _lines(text: str) -> list[tuple[int, str]]:
+    """Return the lines of a text with their numbers, without comments, which # begins, and blank lines."""
+    lines = ((number, line.split("#")[0].strip()) for number, line in enumerate(text.splitlines(), 1))
+    return [(number, line) for number, line in lines if line]
 
 
 def csv_rows(text: str, path: Path | str) -> list[list[str]]:

@@ -2,9 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from recording_samples import pushed, tiny_recording
@@ -43,7 +41,7 @@ def test_bad_files_are_one_line(fails, succeeds, command):
     Path("truncated.mcap").write_bytes(whole[: len(whole) // 2])
     Path("empty.mcap").write_bytes(b"")
     Path("text.mcap").write_text("not a recording")
-    succeeds("convert", "push.mcap", "poses.tum", "--lossy")
+    succeeds("convert", "push.mcap", "poses.tum")
     assert "missing.mcap: no such file" in fails(command, "missing.mcap")
     assert "truncated.mcap: " in fails(command, "truncated.mcap")
     assert "empty.mcap: is empty" in fails(command, "empty.mcap")
@@ -53,10 +51,10 @@ def test_bad_files_are_one_line(fails, succeeds, command):
 
 
 def test_convert_writes_trajectories_and_recordings(json_of, succeeds):
-    assert "truth.tum" in succeeds("convert", "push.mcap", "truth.tum", "--lossy")
+    assert "truth.tum" in succeeds("convert", "push.mcap", "truth.tum")
     assert np.allclose(np.loadtxt("truth.tum")[:, 1:3], pushed().object_pose[:, :2], atol=1e-8)
-    assert json_of("convert", "push.mcap", "copy.mcap", "--from", "palpate") == {
-        "in": "push.mcap", "out": "copy.mcap", "holds": "recording", "frames": 40, "left_out": [],
+    assert json_of("convert", "push.mcap", "copy.mcap") == {
+        "in": "push.mcap", "out": "copy.mcap", "holds": "recording", "frames": 40,
     }  # fmt: skip
     palpate.write_recording(tiny_recording(), "tiny.mcap")
     succeeds("convert", "tiny.mcap", "back.mcap")
@@ -65,26 +63,10 @@ def test_convert_writes_trajectories_and_recordings(json_of, succeeds):
     assert (list(one.image or ()), one.source, one.frames) == (list(other.image or ()), other.source, other.frames)
 
 
-def test_convert_names_everything_that_would_be_lost(fails, succeeds):
-    coded: Any = cv2.imencode(".png", np.zeros((12, 8, 3), np.uint8))[1].tobytes()
-    palpate.write_recording(replace(pushed(), sensor=TINY, image=(coded,) * 40, codec="png"), "seen.mcap")
-    error = fails("convert", "seen.mcap", "seen.tum")
-    assert all(word in error for word in ("sensor poses", "outline and sensor", "images", "--lossy"))
-    assert not Path("seen.tum").exists()
-    out = succeeds("convert", "seen.mcap", "seen.tum", "--lossy")
-    assert "without sensor poses, outline and sensor, images" in out
-    assert len(np.loadtxt("seen.tum")) == 40
-    error = fails("convert", "push.mcap", "push.tum")
-    assert "push.tum would lack sensor poses, outline and sensor, contact flags; --lossy" in error
-
-
 def test_convert_overwrites_only_with_force(fails, succeeds):
     Path("there.tum").write_text("old")
     assert "already exists; --force" in fails("convert", "push.mcap", "there.tum")
     assert Path("there.tum").read_text() == "old"
-    succeeds("convert", "push.mcap", "there.tum", "--force", "--lossy")
+    succeeds("convert", "push.mcap", "there.tum", "--force")
     assert len(np.loadtxt("there.tum")) == 40
     assert ".xyz" in fails("convert", "push.mcap", "a.xyz")
-    assert "allowed are" in fails("convert", "push.mcap", "b.tum", "--from", "magic")
-    both = fails("convert", "push.mcap", "b.tum", "--from", "palpate", "--shape", "disc")
-    assert "--from cannot be combined with options for bags" in both

@@ -170,7 +170,7 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
     def full(*_: object) -> None:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("palpate.io.tum.write", full)
+    monkeypatch.setattr("palpate.pipeline.run_folder.write_tum", full)
     assert "no space left" in fails("track", "push.mcap", "--force")
     assert read("runs/push/summary.json") == old
     assert [path.name for path in Path("runs").iterdir()] == ["push"]

@@ -49,17 +49,17 @@ def test_cmu_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("1,2,3,4,5,6,7,8\n1,2,3\n", r"line 2: found '1,2,3', expected 8 numbers"),
-        ("1,2,3,4,5,6,7,8\n1,2,3,4,5,6,7,nan\n", "line 2"),
+        ("1,2,3,4,5,6,7,8\n" * 6 + "1,2,3\n", r"line 7: found '1,2,3', expected 8 numbers"),
+        ("1,2,3,4,5,6,7,8\n" * 6 + "1,2,3,4,5,6,7,nan\n", "line 7"),
         ("1,2,3,4,5,6,7,8\n", "a single row"),
-        ("\n\n", "holds no rows"),
+        ("1,2,3,4,5,6,7,8\n2,0,0,0,1e12,0,0,1\n", "sensor_pose: frame 0 is"),
     ],
 )
 def test_cmu_bad_content(tmp_path, text, message):
     path = tmp_path / "log.txt"
     path.write_text(text)
     with pytest.raises(FileError, match=message):
-        formats.read(path, "cmu-two-finger")
+        load(path)
 
 
 def test_cmu_without_a_single_tag(tmp_path):

@@ -137,10 +137,3 @@ def test_covariance_is_turned_to_the_axes_of_the_header():
         assert spatial_covariance(plane, made.pose, made.covariance) == pytest.approx(wanted, abs=1e-4)
     level = spatial_covariance(flat(), np.array([[0.0, 0.0, np.pi / 2]]), np.diag([1.0, 4.0, 9.0])[None])
     assert level[0] == pytest.approx(np.diag([4.0, 1.0, 0.0, 0.0, 0.0, 9.0]))
-
-
-def test_what_formats_cannot_hold_is_named(tmp_path):
-    made = trajectory()
-    assert formats.lost(made, tmp_path / "a.mcap") == formats.lost(made, tmp_path / "a.csv") == []
-    assert formats.lost(made, tmp_path / "a.tum") == ["covariances", "contact flags", "statuses"]
-    assert formats.lost(Trajectory(np.arange(3.0), np.zeros((3, 3))), tmp_path / "a.tum") == []

@@ -122,5 +122,5 @@ def test_mit_bad_content(tmp_path, edit, message):
     edit(data)
     path = save_mit(tmp_path / "a.json", data)
     with pytest.raises(FileError, match=message) as caught:
-        formats.read(path, "mit-push")
+        load(path)
     assert str(path) in str(caught.value)

@@ -179,8 +179,8 @@ def test_a_gear_is_no_scan():
         ),
         ("0 0\n3.5 0\n3.5 2\n0 2\n", r"is 3.5 m wide.* are these centimetres or inches\?"),
         ("0 0\n2e5 0\n2e5 2\n", "is 200000 m wide, allowed are 0.005 to 2 m$"),
-        ("0 0 0\n1 0 0\n", "line 1 has 3 numbers, expected x y"),
-        ("0,0\n90,\n90,25\n", "line 2 has 1 number, expected x y"),
+        ("0 0 0\n1 0 0\n", "is no table of numbers x y: line 1 is '0 0 0'"),
+        ("0,0\n90,\n90,25\n", "is no table of numbers x y: line 2 is '90'"),
         ("0 0\n1 a\n", "is no table of numbers x y: line 2 is '1 a'"),
         ("x y\n", "is no table of numbers x y: it holds none"),
         ("a b\nc d\n", "is no table of numbers x y"),
@@ -197,10 +197,10 @@ def test_what_is_no_outline_is_said():
     with pytest.raises(SettingError, match=r"shape is 'brick'; allowed are disc, .* 0.09x0.06"):
         load_shape("brick")
     for gone in ("gone.svg", "./gone", "/tmp/none.csv"):
-        with pytest.raises(FileError, match=f"^{gone}: no such file"):
+        with pytest.raises(FileError, match=f"^{Path(gone)}: no such file"):
             load_shape(gone)
     Path("outlines").mkdir()
-    with pytest.raises(FileError, match="outlines: is a folder, expected a file"):
+    with pytest.raises(FileError, match="outlines: is a folder"):
         load_shape("outlines")
     with pytest.raises(SettingError, match="unit is 'furlong'; allowed are mm, cm, in, m"):
         load_shape("disc", unit="furlong")  # pyright: ignore[reportArgumentType]
@@ -212,7 +212,7 @@ def test_what_is_no_outline_is_said():
     for content, words in (
         ('<rect width="90" height="60"/><rect x="200" width="90" height="60"/>', "2 outlines side by side"),
         ('<polyline points="0,0 90,0 90,60"/>', "holds no closed outline"),
-        ("<text>nothing</text>", "holds no lines"),
+        ("<text>nothing</text>", "holds no closed outline"),
         ("<rect", "a.svg: is no SVG that can be read"),
     ):
         with pytest.raises(FileError, match=words):

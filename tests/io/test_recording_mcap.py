@@ -228,13 +228,16 @@ def write_mcap(path: Path, about: dict[str, str], attachments: dict[str, bytes])
         writer.finish()
 
 
+WHOLE = {"version": "1", "shape": '{"type": "disc", "radius": 0.05}', "sensor": '{"name": "tip", "radius": 0.01}'}
+
+
 @pytest.mark.parametrize(
     ("about", "attachments", "words"),
     [
-        ({"version": "2"}, {}, "has version '2', this palpate reads up to version 1"),
-        ({}, {}, "has version ''"),
-        ({"version": "1"}, {"palpate/time.npy": b"no array"}, r"attachment palpate/time\.npy is damaged"),
-        ({"version": "1"}, {}, "metadata shape is missing"),
+        ({"version": "2"}, {}, "has version '2', this palpate reads version 1"),
+        ({}, {}, "has version None"),
+        (WHOLE, {"palpate/time.npy": b"no array"}, r"attachment palpate/time\.npy is damaged"),
+        ({"version": "1"}, {}, "metadata shape: is not valid JSON"),
         ({"version": "1", "shape": "{"}, {}, "metadata shape: is not valid JSON"),
     ],
 )

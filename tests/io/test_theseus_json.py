@@ -10,6 +10,8 @@ from recording_samples import load
 from palpate import POINT, Disc, FileError
 from palpate import io as formats
 
+FIELDS = ("contact_episode", "contact_flag", "ee_poses_2d", "obj_poses_2d")
+
 
 def theseus(nested, width):
     """Two episodes of 3 frames, cut out of longer runs: each has a world of its own."""
@@ -50,7 +52,7 @@ def test_theseus_episodes_may_be_empty(tmp_path):
     data = theseus(nested=True, width=0)
     path.write_text(json.dumps(data))
     whole = load(path)
-    for key in ("contact_episode", "contact_flag", "ee_poses_2d", "obj_poses_2d"):
+    for key in FIELDS:
         data[key] = [data[key][0], [], data[key][1], [], []]
     path.write_text(json.dumps(data))
     found = load(path)
@@ -65,12 +67,13 @@ def test_theseus_episodes_may_be_empty(tmp_path):
         (lambda d: d.update(params={"block_size_x": 1}), "block_size_x and block_size_y; found block_size_x"),
         (lambda d: d.pop("params"), "params has no shape: expected obj_radius.*found nothing"),
         (lambda d: d.update(params={"obj_radius": "big"}), "params.obj_radius: found text, expected numbers"),
-        (lambda d: d.update(obj_poses_2d=[]), "obj_poses_2d: found no frames"),
-        (lambda d: d.update(ee_poses_2d=[[0, 0, 0]]), "lengths differ: obj_poses_2d 6, ee_poses_2d 1"),
+        (lambda d: d.update({key: [] for key in FIELDS}), "lengths differ: found numbers of obj_poses_2d 0"),
         (
-            lambda d: d.update(ee_poses_2d=[[0, 0]] * 6),
-            r"ee_poses_2d: found shape \(6, 2\), expected \(N, 3\)",
+            lambda d: d.update(ee_poses_2d=[[0, 0, 0]]),
+            "found numbers of obj_poses_2d 18, ee_poses_2d 3, contact_flag 6",
         ),
+        (lambda d: d.update(ee_poses_2d=[[0, 0]] * 6), "ee_poses_2d 12, .*; expected three a frame of poses"),
+        (lambda d: d.update(ee_poses_2d={"a": 1}), "ee_poses_2d: found "),
         (lambda d: d["obj_poses_2d"].__setitem__(2, [0, 0, float("nan")]), "obj_poses_2d: frame 2 is"),
     ],
 )
@@ -80,4 +83,4 @@ def test_theseus_bad_content(tmp_path, edit, message):
     edit(data)
     path.write_text(json.dumps(data))
     with pytest.raises(FileError, match=message):
-        formats.read(path, "theseus-json")
+        load(path)

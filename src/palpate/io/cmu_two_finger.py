@@ -1,40 +1,34 @@
 """Pushes of a rectangle by a two-finger hand, CMU PlanarManipulationToolBox: CSV without a header.
 
-Columns: time [s], object x, y [mm], theta [rad], hand x, y [mm], theta [rad], action id. Object rows of
-exactly 0, 0, 0 are a lost tag: NaN. The first row is not valid. A new action id is a new contact, on another
-side.
+Columns: time [s], object x, y [mm], theta [rad], hand x, y [mm], theta [rad], action id. Object rows of exactly 0, 0, 0
+are a lost tag: NaN. The first row is not valid. A new action id is a new contact, on another side.
 
-What the 16 logs of `bigrect_3pts` show, and this reader applies:
+The 16 logs of `bigrect_3pts` show, and this reader applies:
 
-- The hand's x axis points along the push: the object's centre is ahead of the hand by half the side that is
-  pushed, never beside it. The rectangle is 51 mm along the object's x; with the sides exchanged, the gaps of
-  pushes on different sides differ by 15 mm.
-- The camera is late. In all 26 stops of the hand that the camera saw, at 15 to 34 mm/s, the object is still
-  seen to move on by what the hand covers in 0.14 to 0.20 s, median 0.164 s. Truth is therefore taken 0.164 s
-  later in the file.
-- With that, and the hand's origin midway between the centres of the tips, the gap between tips and rectangle
-  in steady pushing is 0.0 mm on average, standard deviation 1.0 mm. Without it the tips seem to be 3.4 mm
-  inside. The sensor pose is the midpoint of the apexes, one radius ahead of the hand's origin.
-- No pose is held while the tag is lost.
+- The hand's x axis points along the push: the object's centre is ahead of the hand by half the side that is pushed. The
+  rectangle is 51 mm along the object's x; with the sides exchanged, gaps on different sides differ by 15 mm.
+- The camera is late. In all 26 stops of the hand that the camera saw, the object is seen to move on by what the hand
+  covers in 0.14 to 0.20 s, median 0.164 s. Truth is therefore taken 0.164 s later in the file.
+- With that, and the hand's origin midway between the centres of the tips, the gap between tips and rectangle in steady
+  pushing is 0.0 mm on average, standard deviation 1.0 mm. The sensor pose is the midpoint of the apexes, one radius
+  ahead of the hand's origin.
 """
 
-import re
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST, check_increasing, is_near
+from palpate.checks import check_increasing
 from palpate.errors import FileError
-from palpate.files import in_file, read_text
+from palpate.files import first_rows, in_file, number_rows
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.io.text_files import NUMBER, text_start
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
-DESCRIPTION = "two-finger pushes of a rectangle, CMU PlanarManipulationToolBox log (.txt)"
+Array = NDArray[np.float64]
 
 RECTANGLE = Rectangle(0.051, 0.036)
 HAND = SensorProfile(name="CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (0.0, -0.009)), rate=1.0 / 0.03)
@@ -42,72 +36,50 @@ HAND = SensorProfile(name="CMU two-finger hand", radius=0.0025, tips=((0.0, 0.00
 LATENCY = 0.164
 """[s] by which the camera's object pose is older than the hand pose in the same row."""
 
-ROW = re.compile(rf"[ \t]*({NUMBER}[ \t]*,[ \t]*){{7}}{NUMBER}[ \t]*")
 
-
-def detect(path: Path) -> bool:
+def is_cmu_log(path: Path) -> bool:
     """Return true if the first rows are those of a log."""
-    lines = [line for line in text_start(path).splitlines() if line.strip()][:5]
-    # A row may be cut off by the end of what was read, the first is not.
-    if not lines or not all(ROW.fullmatch(line) for line in lines[:-1] or lines):
-        return False
-    return float(lines[0].split(",")[7]).is_integer()
+    rows = first_rows(path, 8, ",")
+    return bool(rows) and rows[0][7].is_integer()
 
 
-def read(path: Path) -> Recording:
+def read_cmu_log(path: Path) -> Recording:
     """Read one log. Raises FileError."""
-    path = Path(path)
-    rows = _rows(path)[1:]
+    rows = np.array(list(number_rows(path, 8, ",").values()))[1:]
     if not len(rows):
         raise FileError(f"{path}: found a single row, and the first row of a log is not valid")
-    later = np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])
-    rows = rows[later]
     with in_file(path):
+        rows = rows[np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])]
         check_increasing(rows[:, 0])
-    time = rows[:, 0] - rows[0, 0]
-    metres = np.array([1e-3, 1e-3, 1.0])
-    sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
-    seen = rows[:, 1:4] * metres
-    seen[(seen == 0).all(axis=1)] = np.nan
-    truth = _at(time + LATENCY, time, seen)
-    gap = HAND.gaps(sensor_pose, truth, RECTANGLE)
-
-    contact = np.zeros(len(time), np.bool_)
-    episode = np.full(len(time), -1, np.int64)
-    number = 0
-    # The hand lets go between actions, so no flag is carried from one into the next.
-    # The action id may change one row before the hand is in its new place; the clock jumps with the hand.
-    is_new = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
-    bounds = np.concatenate([[0], np.flatnonzero(is_new) + 1, [len(time)]])
-    for start, end in pairwise(bounds):
-        travel = np.hypot(*(sensor_pose[start:end, :2] - sensor_pose[start, :2]).T)
-        clear = np.maximum.accumulate(travel) < 1e-3  # an action starts clear of the object
-        # The gap of a steady push is 1.0 mm uncertain and drifts by up to 2 mm across the table, so the last 1 to 2 mm
-        # of an approach count as contact too.
-        flags = contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
-        contact[start:end] = flags
-        episode[start:end][flags] = number
-        number += int(flags.any())
-    return Recording(
-        time=time,
-        sensor_pose=sensor_pose,
-        shape=RECTANGLE,
-        sensor=HAND,
-        object_pose=truth,
-        contact=contact,
-        episode=episode,
-        contact_derived=True,
-        source=f"CMU PlanarManipulationToolBox, {path.name}",
-        frames={
-            "sensor_pose": "robot hand, moved on by one tip radius to the midpoint of the apexes",
-            "object_pose": f"camera tag, its latency of {LATENCY:g} s taken out; NaN where the tag was lost",
-            "contact": "gap between tips and rectangle by the camera; not carried over from action to action",
-        },
-        file=path,
-    )
+        time = rows[:, 0] - rows[0, 0]
+        metres = np.array([1e-3, 1e-3, 1.0])
+        sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
+        seen = rows[:, 1:4] * metres
+        seen[(seen == 0).all(axis=1)] = np.nan
+        truth = _at(time + LATENCY, time, seen)
+        # The action id may change one row before the hand is in its new place; the clock jumps with the hand.
+        is_new = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
+        contact, episode = _contacts(is_new, sensor_pose, HAND.gaps(sensor_pose, truth, RECTANGLE))
+        return Recording(
+            time=time,
+            sensor_pose=sensor_pose,
+            shape=RECTANGLE,
+            sensor=HAND,
+            object_pose=truth,
+            contact=contact,
+            episode=episode,
+            contact_derived=True,
+            source=f"CMU PlanarManipulationToolBox, {path.name}",
+            frames={
+                "sensor_pose": "robot hand, moved on by one tip radius to the midpoint of the apexes",
+                "object_pose": f"camera tag, its latency of {LATENCY:g} s taken out; NaN where the tag was lost",
+                "contact": "gap between tips and rectangle by the camera; not carried over from action to action",
+            },
+            file=path,
+        )
 
 
-def _at(wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at(wanted: Array, time: Array, pose: Array) -> Array:
     """Return poses (M, 3) at the wanted times, linear between rows (N, 3); NaN if a row on either side is.
 
     After the last row its pose stays: the hand stands still at the end of a log.
@@ -122,17 +94,21 @@ def _at(wanted: NDArray[np.float64], time: NDArray[np.float64], pose: NDArray[np
     return found
 
 
-def _rows(path: Path) -> NDArray[np.float64]:
-    """Return the table (N, 8) of the file."""
-    rows = []
-    for number, line in enumerate(read_text(path).splitlines(), 1):
-        if not line.strip():
-            continue
-        if not ROW.fullmatch(line):
-            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers with commas between")
-        rows.append([float(value) for value in line.split(",")])
-        if not is_near(np.array(rows[-1][1:])).all():
-            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected values up to {FARTHEST:g}")
-    if not rows:
-        raise FileError(f"{path}: holds no rows")
-    return np.array(rows)
+def _contacts(is_new: NDArray[np.bool_], sensor_pose: Array, gap: Array) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return contact flags and numbers of contacts (N,); `is_new` (N - 1,) is true from one action to the next.
+
+    The hand lets go between actions, so no flag is carried from one into the next.
+    """
+    contact = np.zeros(len(gap), np.bool_)
+    episode = np.full(len(gap), -1, np.int64)
+    number = 0
+    for start, end in pairwise([0, *(np.flatnonzero(is_new) + 1).tolist(), len(gap)]):
+        travel = np.hypot(*(sensor_pose[start:end, :2] - sensor_pose[start, :2]).T)
+        clear = np.maximum.accumulate(travel) < 1e-3  # an action starts clear of the object
+        # The gap of a steady push is 1.0 mm uncertain and drifts by up to 2 mm across the table, so the last 1 to 2 mm
+        # of an approach count as contact too.
+        flags = contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
+        contact[start:end] = flags
+        episode[start:end][flags] = number
+        number += int(flags.any())
+    return contact, episode

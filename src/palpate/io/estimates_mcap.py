@@ -5,9 +5,7 @@ covariance is about the axes of the header's frame as ROS has it, not the object
 `DiagnosticArray`. palpate's own `estimates.csv`, which holds all of it to the last bit, comes along as an attachment.
 
 All answers are a `PoseArray`, the best first; the diagnostics of the same stamp hold their weights and sigmas in the
-same order. No message that every ROS 2 has holds poses with weights:
-`nav2_msgs/ParticleCloud` and `vision_msgs/Detection3D` are in packages that have to be installed, and few viewers draw
-them. The attachment holds the best answer only.
+same order, as no message that every ROS 2 has holds poses with weights. The attachment holds the best answer only.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,21 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.io.estimates_csv import trajectory_from_text, trajectory_to_text
 from palpate.io.mcap_file import front_matter, is_mcap, nanoseconds, new_mcap
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
+from palpate.io.trajectories import estimates_from_text, estimates_to_text
 from palpate.types.estimate import Answer, Answers, Trajectory
 from palpate.types.space import Plane, flat, out_of_plane, spatial_covariance
 
 Array = NDArray[np.float64]
 
-DESCRIPTION = "palpate estimates (.mcap)"
-ATTACHMENT, MEDIA_TYPE = "palpate-estimates.csv", "text/csv"
+ATTACHMENT = "palpate-estimates.csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
 ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
-
 NOTHING: Mapping[str, str] = MappingProxyType({})
-
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 """DiagnosticStatus level of each status: 0 is ok, 2 an error; any other is a warning, 1."""
 
@@ -50,11 +45,21 @@ def write_estimates_mcap(
     """
     stamps = nanoseconds(path, trajectory.time)
     with new_mcap(path, overwrite) as file:
-        file.attach(ATTACHMENT, MEDIA_TYPE, trajectory_to_text(trajectory).encode())
+        file.attach(ATTACHMENT, "text/csv", estimates_to_text(trajectory).encode())
         add_estimates(file, trajectory, stamps, plane or flat(), answers)
 
 
-write = write_estimates_mcap
+def is_estimates_mcap(path: Path) -> bool:
+    """Return true for an MCAP of estimates that palpate wrote."""
+    return is_mcap(path) and ATTACHMENT in front_matter(path)[1]
+
+
+def read_estimates_mcap(path: Path) -> Trajectory:
+    """Read the estimates in an MCAP that palpate wrote. Raises FileError."""
+    text = front_matter(path)[1].get(ATTACHMENT)
+    if text is None:
+        raise FileError(f"{path}: holds no estimates of palpate")
+    return estimates_from_text(text.decode("utf-8", errors="replace"), path)
 
 
 def add_estimates(
@@ -69,61 +74,26 @@ def add_estimates(
 
     Where answers are given, estimates have covariances.
     """
-    position, rotation = out_of_plane(plane, trajectory.pose)
-    spatial = (
-        None if trajectory.covariance is None else spatial_covariance(plane, trajectory.pose, trajectory.covariance)
-    )
+    pose, covariance, contact = trajectory.pose, trajectory.covariance, trajectory.contact
+    placed = [sink.pose(*each) for each in zip(*out_of_plane(plane, pose), strict=True)]
+    spatial = None if covariance is None else spatial_covariance(plane, pose, covariance)
     for index, stamp in enumerate(stamps):
-        header, pose = sink.header(stamp, plane.frame), sink.pose(position[index], rotation[index])
-        sink.add(POSES, POSE, stamp, header=header, pose=pose)
-        if spatial is not None:
-            both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spatial[index].reshape(36))
+        header = sink.header(stamp, plane.frame)
+        sink.add(POSES, POSE, stamp, header=header, pose=placed[index])
+        found = {} if contact is None else {"contact": str(bool(contact[index])).lower()}
+        if covariance is not None and spatial is not None:
+            terms = spatial[index].reshape(36)
+            both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=placed[index], covariance=terms)
             sink.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
-        found = _values(trajectory, index)
-        if answers is not None:
-            several = answers[index] or (_only_answer(trajectory, index),)
-            _add_answers(sink, several, stamp, plane)
-            found |= _values_of_answers(several)
+            found |= _sigmas("sigma", covariance[index : index + 1])
+            if answers is not None:
+                several = answers[index] or (Answer(pose[index], covariance[index], 1.0),)
+                at = zip(*out_of_plane(plane, np.array([one.pose for one in several])), strict=True)
+                sink.add(ANSWERS, POSE_ARRAY, stamp, header=header, poses=[sink.pose(*each) for each in at])
+                found["answer weights"] = " ".join(f"{one.weight:.4f}" for one in several)
+                found |= _sigmas("answer sigmas", np.array([one.covariance for one in several]))
         if trajectory.status is not None:
-            _add_diagnostics(sink, trajectory.status[index], {**found, **values}, stamp, plane.frame)
-
-
-def detect(path: Path) -> bool:
-    """Return true for an MCAP of estimates that palpate wrote."""
-    return is_mcap(path) and ATTACHMENT in front_matter(path)[1]
-
-
-def read(path: Path) -> Trajectory:
-    """Read the estimates in an MCAP that palpate wrote. Raises FileError."""
-    text = front_matter(path)[1].get(ATTACHMENT)
-    if text is None:
-        raise FileError(f"{path}: holds no estimates of palpate")
-    return trajectory_from_text(text.decode("utf-8", errors="replace"), path)
-
-
-def _only_answer(trajectory: Trajectory, index: int) -> Answer:
-    assert trajectory.covariance is not None
-    return Answer(trajectory.pose[index], trajectory.covariance[index], 1.0)
-
-
-def _add_answers(sink: MessageSink, answers: Sequence[Answer], stamp: int, plane: Plane) -> None:
-    position, rotation = out_of_plane(plane, np.array([one.pose for one in answers]))
-    poses = [sink.pose(*placed) for placed in zip(position, rotation, strict=True)]
-    sink.add(ANSWERS, POSE_ARRAY, stamp, header=sink.header(stamp, plane.frame), poses=poses)
-
-
-def _values(trajectory: Trajectory, index: int) -> dict[str, str]:
-    values: dict[str, str] = {}
-    if trajectory.contact is not None:
-        values["contact"] = str(bool(trajectory.contact[index])).lower()
-    if trajectory.covariance is not None:
-        values |= _sigmas("sigma", trajectory.covariance[index : index + 1])
-    return values
-
-
-def _values_of_answers(answers: Sequence[Answer]) -> dict[str, str]:
-    weights = " ".join(f"{one.weight:.4f}" for one in answers)
-    return {"answer weights": weights, **_sigmas("answer sigmas", np.array([one.covariance for one in answers]))}
+            _add_diagnostics(sink, header, stamp, trajectory.status[index], {**found, **values})
 
 
 def _sigmas(name: str, covariance: Array) -> dict[str, str]:
@@ -133,7 +103,7 @@ def _sigmas(name: str, covariance: Array) -> dict[str, str]:
     return {f"{name} {unit}": " ".join(f"{one:.2f}" for one in sigma) for unit, sigma in units.items()}
 
 
-def _add_diagnostics(sink: MessageSink, status: str, values: Mapping[str, str], stamp: int, frame: str) -> None:
+def _add_diagnostics(sink: MessageSink, header: object, stamp: int, status: str, values: Mapping[str, str]) -> None:
     diagnosis = sink.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=LEVELS.get(status, 1),
@@ -142,6 +112,4 @@ def _add_diagnostics(sink: MessageSink, status: str, values: Mapping[str, str], 
         hardware_id="palpate",
         values=[sink.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
-    sink.add(
-        DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=sink.header(stamp, frame), status=[diagnosis]
-    )
+    sink.add(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=header, status=[diagnosis])

@@ -4,7 +4,7 @@ import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,6 @@ from palpate.io.ros_messages import Channel, MessageSink, RawMessage, ros_types
 if TYPE_CHECKING:
     from mcap.records import McapRecord
 
-MAGIC = b"\x89MCAP0\r\n"
-
 
 class CutShort(Exception):
     """A file ends too early or is damaged from some place on; everything before that was read."""
@@ -26,8 +24,8 @@ class CutShort(Exception):
 class MessageWriter(MessageSink):
     """Puts messages, metadata and attachments into an MCAP that is open."""
 
-    def __init__(self, writer: Any, chunk_seconds: float | None = None) -> None:
-        """Take the `mcap` writer; with `chunk_seconds` a chunk is ended, and kept by the system, after that time."""
+    def __init__(self, writer: Any, chunk_seconds: float = np.inf) -> None:
+        """Take the `mcap` writer; a chunk is ended, and kept by the system, after `chunk_seconds`."""
         self._writer, self._chunk_seconds = writer, chunk_seconds
         self._channels: dict[str, int] = {}
         self._flushed = clock.monotonic()
@@ -49,7 +47,7 @@ class MessageWriter(MessageSink):
             self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
         data = bytes(store.serialize_cdr(self.make(type_, **fields), type_))
         self._writer.add_message(self._channels[topic], time, data, time)
-        if self._chunk_seconds is not None and clock.monotonic() - self._flushed >= self._chunk_seconds:
+        if clock.monotonic() - self._flushed >= self._chunk_seconds:
             self.flush()
 
     def flush(self) -> None:
@@ -84,7 +82,7 @@ def growing_mcap(path: Path | str, overwrite: bool = False, chunk_seconds: float
 
 
 @contextmanager
-def _writing(file: Any, chunk_seconds: float | None = None) -> Iterator[MessageWriter]:
+def _writing(file: BinaryIO, chunk_seconds: float = np.inf) -> Iterator[MessageWriter]:
     from mcap.writer import CompressionType, Writer
 
     # Images are compressed already; data checksums find a damaged record anywhere.
@@ -99,19 +97,23 @@ def _writing(file: Any, chunk_seconds: float | None = None) -> Iterator[MessageW
 def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
     """Return times (N,) [s] as stamps [ns]. Raises FileError where ROS has no such stamp."""
     latest = 2.0**31
-    wrong = np.flatnonzero((time < 0.0) | (time >= latest))
-    if len(wrong):
+    if len(wrong := np.flatnonzero((time < 0.0) | (time >= latest))):
         found = f"frame {wrong[0]} is at {time[wrong[0]]:g} s"
         raise FileError(f"{path}: {found}, stamps of ROS messages go from 0 to {latest:g} s")
     whole = np.floor(time)
     return (whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)).tolist()
 
 
+def begins_with(path: Path, first: bytes) -> bool:
+    """Return true if there is a file that begins with these bytes."""
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(first)) == first
+    return False
+
+
 def is_mcap(path: Path) -> bool:
     """Return true if a file begins as an MCAP does."""
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-    return False
+    return begins_with(path, b"\x89MCAP0\r\n")
 
 
 def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:

@@ -1,13 +1,12 @@
 """Pushes of a square by a round tip, MIT (mcubelab/cpush): JSON, plain or gzipped, at 1 kHz.
 
-World frame and units are the file's: metres and radians, motion capture and robot in one frame. The tip has
-no orientation. Its heading is taken as constant over a run, along the net displacement of the tip's centre
-(along world x if that is under 1 cm), and the sensor pose as the tip's apex, centre + R(heading) (radius, 0):
-the centre of curvature, all that a round tip's contact depends on, is then exactly the measured centre.
+World frame and units are the file's: metres and radians, motion capture and robot in one frame. The tip has no
+orientation; its heading is taken as constant over a run, along the net displacement of its centre (along world x if
+that is under 1 cm). The sensor pose is the tip's apex, centre + R(heading) (radius, 0), so that the centre of
+curvature, all that a round tip's contact depends on, is exactly the measured centre.
 
-Recordings are read down to 30 Hz. Ground truth is judged before that, at the file's own rate, and is NaN
-where motion capture drops out, jumps and comes back, or lags so far that the tip would be inside the square.
-In most undisturbed runs it ends about 0.1 s before the robot does, so the last 2 to 4 frames have none.
+Recordings are read down to 30 Hz. Ground truth is judged before that, at the file's own rate, and is NaN where motion
+capture drops out, jumps and comes back, or lags so far that the tip would be inside the square.
 """
 
 import re
@@ -19,50 +18,47 @@ from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, NUMBERS, check_increasing, check_rows, checked_array, is_near
 from palpate.errors import FileError
-from palpate.files import in_file, read_json
+from palpate.files import in_file, read_json, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.io.text_files import text_start
 from palpate.types.recording import Recording, contact_flags, held, impossible, spikes
 from palpate.types.sensor import SensorProfile
 
-DESCRIPTION = "point pushes of a square, MIT cpush JSON (.json, .json.gz)"
-
 SQUARE = Rectangle(0.09, 0.09)
 TIP = SensorProfile(name="MIT point tip", radius=0.00475, rate=30.0)
-
 KEYS = ("timeJSON", "q_sliderJSON", "q_pusher_sensedJSON")
 
 
-def detect(path: Path) -> bool:
+def is_mit_push(path: Path) -> bool:
     """Return true if the first key is one of these files."""
     return re.match(r'\s*\{\s*"(q_slider|q_pusher_\w+|time|u_control|vipi)JSON"\s*:', text_start(path)) is not None
 
 
-def read(path: Path) -> Recording:
+def read_mit_push(path: Path) -> Recording:
     """Read one run. Raises FileError."""
-    data = read_json(path)
     with in_file(path):
-        return _read(data, path)
+        return _recording(read_json(path), path)
 
 
-def _read(data: dict[str, Any], path: Path) -> Recording:
+def _recording(data: dict[str, Any], path: Path) -> Recording:
     if missing := [key for key in KEYS if key not in data]:
         raise FileError(f"lacks {', '.join(missing)}; an MIT push has {', '.join(KEYS)}")
-    time = checked_array("timeJSON", data["timeJSON"], NUMBERS, ("N",)).astype(np.float64)
-    n = len(time)
-    pose = checked_array("q_sliderJSON", data["q_sliderJSON"], NUMBERS, (3, n)).T.astype(np.float64)
-    center = checked_array("q_pusher_sensedJSON", data["q_pusher_sensedJSON"], NUMBERS, (2, n)).T
-    if not n:
+    time = checked_array(KEYS[0], data[KEYS[0]], NUMBERS, ("N",)).astype(np.float64)
+    pose = checked_array(KEYS[1], data[KEYS[1]], NUMBERS, (3, len(time))).T.astype(np.float64)
+    center = checked_array(KEYS[2], data[KEYS[2]], NUMBERS, (2, len(time))).T.astype(np.float64)
+    if not len(time):
         raise FileError("timeJSON: found no frames")
-    check_rows("timeJSON", time, np.isfinite(time), "a finite time [s]")
-    check_rows("q_pusher_sensedJSON", center, is_near(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
+    check_rows(KEYS[0], time, np.isfinite(time), "a finite time [s]")
+    check_rows(KEYS[2], center, is_near(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
 
     # The clock sometimes repeats or steps back; only samples that are later than all before them count.
     later = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
     check_increasing(time[later])
-    time, pose, center = time[later] - time[0], pose[later], center[later].astype(np.float64)
-    sensor_pose = _sensor_pose(center)
+    time, pose, center = time[later] - time[0], pose[later], center[later]
+    x, y = center[-1] - center[0]
+    heading = np.arctan2(y, x) if np.hypot(x, y) >= 0.01 else 0.0
+    center_pose = np.column_stack([center, np.full(len(center), heading)])
+    sensor_pose = se2.compose(center_pose, np.array([[TIP.radius, 0.0, 0.0]]))
 
     pose[~is_near(pose).all(axis=1)] = np.nan
     gap = TIP.gaps(sensor_pose, pose, SQUARE)
@@ -72,7 +68,10 @@ def _read(data: dict[str, Any], path: Path) -> Recording:
     pose[untrusted] = np.nan
     gap[untrusted] = np.nan
 
-    keep = _nearest(time, TIP.rate)
+    # A sample is the nearest to all that is between the middles to its neighbours; no list of all periods is made, for
+    # a damaged time would make it endless.
+    ends = np.floor(np.append((time[1:] + time[:-1]) / 2, time[-1] + 1e-9) * TIP.rate)
+    keep = np.flatnonzero(np.diff(ends, prepend=-1.0) > 0)
     return Recording(
         time=time[keep],
         sensor_pose=sensor_pose[keep],
@@ -98,19 +97,3 @@ def _contact(gap: NDArray[np.float64]) -> NDArray[np.bool_]:
     across the table; the noise on top is 0.1 mm.
     """
     return contact_flags(gap, touch=1.5e-3, release=2.0e-3)
-
-
-def _sensor_pose(center: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return world_T_sensor (N, 3) from the tip's centre (N, 2)."""
-    x, y = center[-1] - center[0]
-    heading = np.arctan2(y, x) if np.hypot(x, y) >= 0.01 else 0.0
-    center_pose = np.column_stack([center, np.full(len(center), heading)])
-    return se2.compose(center_pose, np.array([[TIP.radius, 0.0, 0.0]]))
-
-
-def _nearest(time: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
-    """Return the indices of the times (N,), increasing from 0, that are the nearest to a whole number of periods."""
-    # A sample is the nearest to all that is between the middles to its neighbours; no list of all periods is made,
-    # for a damaged time would make it endless.
-    ends = np.floor(np.append((time[1:] + time[:-1]) / 2, time[-1] + 1e-9) * rate)
-    return np.flatnonzero(np.diff(ends, prepend=-1.0) > 0)

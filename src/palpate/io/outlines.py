@@ -1,4 +1,4 @@
-"""Outlines of objects from a name, two lengths or a file: a table of points, JSON, SVG or DXF.
+"""Outlines of objects from a name, two lengths or a file: a table of points or a scan, JSON, SVG or DXF.
 
 The libraries svgelements and ezdxf read the drawings, shapely finds the one closed outline among their lines.
 """
@@ -7,18 +7,18 @@ import logging
 import re
 from collections.abc import Sequence
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError, one_line
-from palpate.files import existing_file, read_json, read_text
+from palpate.files import existing_file, numbers_of, read_json, read_text
+from palpate.geometry.polygon import check_near
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
-from palpate.io.scanned_outline import is_scan, shape_of_scan
-from palpate.io.text_files import NUMBER
 
 logger = logging.getLogger(__name__)
 
@@ -31,6 +31,12 @@ INCH = 0.0254
 """[m]"""
 DXF_UNITS = {1: INCH, 2: 12 * INCH, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
 """[m] by number in $INSUNITS: inches, feet, millimetres, centimetres, metres, micrometres, decimetres."""
+SCAN_POINTS = 50
+"""Fewer are the corners of an outline rather than a scan."""
+LEAST_NOISE = 2e-5
+"""[m]"""
+SIGMAS = 4.0
+"""Standard deviations of the noise by which a point of a scan may be off a side of the outline."""
 
 
 def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
@@ -45,29 +51,25 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
     Raises SettingError for a name that is not known, FileError for a file that holds no outline or one of a size that
     shows another unit.
     """
-    name = str(source)
+    name, path = str(source), Path(source)
     if unit not in (None, *get_args(Unit)):
         raise SettingError(f"unit is {unit!r}; allowed are {', '.join(METRES)}")
-    scale = None if unit is None else METRES[unit]
     if name in SHAPES:
         if unit is not None:
             raise SettingError(f"unit is {unit!r}, but {name} is an object of a known size")
         return SHAPES[name]
-    path, lengths = Path(source), re.fullmatch(rf"({NUMBER})x({NUMBER})", name)
+    scale = None if unit is None else METRES[unit]
+    sides = numbers_of(name.split("x"))
     readers = {".svg": _read_svg, ".dxf": _read_dxf, ".json": _read_json}
     try:
-        if lengths and not path.exists():
-            shape: Shape = Rectangle(*(float(side) * (scale or 1.0) for side in name.split("x")))
-        elif path.is_file():
-            shape = readers.get(path.suffix.lower(), _read_table)(path, scale)
-        elif path.is_dir():
-            raise FileError(f"{name}: is a folder, expected a file of an outline")
-        elif "/" in name or path.suffix[1:2].isalpha():
-            raise FileError(f"{name}: no such file")
+        if sides and len(sides) == 2 and not path.exists():
+            shape: Shape = Rectangle(sides[0] * (scale or 1.0), sides[1] * (scale or 1.0))
+        elif path.exists() or "/" in name or path.suffix[1:2].isalpha():
+            shape = readers.get(path.suffix.lower(), _read_table)(existing_file(path), scale)
         else:
-            names = ", ".join(SHAPES)
             raise SettingError(
-                f"shape is {name!r}; allowed are {names}, two lengths such as 0.09x0.06 [m], or a file of an outline"
+                f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m], or a file of "
+                "an outline"
             )
         if wrong := wrong_width(shape, unit):
             raise ShapeError(wrong + " unit= (--shape-unit) names it" * wrong.endswith("?"))
@@ -78,20 +80,17 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 
 def _read_table(path: Path, scale: float | None) -> Shape:
     """Return the outline through points x y, one a line, in a unit of `scale` [m], or along the points of a scan."""
-    text = read_text(path).replace(",", " ").replace(";", " ")
-    lines = enumerate(text.splitlines(), start=1)
+    lines = enumerate(read_text(path).replace(",", " ").replace(";", " ").splitlines(), start=1)
     rows = [(number, words) for number, line in lines if (words := line.split("#")[0].split())]
-    if rows and not any(map(_is_number, rows[0][1])):
+    if rows and all(numbers_of([word]) is None for word in rows[0][1]):
         rows = rows[1:]  # names of columns
     if not rows:
         raise ShapeError("is no table of numbers x y: it holds none")
     for number, words in rows:
-        if not all(map(_is_number, words)):
+        if len(words) != 2 or numbers_of(words) is None:
             raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words)!r}")
-        if len(words) != 2:
-            raise ShapeError(f"line {number} has {len(words)} number{'s' * (len(words) > 1)}, expected x y")
     points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
-    if not is_scan(points):
+    if not _is_scan(points):
         return _of_few_corners(Polygon(points))
     found = shape_of_scan(points)
     words = "%s: its %d points are taken as a scan: an outline of %d corners with a standard deviation of %.2f mm"
@@ -101,10 +100,9 @@ def _read_table(path: Path, scale: float | None) -> Shape:
 
 def _read_json(path: Path, scale: float | None) -> Shape:
     """Return the outline in {"vertices": [[x, y], ...]}, or a shape as palpate writes it."""
+    data = read_json(path)
     try:
-        shape = shape_from_dict({"type": "polygon", **read_json(path)})
-    except FileError:
-        raise
+        shape = shape_from_dict({"type": "polygon", **data})
     except PalpateError as error:
         raise ShapeError(str(error)) from error
     shape = shape if scale is None else scaled(shape, scale)
@@ -138,7 +136,7 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
             f"the drawing has no size, its width is {width!r}: give the unit of its numbers, as "
             "unit='mm' (--shape-unit mm)"
         )
-    outline = _outline_of_lines(str(path), [line * (metres, -metres) for line in lines])
+    outline = _outline_of_lines(path, [line * (metres, -metres) for line in lines])
     return Polygon(outline.corners - outline.centroid)
 
 
@@ -172,41 +170,40 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
                 drawn = make_path(entity)
             except TypeError:  # a text, a dimension and the like
                 continue
-            if not is_near(np.array([(each.x, each.y) for each in drawn.control_vertices()]) * metres).all():
-                raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
+            _check_lines([np.array([(each.x, each.y) for each in drawn.control_vertices()]) * metres])
             points = np.array([(point.x, point.y) for point in drawn.flattening(0.5 * TOLERANCE / metres)]) * metres
             lines.append(np.vstack([points, points[:1]]) if drawn.is_closed else points)
     except ShapeError:
         raise
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"{path}: is no DXF that can be read ({one_line(error)})") from error
-    return _outline_of_lines(str(path), lines)
+    return _outline_of_lines(path, lines)
 
 
 def _check_drawing(path: Path, library: str) -> None:
     """Raise FileError unless the library is installed and the file small enough for it."""
     if find_spec(library) is None:
         raise FileError(f"drawings are read by {library}, which is not installed: pip install palpate[outlines]")
-    if (size := existing_file(path).stat().st_size) > 5_000_000:  # the libraries take a thousand times the memory
+    if (size := path.stat().st_size) > 5_000_000:  # the libraries take a thousand times the memory
         raise FileError(f"{path}: is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")
 
 
-def _outline_of_lines(name: str, lines: Sequence[Array]) -> Polygon:
+def _check_lines(lines: Sequence[Array]) -> None:
+    if not all(is_near(line).all() for line in lines):
+        raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
+
+
+def _outline_of_lines(path: Path, lines: Sequence[Array]) -> Polygon:
     """Return the outline that lines (n, 2) [m] form, each closed or several end to end.
 
     Outlines within it are holes, left out with a warning. Raises ShapeError unless there is one closed outline.
     """
     import shapely
 
-    if not all(is_near(line).all() for line in lines):
-        raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
+    _check_lines(lines)
     lines = [line for line in lines if len(line) > 1]
-    if not lines:
-        raise ShapeError("holds no lines that can be read")
-    grid = 1e-6 * float(np.ptp(np.concatenate(lines), axis=0).max())  # ends that are closer than that meet
-    if not grid:
-        raise ShapeError("holds no closed outline: all of its lines are one point")
-    strings = [shapely.LineString(np.round(line / grid) * grid) for line in lines]
+    grid = 1e-6 * float(np.ptp(np.concatenate(lines), axis=0).max()) if lines else 0.0  # ends that are closer meet
+    strings = [shapely.LineString(np.round(line / grid) * grid) for line in lines if grid]
     closed = shapely.polygonize(strings).geoms
     rings = [shapely.Polygon(shapely.get_coordinates(shapely.get_exterior_ring(area))) for area in closed]
     rings.sort(key=lambda ring: -ring.area)
@@ -216,7 +213,7 @@ def _outline_of_lines(name: str, lines: Sequence[Array]) -> Polygon:
     if beside:
         raise ShapeError(f"holds {beside + 1} outlines side by side; allowed is one, and holes in it")
     if len(rings) > 1:
-        logger.warning("%s: %d outlines within the largest are holes, which are left out", name, len(rings) - 1)
+        logger.warning("%s: %d outlines within the largest are holes, which are left out", path, len(rings) - 1)
     return _simplified(shapely.get_coordinates(rings[0].exterior))
 
 
@@ -232,9 +229,101 @@ def _simplified(corners: Array) -> Polygon:
     return Polygon(shapely.get_coordinates(shapely.LinearRing(corners).simplify(TOLERANCE)))
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
+class ScannedShape(NamedTuple):
+    """The outline along the points of a scan."""
+
+    shape: Polygon
+    noise: float
+    """Standard deviation of the points from the outline [m]."""
+
+
+def shape_of_scan(points: ArrayLike) -> ScannedShape:
+    """Return the simplest outline along noisy points (N, 2) [m] in the object frame, and their noise.
+
+    Points follow one another round the object; or they are in any order, if all of the outline can be seen from its
+    middle. Sides are fitted to the points along them. Raises ShapeError where the points are no outline.
+    """
+    import shapely
+
+    given = np.asarray(points, np.float64)
+    if given.ndim != 2 or given.shape[1] != 2 or len(given) < SCAN_POINTS:
+        raise ShapeError(f"a scan is {SCAN_POINTS} or more points (N, 2), found shape {given.shape}")
+    check_near(given, "a scan's point")
+    ring = _in_order(given)
+    ring = np.roll(ring, -int(np.argmax(np.linalg.norm(ring - ring.mean(axis=0), axis=1))), axis=0)
+    noise = max(_noise(ring), LEAST_NOISE)
+    closed = np.vstack([ring, ring[:1]])
+    rough = shapely.get_coordinates(shapely.LineString(closed).simplify(SIGMAS * noise, preserve_topology=False))
+    ends = [int(np.flatnonzero((ring == corner).all(axis=1))[0]) for corner in rough[:-1]]
+    shape = Polygon(_corners(closed, _merged(closed, [*ends, len(ring)], noise), SIGMAS * noise))
+    return ScannedShape(shape, float(np.sqrt(np.mean(shape.signed_distance(ring) ** 2))))
+
+
+def _is_scan(points: Array) -> bool:
+    """Return true if points (N, 2) [m] are many and noisy, so that they are no corners of an outline."""
+    if len(points) < SCAN_POINTS or not is_near(points).all():
         return False
-    return True
+    return LEAST_NOISE < _noise(_in_order(points)) < 0.01 * float(np.ptp(points, axis=0).max())
+
+
+def _in_order(points: Array) -> Array:
+    """Return the points as they are, or sorted by their angle about the middle if that makes the shorter way round."""
+    off = points - points.mean(axis=0)
+    turned = points[np.argsort(np.arctan2(off[:, 1], off[:, 0]))]
+    return min(points, turned, key=lambda ring: float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()))
+
+
+def _noise(ring: Array) -> float:
+    """Return the standard deviation of points (N, 2) in order, across the outline.
+
+    By fourth differences over a sixtieth of the way, in which straight sides and even curves cancel; their median, so
+    that corners do not count. Their coefficients 1/4, -1, 3/2, -1, 1/4 make white noise 2.09 times as large.
+    """
+    apart = max(1, len(ring) // 60)
+    before, after = np.roll(ring, apart, axis=0), np.roll(ring, -apart, axis=0)
+    along = after - before
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
+    off = ring - 0.5 * (before + after)
+    across = (off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]) / length
+    fourth = across - 0.5 * (np.roll(across, apart) + np.roll(across, -apart))
+    return float(1.4826 * np.median(np.abs(fourth)) / 2.09)
+
+
+def _side(points: Array) -> tuple[Array, Array, Array]:
+    """Return the straight line closest to points (n, 2): a point on it, its direction, and their distances (n,)."""
+    middle = points.mean(axis=0)
+    along = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+    return middle, along, np.abs((points - middle) @ (-along[1], along[0]))
+
+
+def _merged(closed: Array, ends: list[int], noise: float) -> list[int]:
+    """Return the ends of sides along a closed ring of points; two sides that are one within the noise become one."""
+
+    def looseness(first: int, last: int) -> float:
+        off = _side(closed[first : last + 1])[2]
+        return max(float(np.sqrt(np.mean(off**2))) / 1.2, float(off.max()) / SIGMAS) / noise
+
+    while len(ends) > 4:
+        joined = [looseness(first, last) for first, last in zip(ends[:-2], ends[2:], strict=True)]
+        best = int(np.argmin(joined))
+        if joined[best] > 1.0:
+            break
+        del ends[best + 1]
+    return ends
+
+
+def _corners(closed: Array, ends: list[int], farthest: float) -> Array:
+    """Return the corners (K, 2) where the sides that end at these points of a closed ring meet."""
+    sides = [_side(closed[first : last + 1]) for first, last in pairwise(ends)]
+    corners = closed[ends[:-1]].copy()
+    for index, corner in enumerate(corners):
+        (a, u, _), (b, v, _) = sides[index - 1], sides[index]
+        sine = float(u[0] * v[1] - u[1] * v[0])
+        if abs(sine) > np.sin(np.radians(10.0)):
+            between = b - a
+            meeting = a + u * float(between[0] * v[1] - between[1] * v[0]) / sine
+        else:
+            meeting = 0.5 * (a + u * float((corner - a) @ u) + b + v * float((corner - b) @ v))
+        if np.linalg.norm(meeting - corner) < 2.0 * farthest:
+            corners[index] = meeting
+    return corners

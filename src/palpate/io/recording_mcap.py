@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError, PalpateError
 from palpate.files import existing_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
-from palpate.io.mcap_file import (
-    CutShort,
-    MessageWriter,
-    front_matter,
-    is_mcap,
-    mcap_messages,
-    nanoseconds,
-    new_mcap,
-)
+from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
 from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
 from palpate.types.images import Codec, SpooledImages
 from palpate.types.recording import Recording
@@ -36,22 +28,20 @@ from palpate.types.space import flat, out_of_plane
 
 logger = logging.getLogger(__name__)
 
-DESCRIPTION = "palpate recording (.mcap)"
-VERSION = 1
-METADATA, ARRAYS = "palpate", "palpate/"
+METADATA, ARRAYS, VERSION = "palpate", "palpate/", "1"
 IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
 CONTACT = "/sensor/contact"
 FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")
 
 
-def detect(path: Path) -> bool:
+def is_recording(path: Path) -> bool:
     """Return true for a recording of palpate."""
     return is_mcap(path) and METADATA in front_matter(path)[0]
 
 
 def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None) -> None:
     """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
-    about = {"version": str(VERSION), "shape": json.dumps(shape_to_dict(shape))}
+    about = {"version": VERSION, "shape": json.dumps(shape_to_dict(shape))}
     file.describe(METADATA, {**about, "sensor": json.dumps(sensor_to_dict(sensor)), **(more or {})})
 
 
@@ -67,12 +57,14 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     with new_mcap(path, overwrite) as file:
         describe(file, recording.shape, recording.sensor, _values(recording))
         for name, array in _arrays(recording).items():
-            file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", _npy(array))
+            data = io.BytesIO()
+            np.save(data, array, allow_pickle=False)
+            file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
         for index, stamp in enumerate(stamps):
             if recording.image is not None:
-                data = np.frombuffer(recording.image[index], np.uint8)
+                image = np.frombuffer(recording.image[index], np.uint8)
                 header = file.header(stamp, "sensor")
-                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=recording.codec, data=data)
+                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=recording.codec, data=image)
             if recording.contact is not None:
                 file.add(CONTACT, BOOL, stamp, data=bool(recording.contact[index]))
             header = file.header(stamp, plane.frame)
@@ -81,42 +73,6 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
                 file.add(OBJECT_POSES, POSE, stamp, header=header, pose=pose)
             # Last of all: a frame whose sensor pose is there is whole.
             file.add(SENSOR_POSES, POSE, stamp, header=header, pose=file.pose(sensor[index], sensor_turn[index]))
-
-
-def read_recording(path: Path | str) -> Recording:
-    """Read a recording of palpate; of one that is cut off, the whole frames, with a warning. Raises FileError."""
-    path = existing_file(path)
-    if not is_mcap(path):
-        raise FileError(f"{path}: is not an MCAP file")
-    metadata, attachments = front_matter(path)
-    if METADATA not in metadata:
-        raise FileError(f"{path}: is not a recording of palpate: it has no metadata named {METADATA!r}")
-    about = metadata[METADATA]
-    try:
-        _check_version(about)
-        arrays = {
-            name.removeprefix(ARRAYS).removesuffix(".npy"): _array(name, data)
-            for name, data in attachments.items()
-            if name.startswith(ARRAYS)
-        }
-        if arrays:
-            return _from_arrays(path, about, arrays)
-        return _from_messages(path, about)
-    except PalpateError as error:
-        raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
-
-
-read, write = read_recording, write_recording
-
-
-def source_of(path: Path) -> str:
-    """Return the source of a recording that is whole. Raises FileError where it is damaged or cut off."""
-    try:
-        for _ in mcap_messages(path):
-            pass
-    except CutShort as error:
-        raise FileError(str(error)) from error
-    return front_matter(path)[0].get(METADATA, {}).get("source", "")
 
 
 def _values(recording: Recording) -> dict[str, str]:
@@ -138,32 +94,52 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
     return {name: value for name, value in {**frames, **extra}.items() if value is not None}
 
 
-def _npy(array: NDArray[Any]) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array, allow_pickle=False)
-    return file.getvalue()
+def read_recording(path: Path | str) -> Recording:
+    """Read a recording of palpate; of one that is cut off, the whole frames, with a warning. Raises FileError."""
+    path = existing_file(path)
+    if not is_mcap(path):
+        raise FileError(f"{path}: is not an MCAP file")
+    metadata, attachments = front_matter(path)
+    if METADATA not in metadata:
+        raise FileError(f"{path}: is not a recording of palpate: it has no metadata named {METADATA!r}")
+    about = metadata[METADATA]
+    try:
+        if (version := about.get("version")) != VERSION:
+            raise FileError(f"has version {version!r}, this palpate reads version {VERSION}: update palpate")
+        files = {name.removeprefix(ARRAYS): data for name, data in attachments.items() if name.startswith(ARRAYS)}
+        shape, sensor = shape_from_dict(_json(about, "shape")), sensor_from_dict(_json(about, "sensor"))
+        if files:
+            return _from_arrays(path, about, files, shape, sensor)
+        return _from_messages(path, shape, sensor)
+    except PalpateError as error:
+        raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+
+
+def source_of(path: Path) -> str:
+    """Return the source of a recording that is whole. Raises FileError where it is damaged or cut off."""
+    try:
+        for _ in mcap_messages(path):
+            pass
+    except CutShort as error:
+        raise FileError(str(error)) from error
+    return front_matter(path)[0].get(METADATA, {}).get("source", "")
+
+
+def _json(about: Mapping[str, str], name: str) -> Any:
+    return json_object(about.get(name, ""), f"metadata {name}")
 
 
 def _array(name: str, data: bytes) -> NDArray[Any]:
     try:
         return np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError, OSError, MemoryError, SyntaxError) as error:
-        raise FileError(f"attachment {name} is damaged") from error
+        raise FileError(f"attachment {ARRAYS}{name} is damaged") from error
 
 
-def _check_version(about: Mapping[str, str]) -> None:
-    version = about.get("version", "")
-    if not version.isdecimal() or not 1 <= int(version) <= VERSION:
-        raise FileError(f"has version {version!r}, this palpate reads up to version {VERSION}: update palpate")
-
-
-def _json(about: Mapping[str, str], name: str) -> Any:
-    if name not in about:
-        raise FileError(f"metadata {name} is missing")
-    return json_object(about[name], f"metadata {name}")
-
-
-def _from_arrays(path: Path, about: Mapping[str, str], arrays: dict[str, NDArray[Any]]) -> Recording:
+def _from_arrays(
+    path: Path, about: Mapping[str, str], files: Mapping[str, bytes], shape: Shape, sensor: SensorProfile
+) -> Recording:
+    arrays = {name.removesuffix(".npy"): _array(name, data) for name, data in files.items()}
     for name in ("time", "sensor_pose"):
         if name not in arrays:
             raise FileError(f"array {name} is missing, or the file is cut off before it")
@@ -174,18 +150,17 @@ def _from_arrays(path: Path, about: Mapping[str, str], arrays: dict[str, NDArray
     images, codec, count = _frames(path, len(arrays["time"]))
     if 0 < len(images) < count:
         raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
-    extra = {name.removeprefix("extra/"): value[:count] for name, value in arrays.items() if name.startswith("extra/")}
     return Recording(
         **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
         **first,
-        shape=shape_from_dict(_json(about, "shape")),
-        sensor=sensor_from_dict(_json(about, "sensor")),
+        shape=shape,
+        sensor=sensor,
         image=images.selected(range(count)) if len(images) else None,
         codec=codec or about.get("codec", "jpeg"),  # pyright: ignore[reportArgumentType]  # Recording checks it
         contact_derived=about.get("contact_derived") == "true",
         source=about.get("source", ""),
         frames={str(key): str(value) for key, value in _json(about, "frames").items()},
-        extra=extra,
+        extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
         file=path,
     )
 
@@ -209,11 +184,10 @@ def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int
     return images, codec, count
 
 
-def _from_messages(path: Path, about: Mapping[str, str]) -> Recording:
+def _from_messages(path: Path, shape: Shape, sensor: SensorProfile) -> Recording:
     """Return the recording of a live session: each image with the sensor's pose at its time."""
     from palpate.io.rosbag_recording import BagChoices, read_bag
 
-    shape, sensor = shape_from_dict(_json(about, "shape")), sensor_from_dict(_json(about, "sensor"))
     # By the time of recording, which equals the headers': a replay may begin at 0 s, which in a header means no stamp.
     choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
     return read_bag(path, shape, choices, sensor).recording

@@ -19,8 +19,6 @@ POSE_ARRAY, BOOL = "geometry_msgs/msg/PoseArray", "std_msgs/msg/Bool"
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-ENCODINGS = ("cdr", "ros1")
-"""Serialisations of ROS 2 and ROS 1."""
 
 COLOURS = {"rgb8": False, "bgr8": True, "8UC3": True}
 """Encodings of `Image` that are read, and true where blue comes first. 8UC3 does not name the order; the driver of the
@@ -36,6 +34,16 @@ class Channel(NamedTuple):
     """Message type as ROS 2 names it, such as sensor_msgs/msg/Image."""
     encoding: str
     """Serialisation: "cdr" (ROS 2), "ros1", or another that is not read, such as "protobuf"."""
+
+    @property
+    def is_ros(self) -> bool:
+        """True for messages of ROS 2 or ROS 1."""
+        return self.encoding in ("cdr", "ros1")
+
+    @property
+    def is_read(self) -> bool:
+        """True if its messages can be decoded and used."""
+        return self.is_ros and self.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES
 
 
 class RawMessage(NamedTuple):
@@ -78,17 +86,9 @@ class MessageSink(ABC):
 
     def pose(self, position: Array, rotation: Array) -> Any:
         """Return a pose in space from position (3,) [m] and quaternion x, y, z, w (4,)."""
-        point, turn = position.tolist(), rotation.tolist()
-        return self.make(
-            "geometry_msgs/msg/Pose",
-            position=self.make("geometry_msgs/msg/Point", **dict(zip("xyz", point, strict=True))),
-            orientation=self.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", turn, strict=True))),
-        )
-
-
-def is_read(channel: Channel) -> bool:
-    """Return true if messages of a channel can be decoded and used."""
-    return channel.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES and channel.encoding in ENCODINGS
+        point = self.make("geometry_msgs/msg/Point", **dict(zip("xyz", position.tolist(), strict=True)))
+        turn = self.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation.tolist(), strict=True)))
+        return self.make("geometry_msgs/msg/Pose", position=point, orientation=turn)
 
 
 def decoded(raw: RawMessage, type_: str | None = None) -> Any:
@@ -100,13 +100,11 @@ def decoded(raw: RawMessage, type_: str | None = None) -> Any:
     if type_ is not None and found != type_:
         raise FileError(f"{topic} holds {found or 'messages of no type'}, expected {type_}")
     store = ros_types(encoding)
-    decode = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
     try:
-        return decode(raw.data, found)
+        return (store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1)(raw.data, found)
     except Exception as error:  # damaged bytes can raise anything in the decoder
-        raise FileError(
-            f"{topic}: the message recorded at {raw.log_time * 1e-9:.9f} s does not decode as {found}"
-        ) from error
+        where = f"the message recorded at {raw.log_time * 1e-9:.9f} s"
+        raise FileError(f"{topic}: {where} does not decode as {found}") from error
 
 
 def stamp_of(message: Any) -> int | None:
@@ -119,12 +117,16 @@ def stamp_of(message: Any) -> int | None:
 def poses_of(message: Any) -> list[Pose]:
     """Return the pose in a message of POSE_TYPES, or the transforms in one of TRANSFORM_TYPES."""
     if hasattr(message, "transforms"):
-        return [
-            _pose(each, each.child_frame_id, each.transform.translation, each.transform.rotation)
-            for each in message.transforms
-        ]
+        placed = [(each, each.child_frame_id, each.transform) for each in message.transforms]
+        return [_pose(each, child, place.translation, place.rotation) for each, child, place in placed]
     pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
     return [_pose(message, "", pose.position, pose.orientation)]
+
+
+def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
+    numbers = (position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w)
+    # ROS 1 allowed a slash before the names of frames.
+    return Pose(message.header.frame_id.lstrip("/"), child.lstrip("/"), stamp_of(message) or 0, numbers)
 
 
 def image_of(message: Any) -> tuple[bytes, Codec]:
@@ -168,9 +170,3 @@ def ros_types(encoding: str) -> Any:
     for name in TRANSFORM_TYPES:
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
     return store
-
-
-def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
-    numbers = (position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w)
-    # ROS 1 allowed a slash before the names of frames.
-    return Pose(message.header.frame_id.lstrip("/"), child.lstrip("/"), stamp_of(message) or 0, numbers)

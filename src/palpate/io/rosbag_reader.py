@@ -7,43 +7,37 @@ outline of the object, so `rosbag_recording.read_bag` makes a recording of one t
 import logging
 from array import array
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file
-from palpate.io.mcap_file import CutShort, is_mcap, mcap_messages
-from palpate.io.ros_messages import (
-    ENCODINGS,
-    TRANSFORM_TYPES,
-    Channel,
-    RawMessage,
-    decoded,
-    is_read,
-    poses_of,
-    stamp_of,
-)
+from palpate.io.mcap_file import CutShort, begins_with, is_mcap, mcap_messages
+from palpate.io.ros_messages import TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 
-DESCRIPTION = "bag of ROS messages: MCAP (.mcap), ROS 2 (.db3 or its folder), ROS 1 (.bag)"
 
-
-def detect(path: Path) -> bool:
+def is_bag(path: Path) -> bool:
     """Return true for a bag, by its first bytes."""
-    return is_mcap(path) or _is_ros2(path) or _begins(path, b"#ROSBAG V2.0")
+    return is_mcap(path) or _is_ros2(path) or begins_with(path, b"#ROSBAG V2.0")
 
 
-def read(path: Path) -> Recording:
+def _is_ros2(path: Path) -> bool:
+    return (path / "metadata.yaml").is_file() or begins_with(path, b"SQLite format 3\x00")
+
+
+def refuse_bag(path: Path) -> Recording:
     """Raise FileError: a bag alone is no recording."""
     raise FileError(
-        f"{existing_bag(path)}: is a bag of ROS messages without an outline of the object; palpate track and "
-        "convert take it by --shape, in Python palpate.read_bag"
+        f"{path}: is a bag of ROS messages without an outline of the object; palpate track and convert take it by "
+        "--shape, in Python palpate.read_bag"
     )
 
 
@@ -66,7 +60,7 @@ def bag_messages(path: Path) -> Iterator[RawMessage]:
     Raises CutShort after the last whole message of an MCAP that ends too early, FileError where a bag cannot be read.
     """
     path = existing_bag(path)
-    if not detect(path):
+    if not is_bag(path):
         raise FileError(f"{path}: is no bag; known are MCAP, ROS 2 .db3 or its folder, and ROS 1 .bag")
     for raw in mcap_messages(path) if is_mcap(path) else _library_messages(path):
         if not 0 <= raw.log_time < 2**62:
@@ -89,35 +83,53 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
         raise FileError(f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it") from error
 
 
-def _is_ros2(path: Path) -> bool:
-    return (path / "metadata.yaml").is_file() or _begins(path, b"SQLite format 3\x00")
-
-
-def _begins(path: Path, first: bytes) -> bool:
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(len(first)) == first
-    return False
-
-
-@dataclass(frozen=True)
+@dataclass
 class Topic:
     """The messages of one channel in numbers."""
 
     channel: Channel
-    count: int
-    """Number of messages."""
-    rate: float | None
-    """Messages per second by the median interval [Hz]; None for fewer than two."""
-    gaps: int
-    """Number of intervals of more than three median ones."""
-    longest_gap: float | None
-    """The longest interval [s]; None for fewer than two messages."""
-    clock_offset: float | None
-    """Header stamps less times of recording, median [s]; None where messages have no header that is read."""
-    clock_spread: float | None
-    """Largest less smallest of these differences [s]."""
-    unstamped: int
+    # Arrays of integers, as a bag may hold millions of messages.
+    log_times: "array[int]" = field(default_factory=lambda: array("q"))
+    """Times of recording [ns]."""
+    offsets: "array[int]" = field(default_factory=lambda: array("q"))
+    """Header stamps less times of recording [ns]; none where messages have no header that is read."""
+    unstamped: int = 0
     """Number of headers with a stamp of zero."""
+
+    @property
+    def count(self) -> int:
+        """Number of messages."""
+        return len(self.log_times)
+
+    @cached_property
+    def _steps(self) -> NDArray[np.float64]:
+        return np.diff(np.sort(np.array(self.log_times))) * 1e-9
+
+    @property
+    def rate(self) -> float | None:
+        """Messages per second by the median interval [Hz]; None for fewer than two."""
+        median = float(np.median(self._steps)) if len(self._steps) else 0.0
+        return 1.0 / median if median else None
+
+    @property
+    def gaps(self) -> int:
+        """Number of intervals of more than three median ones."""
+        return int(np.count_nonzero(self._steps > 3.0 / self.rate)) if self.rate else 0
+
+    @property
+    def longest_gap(self) -> float | None:
+        """The longest interval [s]; None for fewer than two messages."""
+        return float(self._steps.max()) if len(self._steps) else None
+
+    @property
+    def clock_offset(self) -> float | None:
+        """Header stamps less times of recording, median [s]; None without headers."""
+        return float(np.median(np.array(self.offsets) * 1e-9)) if len(self.offsets) else None
+
+    @property
+    def clock_spread(self) -> float | None:
+        """Largest less smallest of these differences [s]."""
+        return float(np.ptp(np.array(self.offsets) * 1e-9)) if len(self.offsets) else None
 
     @property
     def is_static(self) -> bool:
@@ -137,71 +149,45 @@ class Contents:
     cut: bool
     """True where the bag ends too early, as when its recorder was killed."""
 
-    def of(self, types: tuple[str, ...]) -> list[Topic]:
-        """Return the topics of these message types that can be read."""
-        return [topic for topic in self.topics if topic.channel.type in types and is_read(topic.channel)]
+    def of(self, types: tuple[str, ...]) -> list[str]:
+        """Return the names of topics of these message types that can be read."""
+        return [each.channel.topic for each in self.topics if each.channel.type in types and each.channel.is_read]
 
 
 def contents(path: Path) -> Contents:
     """Read a bag through and summarise it; warns where it is cut off. Raises FileError if it holds nothing."""
-    tallies: dict[Channel, _Tally] = {}
+    topics: dict[Channel, Topic] = {}
     parents: dict[str, str] = {}
-    cut = False
+    cut = None
     try:
         for raw in bag_messages(path):
-            tally = tallies.setdefault(raw.channel, _Tally())
-            tally.log_times.append(raw.log_time)
-            if is_read(raw.channel):
-                tally.look_into(path, raw, parents)
+            _count(path, raw, topics.setdefault(raw.channel, Topic(raw.channel)), parents)
     except CutShort as error:
-        if not tallies:
-            raise FileError(f"{error}; there is no message before that") from error
-        cut = True
-        count = sum(len(tally.log_times) for tally in tallies.values())
-        logger.warning("%s, as when its recorder was killed; the %d messages before it are read", error, count)
-    if not tallies:
-        raise FileError(f"{path}: holds no messages")
-    topics = tuple(tally.topic(channel) for channel, tally in sorted(tallies.items()))
-    if ignored := [topic.channel for topic in topics if topic.channel.encoding not in ENCODINGS]:
+        cut = error
+    if not topics:
+        raise FileError(f"{cut}; there is no message before that" if cut else f"{path}: holds no messages")
+    if cut:
+        count = sum(topic.count for topic in topics.values())
+        logger.warning("%s, as when its recorder was killed; the %d messages before it are read", cut, count)
+    if ignored := [channel for channel in sorted(topics) if not channel.is_ros]:
         names = ", ".join(f"{channel.topic} ({channel.encoding or 'unknown'})" for channel in ignored)
         logger.warning("%s: topics that are no ROS messages are ignored: %s", path, names)
-    return Contents(path, topics, parents, cut)
+    return Contents(path, tuple(topics[channel] for channel in sorted(topics)), parents, cut is not None)
 
 
-@dataclass
-class _Tally:
-    """Counts of one channel; arrays of integers, as a bag may hold millions of messages."""
-
-    log_times: "array[int]" = field(default_factory=lambda: array("q"))
-    offsets: "array[int]" = field(default_factory=lambda: array("q"))
-    unstamped: int = 0
-
-    def look_into(self, path: Path, raw: RawMessage, parents: dict[str, str]) -> None:
-        try:
-            message = decoded(raw)
-        except FileError as error:
-            raise FileError(f"{path}: {error}") from error
-        stamp = stamp_of(message)
-        if stamp is not None:
-            self.offsets.append(stamp - raw.log_time)
-            self.unstamped += stamp == 0
-        if raw.channel.type in TRANSFORM_TYPES:
-            for pose in poses_of(message):
-                if parents.setdefault(pose.child, pose.frame) != pose.frame:
-                    both = f"{parents[pose.child]} and {pose.frame}"
-                    raise FileError(f"{path}: frame {pose.child} has two parents, {both}")
-
-    def topic(self, channel: Channel) -> Topic:
-        step = np.diff(np.sort(np.array(self.log_times))) * 1e-9
-        median = float(np.median(step)) if len(step) else 0.0
-        offsets = np.array(self.offsets) * 1e-9
-        return Topic(
-            channel=channel,
-            count=len(self.log_times),
-            rate=1.0 / median if median else None,
-            gaps=int(np.count_nonzero(step > 3.0 * median)) if median else 0,
-            longest_gap=float(step.max()) if len(step) else None,
-            clock_offset=float(np.median(offsets)) if len(offsets) else None,
-            clock_spread=float(np.ptp(offsets)) if len(offsets) else None,
-            unstamped=self.unstamped,
-        )
+def _count(path: Path, raw: RawMessage, topic: Topic, parents: dict[str, str]) -> None:
+    """Count a message in its topic, and add its transforms to the parents of frames."""
+    topic.log_times.append(raw.log_time)
+    if not raw.channel.is_read:
+        return
+    try:
+        message = decoded(raw)
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+    stamp = stamp_of(message)
+    if stamp is not None:
+        topic.offsets.append(stamp - raw.log_time)
+        topic.unstamped += stamp == 0
+    for pose in poses_of(message) if raw.channel.type in TRANSFORM_TYPES else ():
+        if parents.setdefault(pose.child, pose.frame) != pose.frame:
+            raise FileError(f"{path}: frame {pose.child} has two parents, {parents[pose.child]} and {pose.frame}")

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
+from palpate.files import in_file
 from palpate.geometry.shapes import Shape
 from palpate.io.mcap_file import CutShort
 from palpate.io.ros_messages import (
@@ -18,12 +20,10 @@ from palpate.io.ros_messages import (
     Pose,
     decoded,
     image_of,
-    is_read,
     poses_of,
     stamp_of,
 )
-from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
-from palpate.io.transform_chain import chain, compose_chain, single_chain
+from palpate.io.rosbag_reader import Contents, bag_messages, contents
 from palpate.types.images import Codec, SpooledImages, decode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
@@ -120,18 +120,12 @@ def read_bag(
 
 def mapping(found: Contents, choices: BagChoices) -> Mapping:
     """Choose topics and frames. Raises FileError that lists the candidates where none of several is named."""
-    image_topics = [topic.channel.topic for topic in found.of(IMAGE_TYPES)]
-    images = choices.images or _only(found.path, "image topic", image_topics, "--images TOPIC")
-    if images not in image_topics:
-        raise FileError(f"{found.path}: has no images in {images}; {_listed('image topics', image_topics)}")
-    truth = None if choices.object_poses is None else _source(found, choices.object_poses)
-    sensor = _only_source(found, truth) if choices.sensor_poses is None else _source(found, choices.sensor_poses)
-    used = {images}
-    for source in (sensor, truth):
-        if isinstance(source, str):
-            used.add(source)
-        elif source is not None:
-            used |= {topic.channel.topic for topic in found.of(TRANSFORM_TYPES)}
+    images = _only(found, "image topic", found.of(IMAGE_TYPES), choices.images, "--images TOPIC")
+    truth = None if choices.object_poses is None else _source(found, choices.object_poses, None)
+    sensor = _source(found, choices.sensor_poses, truth)
+    used = {images, sensor, truth}
+    if isinstance(sensor, tuple) or isinstance(truth, tuple):
+        used |= set(found.of(TRANSFORM_TYPES))
     unused = tuple(topic.channel.topic for topic in found.topics if topic.channel.topic not in used)
     return Mapping(images, sensor, truth, unused)
 
@@ -146,69 +140,51 @@ def check_stamps(found: Contents, chosen: Mapping, tolerance: float = 1.0) -> No
 
     `tolerance` [s] covers the delay between a message and its recording.
     """
-    way_out = "--clock log takes the times of recording"
-    offsets: dict[str, float] = {}
-    for topic in _topics_of(found, chosen):
-        if topic.clock_offset is None or topic.clock_spread is None or topic.is_static:
+    topics = [topic for topic in found.topics if topic.channel.topic not in chosen.unused and not topic.is_static]
+    seen = (each for each in topics if each.channel.topic == chosen.images and each.channel.type in IMAGE_TYPES)
+    of_images = next(seen).clock_offset or 0.0
+    for topic in topics:
+        name, offset, spread = topic.channel.topic, topic.clock_offset, topic.clock_spread
+        if offset is None or spread is None:
             continue
-        name = topic.channel.topic
         # The first message by a clock that starts at zero is no fault.
         if topic.unstamped > 1 or topic.unstamped == topic.count:
-            raise FileError(f"{found.path}: {topic.unstamped} headers in {name} have a stamp of zero; {way_out}")
-        if topic.clock_spread > tolerance:
-            raise FileError(
-                f"{found.path}: the header stamps in {name} jump by {topic.clock_spread:.1f} s against the times of "
-                f"recording; {way_out}"
-            )
-        offsets[name] = topic.clock_offset
-    of_images = offsets[chosen.images]
-    for name, offset in offsets.items():
-        if abs(offset - of_images) > tolerance:
-            raise FileError(
-                f"{found.path}: clocks differ: header stamps are {of_images:+.3f} s off the times of recording in "
-                f"{chosen.images}, {offset:+.3f} s in {name}; {way_out}"
-            )
+            wrong = f"{topic.unstamped} headers in {name} have a stamp of zero"
+        elif spread > tolerance:
+            wrong = f"the header stamps in {name} jump by {spread:.1f} s against the times of recording"
+        elif abs(offset - of_images) > tolerance:
+            both = f"{of_images:+.3f} s off the times of recording in {chosen.images}, {offset:+.3f} s in {name}"
+            wrong = f"clocks differ: header stamps are {both}"
+        else:
+            continue
+        raise FileError(f"{found.path}: {wrong}; --clock log takes the times of recording")
 
 
-def _topics_of(found: Contents, chosen: Mapping) -> list[Topic]:
-    return [topic for topic in found.topics if topic.channel.topic not in chosen.unused]
-
-
-def _source(found: Contents, name: str) -> PoseSource:
-    parent, colon, child = name.partition(":")
+def _source(found: Contents, name: str | None, leave_out: PoseSource | None) -> PoseSource:
+    """Return the named source of poses, or the only one but `leave_out`: a topic, or one chain of all transforms."""
+    parent, colon, child = (name or "").partition(":")
     if colon:
         return parent, child
-    topics = [topic.channel.topic for topic in found.of(POSE_TYPES)]
-    if name not in topics:
-        raise FileError(f"{found.path}: has no poses in {name}; {_listed('pose topics', topics)}; {_frames(found)}")
-    return name
+    sources: dict[str, PoseSource] = {topic: topic for topic in found.of(POSE_TYPES)}
+    roots = set(found.parents.values()) - set(found.parents)
+    leaves = set(found.parents) - set(found.parents.values())
+    if len(roots) == len(leaves) == 1:
+        ends = (roots.pop(), leaves.pop())
+        sources[written(ends)] = ends
+    names = [each for each, source in sources.items() if source != leave_out]
+    option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
+    return sources[_only(found, "source of poses", names, name, option)]
 
 
-def _only_source(found: Contents, leave_out: PoseSource | None) -> PoseSource:
-    topics: list[PoseSource] = [topic.channel.topic for topic in found.of(POSE_TYPES)]
-    frames = single_chain(found.parents)
-    sources = [source for source in (*topics, *([frames] if frames else [])) if source != leave_out]
-    if not sources and found.parents:
-        raise FileError(f"{found.path}: {_frames(found)}; name those of the sensor: --sensor-poses PARENT:CHILD")
-    names = [written(source) for source in sources]
-    option = "--sensor-poses, and --object-poses if one is ground truth"
-    return sources[names.index(_only(found.path, "source of poses", names, option))]
-
-
-def _only(path: Path, what: str, found: list[str], option: str) -> str:
-    if len(found) == 1:
-        return found[0]
-    if not found:
-        raise FileError(f"{path}: has no {what} of a type that is read; palpate info lists what it holds")
-    raise FileError(f"{path}: has more than one {what}: {', '.join(found)}; name one by {option}")
-
-
-def _listed(what: str, names: list[str]) -> str:
-    return f"{what} are {', '.join(names)}" if names else f"there are no {what}"
-
-
-def _frames(found: Contents) -> str:
-    return _listed("frames of transforms", sorted({*found.parents, *found.parents.values()}))
+def _only(found: Contents, what: str, names: list[str], chosen: str | None, option: str) -> str:
+    """Return the chosen name, or the only one of some. Raises FileError that lists them."""
+    if chosen in names or (chosen is None and len(names) == 1):
+        return chosen or names[0]
+    frames = ", ".join(sorted({*found.parents, *found.parents.values()}))
+    there = ", ".join(names) or "none of a type that is read"
+    there += f"; frames of transforms are {frames}" if frames else ""
+    wrong = f"has no {what} {chosen!r}" if chosen else f"has {'more than one' if names else 'no'} {what}"
+    raise FileError(f"{found.path}: {wrong}; there are {there}; name one by {option}")
 
 
 @dataclass
@@ -225,54 +201,78 @@ class _Streams:
     static: set[str] = field(default_factory=set)
     """Frames whose transforms hold at all times."""
 
-    def add_image(self, topic: str, message: Any, log_time: int | None) -> None:
-        """Take an image message. Raises FileError that names the topic."""
-        try:
-            data, codec = image_of(message)
-        except FileError as error:
-            raise FileError(f"{topic}: {error}") from error
+    def add_image(self, message: Any, time: int) -> None:
+        """Take an image message. Raises FileError."""
+        data, codec = image_of(message)
         if self.codec not in (None, codec):
-            raise FileError(f"{topic}: some images are {self.codec}, others {codec}; expected one of them")
+            raise FileError(f"some images are {self.codec}, others {codec}; expected one of them")
         if self.codec is None and getattr(message, "encoding", "") == "8UC3":
-            logger.warning("%s: encoding 8UC3 does not name the order of colours; blue is taken as the first", topic)
+            logger.warning("images: encoding 8UC3 does not name the order of colours; blue is taken as the first")
         self.codec = codec
-        self.index[stamp_of(message) or 0 if log_time is None else log_time] = len(self.images)
+        self.index[time] = len(self.images)
         self.images.append(data)
 
 
 def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Streams:
     """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
     streams = _Streams()
-    needed = {name for source in (chosen.sensor, chosen.object) for name in _names(found, source)}
-    gathered: dict[str, tuple[list[Pose], list[int]]] = {}
-    topics = {topic.channel: topic for topic in _topics_of(found, chosen)}
+    needed = {name for source in (chosen.sensor, chosen.object) if source for name in _names(found, source)}
+    gathered: dict[str, list[tuple[int, Pose]]] = {}
+    topics = {
+        each.channel: each for each in found.topics if each.channel.is_read and each.channel.topic not in chosen.unused
+    }
     try:
         for raw in bag_messages(found.path):
-            topic, is_image = topics.get(raw.channel), raw.channel.topic == chosen.images
             # A topic may have several channels, of several types.
-            types = IMAGE_TYPES if is_image else POSE_TYPES + TRANSFORM_TYPES
-            if topic is None or raw.channel.type not in types or not is_read(raw.channel):
+            is_image, is_transform = raw.channel.type in IMAGE_TYPES, raw.channel.type in TRANSFORM_TYPES
+            if raw.channel not in topics or (is_image and raw.channel.topic != chosen.images):
                 continue
             message = decoded(raw)
-            log_time = raw.log_time if choices.clock == "log" else None
             if is_image:
-                streams.add_image(chosen.images, message, log_time)
+                time = raw.log_time if choices.clock == "log" else stamp_of(message) or 0
+                with in_file(chosen.images):
+                    streams.add_image(message, time)
                 continue
             for pose in poses_of(message):
-                name = pose.child if raw.channel.type in TRANSFORM_TYPES else raw.channel.topic
-                if name not in needed:
-                    continue
-                poses, times = gathered.setdefault(name, ([], []))
-                poses.append(pose)
-                times.append(pose.stamp if log_time is None else log_time)
-                if topic.is_static:
-                    streams.static.add(name)
+                name = pose.child if is_transform else raw.channel.topic
+                if name in needed:
+                    time = raw.log_time if choices.clock == "log" else pose.stamp
+                    gathered.setdefault(name, []).append((time, pose))
+                    streams.static |= {name} if topics[raw.channel].is_static else set()
     except CutShort:
         pass  # `contents` has warned of it
     if repeated := len(streams.images) - len(streams.index):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
-    streams.poses = {name: _in_time(name, *rows) for name, rows in gathered.items()}
+    streams.poses = {name: _in_time(name, rows) for name, rows in gathered.items()}
     return streams
+
+
+def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
+    frames = sorted({pose.frame for _, pose in rows})
+    if len(frames) > 1:
+        raise FileError(f"{name}: poses are given in several frames, {', '.join(map(repr, frames))}")
+    time = np.array([time for time, _ in rows], np.int64)
+    return poses_in_time(name, frames[0], time, np.array([pose.numbers for _, pose in rows]))
+
+
+def _names(found: Contents, source: PoseSource) -> list[str]:
+    """Return the topic, or the frames of the transforms, that a source needs."""
+    return [source] if isinstance(source, str) else [name for way in _ways(found.parents, *source) for name in way]
+
+
+def _ways(parents: dict[str, str], parent: str, child: str) -> tuple[list[str], list[str]]:
+    """Return the frames on the ways up from `parent` and from `child` to the frame where both meet, without that."""
+    ways = [parent], [child]
+    for way in ways:
+        while (above := parents.get(way[-1])) is not None:
+            if above in way:
+                raise FileError(f"transforms run in a circle: {' < '.join([*way, above])}")
+            way.append(above)
+    meeting = next((name for name in ways[1] if name in ways[0]), None)
+    if meeting is None or parent == child:
+        known = ", ".join(sorted({*parents, *parents.values()}))
+        raise FileError(f"no chain of transforms leads from {parent!r} to {child!r}; frames are {known or 'none'}")
+    return ways[0][: ways[0].index(meeting)], ways[1][: ways[1].index(meeting)]
 
 
 def _placed_at(streams: _Streams, source: PoseSource, found: Contents, time: NDArray[np.int64]) -> tuple[str, Placed]:
@@ -285,21 +285,14 @@ def _placed_at(streams: _Streams, source: PoseSource, found: Contents, time: NDA
         poses = streams.poses[name]
         return always(poses, len(time)) if name in streams.static else at_times(poses, time)
 
-    return source[0], compose_chain(*chain(found.parents, *source), placed)
-
-
-def _names(found: Contents, source: PoseSource | None) -> list[str]:
-    """Return the topic, or the frames of the transforms, that a source needs."""
-    if source is None or isinstance(source, str):
-        return [] if source is None else [source]
-    up_parent, up_child = chain(found.parents, *source)
-    return [*up_parent, *up_child]
-
-
-def _in_time(name: str, poses: list[Pose], times: list[int]) -> Poses:
-    if frames := sorted({pose.frame for pose in poses} - {poses[0].frame}):
-        raise FileError(f"{name}: poses are given in several frames, {poses[0].frame!r} and {frames[0]!r}")
-    return poses_in_time(name, poses[0].frame, np.array(times, np.int64), np.array([pose.numbers for pose in poses]))
+    up_parent, up_child = (
+        reduce(lambda lower, name: placed(name) @ lower, names[1:], placed(names[0])) if names else None
+        for names in _ways(found.parents, *source)
+    )
+    back = None if up_parent is None else up_parent.inverse()
+    together = up_child if back is None else back if up_child is None else back @ up_child
+    assert together is not None
+    return source[0], together
 
 
 def _recording(
@@ -317,17 +310,20 @@ def _recording(
     stamps, time, placed = stamps[placed.known], time[placed.known], placed[placed.known]
     images = streams.images.selected(streams.index[stamp] for stamp in stamps.tolist())
     assert streams.codec is not None
-    try:
+    with in_file(f"{chosen.images}: an image"):
         decode_image(images[0], streams.codec, (sensor.image_height, sensor.image_width))
-    except FileError as error:
-        raise FileError(f"{chosen.images}: an image: {error}") from error
     plane = chosen_plane(str(found.path), choices.plane, frame, placed)
     sensor_pose = planar(f"the sensor ({written(chosen.sensor)})", plane, time, placed, choices.off_plane)
     frames = {"sensor_pose": f"{written(chosen.sensor)} in {frame!r}, interpolated; {plane}"}
     object_pose = None
     if chosen.object is not None:
-        object_pose = _truth(found, chosen.object, choices, streams, plane, time)
-        frames["object_pose"] = f"{written(chosen.object)}, likewise"
+        name, (other, placed) = written(chosen.object), _placed_at(streams, chosen.object, found, time)
+        if other != frame:
+            raise FileError(f"poses of the sensor are given in frame {frame!r}, those of the object in {other!r}")
+        known = placed.known
+        object_pose = np.full((len(time), 3), np.nan)
+        object_pose[known] = planar(f"the object ({name})", plane, time[known], placed[known], choices.off_plane)
+        frames["object_pose"] = f"{name}, likewise"
     recording = Recording(
         time=time / 1e9,
         sensor_pose=sensor_pose,
@@ -341,21 +337,3 @@ def _recording(
         file=found.path,
     )
     return recording, plane
-
-
-def _truth(
-    found: Contents,
-    source: PoseSource,
-    choices: BagChoices,
-    streams: _Streams,
-    plane: Plane,
-    time: NDArray[np.int64],
-) -> Array:
-    """Return the object's poses in the plane (N, 3), NaN where they are not known."""
-    frame, placed = _placed_at(streams, source, found, time)
-    if frame != plane.frame:
-        raise FileError(f"poses of the sensor are given in frame {plane.frame!r}, those of the object in {frame!r}")
-    known, what = placed.known, f"the object ({written(source)})"
-    pose = np.full((len(time), 3), np.nan)
-    pose[known] = planar(what, plane, time[known], placed[known], choices.off_plane)
-    return pose

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import read_text
-from palpate.io.estimates_csv import COVARIANCE, UPPER
+from palpate.io.trajectories import COVARIANCE, UPPER
 from palpate.types.estimate import Answer, Answers
 
 Array = NDArray[np.float64]

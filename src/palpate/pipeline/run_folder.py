@@ -11,8 +11,9 @@ import palpate
 from palpate.config import PRESETS
 from palpate.errors import FileError
 from palpate.files import whole_folder
-from palpate.io import estimates_csv, recording_mcap, tum
 from palpate.io.estimates_mcap import write_estimates_mcap
+from palpate.io.recording_mcap import write_recording
+from palpate.io.trajectories import write_estimates_csv, write_tum
 from palpate.pipeline import details
 from palpate.pipeline.figures import run_figure
 from palpate.pipeline.track import Run
@@ -50,8 +51,8 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     ones.
     """
     _write_json(folder / "settings.json", settings_dict(run))
-    tum.write(run.smoothed, folder / "trajectory.tum")
-    estimates_csv.write(run.online, folder / "estimates.csv")
+    write_tum(run.smoothed, folder / "trajectory.tum")
+    write_estimates_csv(run.online, folder / "estimates.csv")
     details.write_answers(run.online.time, run.answers, folder / "answers.csv")
     details.write_friction(run.online.time, run.friction, folder / "friction.csv")
     if mcap is not None:
@@ -59,7 +60,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     _write_json(folder / "summary.json", run.summary)
     run_figure(run).savefig(folder / "figure.png", dpi=150)
     if run.recording.file is None:
-        recording_mcap.write_recording(run.recording, folder / RECORDING)
+        write_recording(run.recording, folder / RECORDING)
 
 
 def check_folder(folder: Path, force: bool = False) -> None:

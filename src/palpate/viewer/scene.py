@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json
-from palpate.io import estimates_csv, load_recording
+from palpate.io import load_recording
+from palpate.io.trajectories import read_estimates_csv
 from palpate.pipeline import details
 from palpate.pipeline.first_release import first_release
 from palpate.pipeline.truth import known_truth
@@ -70,7 +71,7 @@ def load_scene(path: Path) -> Scene:
         raise FileError(f"{path}: is no run of palpate track: there is no settings.json in it")
     settings = read_json(path / "settings.json")
     recording = load_recording(path / _file_name(settings, "recording", path))
-    estimate = estimates_csv.read(path / "estimates.csv")
+    estimate = read_estimates_csv(path / "estimates.csv")
     if not np.array_equal(estimate.time, recording.time):
         raise FileError(
             f"{path}: its {len(estimate)} estimates are not of the {len(recording)} frames of {recording.file}, "
