@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def write_page(run: Run, name: str, path: Path, force: bool = False) -> None:
-    """Write the page of a run, whole or not at all; FileError if it exists, unless `force`."""
+def write_page(run: Run, name: str, path: Path) -> None:
+    """Write the page of a run, whole or not at all; FileError if it exists."""
     page = rendered_page(
         Path(__file__).with_name("page.html.j2"),
         name=name,
@@ -39,7 +39,7 @@ def write_page(run: Run, name: str, path: Path, force: bool = False) -> None:
         plots=_plots(run),
         data=_json(_moving(run)),
     )
-    with whole_file(path, overwrite=force) as part:
+    with whole_file(path) as part:
         part.write_text(page, encoding="utf-8")
 
 

@@ -51,7 +51,7 @@ def save_scene(scene: Scene, path: Path, force: bool = False) -> None:
     """Write a scene for Rerun's viewer (.rrd); FileError if the file exists, unless `force`."""
     with whole_file(path, overwrite=force) as part:
         stream = _stream(scene.name)
-        stream.save(part, _blueprint(is_tracked=scene.estimate is not None, is_live=False))
+        stream.save(part, _blueprint(scene))
         _send(stream, scene)
 
 
@@ -59,7 +59,7 @@ def show_scene(scene: Scene) -> None:
     """Show a scene in a viewer that stays open when this process ends."""
     address = start_viewer()
     stream = _stream(scene.name)
-    stream.connect_grpc(address, default_blueprint=_blueprint(is_tracked=scene.estimate is not None, is_live=False))
+    stream.connect_grpc(address, default_blueprint=_blueprint(scene))
     _send(stream, scene)
 
 
@@ -72,7 +72,7 @@ def live_view(recording: Recording, name: str) -> Iterator[Watch]:
     """
     address = start_viewer()
     stream = _stream(name)
-    stream.connect_grpc(address, default_blueprint=_blueprint(is_tracked=True, is_live=True))
+    stream.connect_grpc(address, default_blueprint=_blueprint(Scene(name, recording, None), is_live=True))
     log = SceneLog(stream, recording)
     next_time = -np.inf
 
@@ -262,13 +262,23 @@ def _styles() -> dict[str, Any]:
     return styles
 
 
-def _blueprint(is_tracked: bool, is_live: bool) -> rrb.Blueprint:
+def _blueprint(scene: Scene, is_live: bool = False) -> rrb.Blueprint:
     """Return the layout of a scene; a live one follows the last frame."""
     start, cursor = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     so_far = rrb.VisibleTimeRanges(timeline="time", start=start, end=cursor)
     paths = [f"above/{name}/path" for name in ("truth", "estimate", "sensor")]
+    recording, estimate = scene.recording, scene.estimate
+    places = np.concatenate((recording.sensor_pose, recording.sensor_pose if estimate is None else estimate.pose))
+    reach = np.hypot(*recording.shape.outline().T).max()
+    low, high = places[:, :2].min(axis=0) - reach, places[:, :2].max(axis=0) + reach
+    x_range, y_range = zip(TO_PLANE * low, TO_PLANE * high, strict=True)
     views = rrb.Vertical(
-        rrb.Spatial2DView(origin="above", name="From above [mm]", overrides=dict.fromkeys(paths, so_far)),
+        rrb.Spatial2DView(
+            origin="above",
+            name="From above [mm]",
+            visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=sorted(y_range)),
+            overrides=dict.fromkeys(paths, so_far),
+        ),
         rrb.Horizontal(
             rrb.Spatial2DView(origin="touch/image", name="Touch"),
             rrb.Spatial2DView(origin="touch/difference", name="Difference from the untouched gel"),
@@ -283,7 +293,7 @@ def _blueprint(is_tracked: bool, is_live: bool) -> rrb.Blueprint:
         row_shares=[3, 3, 1.5],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(views, plots, column_shares=[3, 2]) if is_tracked else views,
+        rrb.Horizontal(views, plots, column_shares=[3, 2]) if is_live or estimate else views,
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following" if is_live else "paused"),
         collapse_panels=True,
     )
