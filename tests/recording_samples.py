@@ -3,17 +3,12 @@
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
+from planar import compose
 
-from palpate import io as formats
-from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
-from palpate.types.estimate import Trajectory
-from palpate.types.images import encode_image
-from palpate.types.recording import Recording
-from palpate.types.sensor import POINT, SensorProfile
+import palpate
+from palpate import POINT, Background, Calibration, Disc, Recording, Rectangle, SensorProfile, Shape, Trajectory
 
 TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 
@@ -24,13 +19,18 @@ def runs(flags: Any) -> list[list[int]]:
     return edges.reshape(-1, 2).tolist()
 
 
+def png(image: Any) -> bytes:
+    """Return an RGB image as PNG."""
+    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
+
+
 def pushed(n: int = 40, shape: Shape | None = None) -> Any:
     """Return a recording with contact in frames 5 to 19 and 32 to 39, between which the object rests."""
     contact = np.zeros(n, np.bool_)
     contact[5:20] = contact[32:] = True
     moved = np.cumsum(contact) * 0.002
     pose: Any = np.column_stack([moved, 0.5 * moved, 3.0 + moved])
-    sensor = se2.compose(pose, np.array([[-0.1, 0.0, 0.2]]))
+    sensor = compose(pose, np.array([[-0.1, 0.0, 0.2]]))
     return Recording(np.arange(n) / 30, sensor, shape or Rectangle(0.2, 0.1), POINT, pose.astype(np.float64), contact)
 
 
@@ -38,7 +38,7 @@ def seen(recording: Any) -> Any:
     """Return the recording with images of 48 x 32 px: grey, with noise, and brighter in a corner where it touches."""
     images = 100.0 + np.random.default_rng(0).normal(0.0, 2.0, (len(recording), 48, 32, 3))
     images[recording.contact, :20, :20] += 60.0
-    coded = tuple(encode_image(np.rint(image).astype(np.uint8), "png") for image in images)
+    coded = tuple(png(np.rint(image).astype(np.uint8)) for image in images)
     return replace(recording, sensor=replace(POINT, image_height=48, image_width=32), image=coded, codec="png")
 
 
@@ -81,7 +81,7 @@ def tiny_recording(n: int = 5, **changes: Any) -> Any:
         "object_pose": truth,
         "contact": np.arange(n) > 1,
         "episode": np.where(np.arange(n) > 1, 0, -1),
-        "image": tuple(encode_image(image, "png") for image in tiny_images(n)),
+        "image": tuple(png(image) for image in tiny_images(n)),
         "codec": "png",
         "contact_derived": True,
         "source": "a test, with ünicode",
@@ -94,4 +94,4 @@ def tiny_recording(n: int = 5, **changes: Any) -> Any:
 
 def load(path: Any) -> Any:
     """Return the recording in a file; untyped, since its optional fields are known to be there."""
-    return formats.load_recording(path)
+    return palpate.load_recording(path)

@@ -76,11 +76,3 @@ def test_the_reference_has_every_public_name():
     page = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
     names = [name for name in dir(palpate) if not name.startswith("_") and not name.endswith("Error")]
     assert [name for name in names if not re.search(rf"\.{name}\b", page)] == []
-
-
-def test_readme_comes_to_ones_own_data_soon():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    before, _ = text.split("\n## On a sensor of your own\n")
-    assert "from_arrays" in before
-    assert len(before.split()) <= 600
-    assert len(text.split()) <= 1200

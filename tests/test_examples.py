@@ -11,7 +11,7 @@ from recording_samples import pushed
 from test_package import EXAMPLES
 from view_samples import imaged_push
 
-from palpate.io.recording_mcap import write_recording
+from palpate import write_recording
 
 
 @pytest.fixture

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from palpate.cli.main import main
-
 ROOT = Path(__file__).resolve().parents[1]
 STEPS = ROOT / "scripts" / "readme_steps.py"
 README = """# a thing
@@ -56,19 +54,18 @@ def test_a_step_that_fails_ends_it(capsys):
         run("shell", "echo told why; exit 3")
 
 
-def run_here(kind: str, text: str) -> None:
-    """Run a step as the script does, but in this process: to start six takes half a minute of two cores."""
-    if kind == "python":
-        exec(compile(text, "README.md", "exec"), {})
-        return
-    for line in text.splitlines():
-        command, *words = shlex.split(line, comments=True)
-        assert command == "palpate"
-        files = [sorted(map(str, Path().glob(word))) if "*" in word else [word] for word in words]
-        assert main([*chain.from_iterable(files)]) == 0
+def test_what_the_readme_says_up_to_the_first_picture_of_ones_own_data(tmp_path, monkeypatch, capsys, command):
+    def run_here(kind: str, text: str) -> None:
+        """Run a step as the script does, but in this process: to start six takes half a minute of two cores."""
+        if kind == "python":
+            exec(compile(text, "README.md", "exec"), {})
+            return
+        for line in text.splitlines():
+            name, *words = shlex.split(line, comments=True)
+            assert name == "palpate"
+            files = [sorted(map(str, Path().glob(word))) if "*" in word else [word] for word in words]
+            assert command(*chain.from_iterable(files)) == 0
 
-
-def test_what_the_readme_says_up_to_the_first_picture_of_ones_own_data(tmp_path, monkeypatch, capsys):
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(STEPS))["main"]([str(ROOT / "README.md"), "--short"], run_here)

@@ -13,7 +13,6 @@ import pytest
 from recording_samples import pushed
 
 import palpate
-from palpate.io.recording_mcap import write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -67,7 +66,7 @@ def test_the_wheel_works_without_the_extras(wheel, tmp_path):
     words = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(tmp_path)]
     subprocess.run([*words, str(wheel)], check=True)
     assert (tmp_path / "bin" / "palpate").exists()
-    write_recording(pushed(), tmp_path / "push.mcap")
+    palpate.write_recording(pushed(), tmp_path / "push.mcap")
     lacking = {
         "sim": "simulate out",
         "train": "train . --out out",

@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from palpate import DIGIT, Disc, Recording, Rectangle, Shape, write_recording
 from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Rectangle, Shape
-from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import Samples
 from palpate.touch.touch_model import KINDS, ModelSettings, Spread
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording
-from palpate.types.sensor import DIGIT
 
 SENSOR = dataclasses.replace(DIGIT, name="small", image_height=64, image_width=128)
 RECTANGLE, DISC = Rectangle(0.10, 0.06), Disc(0.04)
