@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from push_samples import SHAPES, Linear, rows_of, sensor, touching, values_at, with_settings
 
-from palpate.config import PUBLISHED, NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.variables import (
@@ -88,14 +88,6 @@ def test_between_holding_and_sliding(side):
     np.testing.assert_allclose(sigmas(SLIDE, side * EDGE, grip=0.8)[0, :2], holds, rtol=1e-4)
 
 
-def test_a_contact_that_holds_whatever_the_angle():
-    # The same share for sliding and sticking, and no cone, is the model without friction's limit.
-    noise = with_settings(SLIDE, sticking={"sliding_share": 0.04}, friction_cone={"share": None})
-    found = sigmas(noise, np.linspace(-3.1, 3.1, 20))
-    np.testing.assert_allclose(found[:, :3], np.tile([5e-5, 5e-5, np.hypot(4e-6, 3e-5)], (20, 1)), rtol=1e-12)
-    assert np.isinf(found[:, 3]).all()
-
-
 def cauchy(rows: Linear, scale: float, together: bool) -> np.ndarray:
     """Weights by 1 / (1 + e^2 / k^2): 1 at no error, 1/2 at k, 1/10 at 3 k."""
     square = rows.information * rows.residual**2
@@ -157,11 +149,3 @@ def test_the_weights_of_direction_and_turn(kernel):
         rows = rows_of(name, at, [told(0.0, 0.25e-4), told(0.09, 0.25e-4)], noise=noise)
         np.testing.assert_allclose(rows.information[0, :, 0], 1e4)
         np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, 1e4 if kernel is None else 1e3], rtol=1e-3)
-
-
-def test_published_settings():
-    angle = np.array([0.0, 0.5, 3.0])
-    found = sigmas(PUBLISHED, angle)
-    assert (found == found[0]).all()
-    assert np.isinf(found[:, 3]).all()
-    np.testing.assert_allclose(sigmas(PUBLISHED, angle, 0.1)[:, :3], 1e-3)

@@ -16,10 +16,8 @@ from push_samples import (
     rows_of,
     sensor,
     values_at,
-    with_settings,
 )
 
-from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Rectangle
@@ -31,10 +29,7 @@ from palpate.graph.variables import (
     FRICTION_CENTER,
     FRICTION_RATIO,
     GRIP,
-    OBJECT_SIZE,
     OUTLINE_SCALE,
-    PLACE_BIAS,
-    TURN_OFFSET,
     column,
 )
 from palpate.types import measurements as said
@@ -81,18 +76,6 @@ def cone(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel, shared
     return float(rows.residual[0, 0, 0]), rows.jacobian[0, 0, 0, [*POSES, center, center + 1, column(GRIP)]]
 
 
-def test_sensor_pose_by_hand():
-    # Looks along +y and is 0.2 m further along +x than measured: to its right. By a good 2 pi it has turned by 0.1.
-    noise = with_settings(NoiseSettings(), sensor_pose={"deviation": (0.1, 0.5, 2.0)})
-    rows = rows_of(
-        "sensor_pose", values_at(ANY, [[[1.2, 1.0, math.pi / 2]]]), pose=[1.0, 1.0, math.pi / 2], noise=noise
-    )
-    np.testing.assert_allclose(rows.residual[0, 0], [0, -0.2, 0], atol=1e-15)
-    np.testing.assert_allclose(rows.jacobian[0, 0, :, 9:12], [[1, 0, -0.1], [0, 1, 0], [0, 0, 1]], atol=1e-15)
-    np.testing.assert_allclose(rows.information[0, 0], [100.0, 4.0, 0.25])
-    np.testing.assert_allclose(rows.weight, rows.information)
-
-
 def test_object_pose_by_hand():
     # Sensor at x = 1.1, 0.1 in front of the object's origin: o = (1, 0, 0), seen at (0.9, 0, 0).
     g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
@@ -105,25 +88,6 @@ def test_object_pose_by_hand():
     # In standard deviations: of 0.05 m along x, 0.1 m are two.
     residual, _ = object_pose(g, e, [0.9, 0.0, 0.0], np.diag(np.square([0.05, 1.0, 1.0])))
     np.testing.assert_allclose(residual, [2.0, 0, 0], atol=1e-15)
-
-
-def test_first_pose_by_hand():
-    # As above, the pose is 0.1 m from where it is known to be; what belongs to the object is off by the difference, in
-    # its order, each in standard deviations.
-    g, e = np.array([0.1, 0.0, 0.0]), np.array([1.1, 0.0, 0.0])
-    deviation = np.array([0.05, 1.0, 1.0, 0.1, 0.04, 2e-3, 1e-3, 0.01, 0.5, 0.2, 0.2, 0.1])
-    shared = {DIRECTION_BIAS: 0.5, DIRECTION_SCALE: -0.02, PLACE_BIAS: 5e-3, DEPTH: 2e-4}
-    shared |= {OUTLINE_SCALE: 0.02, FRICTION_RATIO: -0.5, FRICTION_CENTER: [0.2, 0.0], GRIP: 0.4}
-    at = values_at(ANY, [[g]], [[e]], shared)
-    at.rows["first_pose"], at.rows["first_root"] = [0.9, 0.0, 0.0], np.diag(1.0 / deviation)
-    at.rows["first_values"] = [0.1, 0.02, 1e-3, 5e-4, 0.0, 0.0, 0.0, 0.1, 0.4]
-    rows = rows_of("first_pose", at)
-    wanted = [2.0, 0, 0, 4.0, -1.0, 2.0, -0.3, 2.0, -1.0, 1.0, -0.5, 0.0]
-    np.testing.assert_allclose(rows.residual[0, 0], wanted, atol=1e-12)
-    jacobian = rows.jacobian[0, 0, :, 6:] * deviation[:, None]
-    np.testing.assert_allclose(jacobian[3:, 7:], np.eye(OBJECT_SIZE), atol=1e-15)
-    np.testing.assert_allclose(jacobian[:3, 6:], 0.0, atol=1e-15)
-    np.testing.assert_allclose(jacobian[:3, :6], object_pose(g, e, [0.9, 0, 0])[1], atol=1e-15)
 
 
 def model_with(field: DistanceField, center: complex, radius: float, c: float, friction: complex = 0j) -> ContactModel:
@@ -193,24 +157,6 @@ def test_direction_by_hand():
     np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0, 0.0]], rtol=1e-2)
 
 
-def test_a_bias_is_what_directions_are_too_large_by():
-    # Touched at 0.1, measured 0.3 by a sensor that adds 0.15: 0.05 too much. And so across the seam: touched at -3.1,
-    # measured 3.0 with a bias of -0.1, which makes 3.1, 6.2 more, 2 pi - 6.2 the other way.
-    model = square(RADIUS)
-    residual, jacobian = direction(np.array([-0.1, 0.02, -0.1]), 0.3, 0.15, model)
-    np.testing.assert_allclose(residual, [-0.05], atol=1e-6)
-    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0.3]], atol=1e-6)
-    residual, _ = direction(np.array([-0.1, 0.02, 3.1]), 3.0, -0.1, model)
-    np.testing.assert_allclose(residual, [2 * math.pi - 6.2], atol=1e-6)
-
-
-def test_a_scale_is_the_share_that_directions_are_too_large_by():
-    # Touched at 0.1, measured 0.4 by a sensor of which a fifth is too much: 0.32, which is 0.22 too much.
-    residual, jacobian = direction(np.array([-0.1, 0.02, -0.1]), 0.4, 0.0, square(RADIUS), scale=0.2)
-    np.testing.assert_allclose(residual, [-0.22], atol=1e-6)
-    np.testing.assert_allclose(jacobian, [[0, 0, -1, 1, 0.4]], atol=1e-6)
-
-
 def test_direction_on_a_disc_by_hand():
     # Centre of the tip at bearing b from the disc's centre: touched at b + pi, less the sensor's yaw. 0.1 m away a move
     # by 1 mm round the disc turns it by 0.01.
@@ -227,23 +173,6 @@ def test_direction_on_a_disc_by_hand():
     np.testing.assert_allclose(residual, [-0.2], atol=1e-6)
 
 
-def test_turn_by_hand():
-    # 3.1 less an offset of -3.0 is 6.1, which is -0.1831853; measured -0.2.
-    rows = rows_of("turn", values_at(ANY, [[[0.4, 0.5, 3.1]]], shared={TURN_OFFSET: -3.0}), [said.Turn(-0.2, 1.0)])
-    np.testing.assert_allclose(rows.residual[0, 0], [6.1 - 2 * math.pi + 0.2], atol=1e-12)
-    assert rows.jacobian[0, 0, 0, [*G1, column(TURN_OFFSET)]].tolist() == [0.0, 0.0, 1.0, -1.0]
-
-
-def test_paper_point_pushes_a_disc_through_its_centre():
-    disc = Disc(0.088)
-    model = model_with(DistanceField.of(disc), 0j, 0.0, disc.friction_radius())
-    start, moved = np.array([-0.088, 0.0, 0.0]), np.array([-0.087, 0.0, 0.0])
-    # Sensor and object both go 1 mm in x: p = (-0.088, 0), v = (1, 0) mm, so that p x v = 0 and the disc does not turn.
-    np.testing.assert_allclose(pushing_residuals(start, start, start, moved, model), np.zeros(3), atol=1e-15)
-    # The object stays while the sensor goes 1 mm in x: V = 0, Vp = (1, 0) mm, so that V - Vp = (-1, 0) mm.
-    np.testing.assert_allclose(pushing_residuals(start, start, moved, moved, model), [-1e-3, 0, 0], atol=1e-15)
-
-
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
 def test_paper_point_pushes_off_centre(share):
     # p = (-0.08, 0.03) and v = (1, 0) mm give p x v = px vy - py vx = -3e-5 m^2. With c^2 = 0.0036 the disc turns by
@@ -254,21 +183,6 @@ def test_paper_point_pushes_off_centre(share):
     g = np.array([-0.08, 0.03, 0.4])  # the point sticks where it is
     residual = pushing_residuals(g, se2.compose(object0, g), g, se2.compose(object1, g), model)
     np.testing.assert_allclose(residual, [0, 0, -3e-5 * (1 - share)], atol=1e-15)
-
-
-def test_torque_is_taken_about_the_centre_of_friction():
-    # v = (1, 0) mm without turning and p = (-0.08, 0.03). About (0, 0.01) the arm is (-0.08, 0.02): row 3 is -2e-5 m^2.
-    field = DistanceField.of(Disc(0.088))
-    g, before = np.array([-0.08, 0.03, 0.0]), np.array([-0.081, 0.03, 0.0])
-    model = model_with(field, 0j, 0.0, 0.06, 0.01j)
-    np.testing.assert_allclose(pushing_residuals(g, before, g, g, model), [0, 0, -2e-5], atol=1e-15)
-    # Turning by omega = 0.01 rad about a centre of friction at (0.02, 0.01) moves that centre nowhere: v = 0,
-    # although the object's origin moves. Row 3 is -c^2 omega = -0.0036 * 0.01.
-    model = model_with(field, 0j, 0.0, 0.06, 0.02 + 0.01j)
-    there = np.array([0.02, 0.01, 0.0])
-    before = se2.compose(se2.compose(there, [0.0, 0.0, -0.01]), se2.inverse(there))
-    residual = pushing_residuals(g, se2.compose(before, g), g, g, model)
-    np.testing.assert_allclose(residual, [0, 0, -3.6e-5], atol=1e-15)
 
 
 def test_balance_with_another_c_and_another_centre():
@@ -365,16 +279,6 @@ def test_pushing_angle_across_the_seam():
     assert found.min() < -3.0 and found.max() > 3.0
 
 
-def test_pushing_angle_on_a_disc():
-    # A disc of 0.08 touched at bearing b is pushed towards b + pi. It goes along +x: at -b - pi from that.
-    model = model_with(DistanceField.of(Disc(0.08)), 0j, 0.02, 0.05)
-    bearing = 2.0 + 0.3 * np.arange(8)
-    g = np.stack([0.1 * np.cos(bearing), 0.1 * np.sin(bearing), 0.5 * bearing], axis=-1, dtype=np.float64)
-    o = straight_path(np.array([1e-3, 0.0]), 0.0, 7)
-    found = pushing_angles(g, se2.compose(o, g), model)
-    np.testing.assert_allclose(se2.wrap(found + bearing[1:] + math.pi), 0.0, atol=1e-6)
-
-
 def test_pushing_angle_is_taken_over_the_steps_nearby():
     # To and fro by 1 mm across a way of 1 mm a step. At step k the motion is that from k - 3 to k + 2, cut at the ends.
     across = np.array([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) * 1e-3
@@ -403,15 +307,6 @@ def test_rolling_on_a_flat_side_is_no_sliding(angle):
     spot = se2.compose(start + np.array([0, 0, angle]), to_origin)
     residual = pushing_residuals(g0, g0, spot, spot, model)
     assert residual[1] == pytest.approx(-r * angle, rel=2e-3)
-
-
-def test_sliding_by_1_mm_is_1_mm():
-    model = square(RADIUS)
-    g0, g1 = np.array([-0.1, 0.01, 0.0]), np.array([-0.1, 0.011, 0.0])
-    np.testing.assert_allclose(pushing_residuals(g0, g0, g1, g1, model), [0, -1e-3, 0], atol=1e-9)
-    # A 1 mm deeper overlap is 1 mm along the normal.
-    g1 = np.array([-0.099, 0.01, 0.0])
-    np.testing.assert_allclose(pushing_residuals(g0, g0, g1, g1, model), [-1e-3, 0, 0], atol=1e-9)
 
 
 def paper_rows(o0: Array, e0: Array, o1: Array, e1: Array, c: float) -> Array:

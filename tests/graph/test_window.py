@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from push_samples import pushed
 from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scaled_difference, settled, window_of
 
 from palpate.errors import EstimationError
@@ -164,12 +163,3 @@ def test_costs_and_mean_squares_by_hand():
     cost = 0.5 * scale**2 * np.log1p(square / scale**2)
     assert measured == pytest.approx(cost, rel=0.3) and measured > cost
     assert window.last_errors() is None
-
-
-def test_path_and_belief_agree():
-    o, e = pushed("rectangle", 5)
-    given = contact(5, ROBUST)
-    window = window_of(given, ROBUST)
-    np.testing.assert_allclose(window.object_path()[0, -1], window.belief().pose[0], atol=1e-12)
-    assert np.linalg.eigvalsh(window.belief().covariance[0]).min() > 0.0
-    assert window.object_path().shape == (1, 6, 3) and len(o) == len(e) == 6
