@@ -142,12 +142,11 @@ def test_a_late_measurement_belongs_to_the_step_of_its_time():
 
 def test_a_belief_that_is_no_gaussian_has_no_solution():
     given = contact(2, ROBUST)
-    covariance = given.prior.covariance.copy()
-    covariance[0, 0, 0] = -1.0
-    factors, bad = make_factors(ROBUST, given.model), replace(given.prior, covariance=covariance)
+    factors, beliefs = make_factors(ROBUST, given.model), given.prior.take([0, 0])
+    beliefs.covariance[1, 0, 0] = -1.0
     with pytest.raises(EstimationError, match="indeterminate"):
-        Window(factors, given.model, bad, given.sensor[0])
-    window = Window(factors, given.model, given.prior.joined(bad), given.sensor[0])
+        Window(factors, given.model, beliefs.take([1]), given.sensor[0])
+    window = Window(factors, given.model, beliefs, given.sensor[0])
     assert window.is_lost.tolist() == [False, True]
 
 

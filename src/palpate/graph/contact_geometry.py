@@ -30,14 +30,8 @@ _WALK = 1e-3  # [m] step length along an outline
 _SOFT = 2e-4  # [m] indentation s over which parts share the load
 
 CONTACT_GEOMETRY = np.dtype(
-    {
-        "names": [
-            "gap",
-            "gap_by_g",
-            *(f"{one}{by}" for one in ("point", "material", "normal") for by in ("", "_by_g")),
-        ],
-        "formats": ["f8", "3f8", *3 * ("c16", "3c16")],
-    },
+    [("gap", "f8"), ("gap_by_g", "3f8")]
+    + [(name + by, size) for name in ("point", "material", "normal") for by, size in (("", "c16"), ("_by_g", "3c16"))],
     align=True,
 )
 """Contact geometry at a sensor pose g in the object frame; ..._by_g are derivatives with respect to g.
@@ -62,10 +56,6 @@ class Surface(NamedTuple):
     x0: float
     y0: float
     cell: float
-    friction_radius: float
-    """c [m]"""
-    friction_center: complex
-    """Nominal centre of friction [m], object frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +83,8 @@ class ContactModel:
     @cached_property
     def surface(self) -> Surface:
         """The same for compiled code."""
-        field, c, center = self.field, self.friction_radius, complex(self.friction_center)
-        x0, y0 = map(float, field.origin)
-        return Surface(self.parts, float(self.radius), field.coefficients, x0, y0, float(field.cell), float(c), center)
+        field, (x0, y0) = self.field, map(float, self.field.origin)
+        return Surface(self.parts, float(self.radius), field.coefficients, x0, y0, float(field.cell))
 
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
