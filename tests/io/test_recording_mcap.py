@@ -1,6 +1,5 @@
 """palpate's own recording file: all of a recording comes back, others read its messages, and damage is named."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -256,13 +255,3 @@ def test_a_bad_image_is_named_when_it_is_looked_at(tmp_path):
     for index, size in ((2, 50), (4, 0)):
         with pytest.raises(FileError, match=rf"a\.mcap: image of frame {index}: its {size} bytes do not decode as png"):
             found[index]
-
-
-def test_estimates_are_the_same_from_the_file(tmp_path):
-    made = recording(
-        time=np.arange(12) / 30, image=None, codec="jpeg", sensor=replace(CAMERA, image_height=0, image_width=0)
-    )
-    palpate.write_recording(made, tmp_path / "a.mcap")
-    for one, other in zip(made, palpate.load_recording(tmp_path / "a.mcap"), strict=True):
-        assert (one.time, one.contact) == (other.time, other.contact)
-        assert one.sensor_pose.tobytes() == other.sensor_pose.tobytes()
