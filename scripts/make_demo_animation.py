@@ -12,19 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from palpate.cli.demo import TACTILE, demo_recording
+from palpate.cli.track import demo_recording
 from palpate.config import TrackerSettings
 from palpate.geometry import se2
-from palpate.pipeline.figures import (
-    ESTIMATE,
-    draw_errors,
-    draw_object,
-    draw_path,
-    draw_sensor,
-    draw_start,
-    draw_touch,
-    frame_above,
-)
+from palpate.pipeline.figures import draw_above, draw_errors, draw_touch
 from palpate.pipeline.metrics import pose_words, world_sigma
 from palpate.pipeline.track import Run, track
 
@@ -52,7 +43,7 @@ def animation(run: Run) -> list[Image.Image]:
         draw_touch(axes["touch"], run, index)
         axes["touch"].set(xlabel="", xticks=(), yticks=())
         write_words(axes["words"], run, index)
-        draw_errors(axes["translation"], axes["rotation"], run, [])
+        draw_errors(axes["translation"], axes["rotation"], run)
         time = run.online.time - run.online.time[0]
         for name, unit in (("translation", "mm"), ("rotation", "°")):
             axes[name].axvspan(time[index], time[-1], color="white", lw=0, zorder=3)  # hides what is to come
@@ -67,12 +58,7 @@ def animation(run: Run) -> list[Image.Image]:
 
 def draw_from_above(axes: Axes, run: Run, index: int) -> None:
     """Draw the push from above as it is at a frame, with 20 mm about all of it."""
-    draw_start(axes, run)
-    draw_path(axes, run, index)
-    draw_object(axes, run, index, 1.8, 1.0)
-    draw_sensor(axes, run, index)
-    axes.plot([], [], "o", color=ESTIMATE, fillstyle="none", label="95 % ellipse of the estimate")
-    frame_above(axes)
+    draw_above(axes, run, index)
     outlines = se2.transform(run.online.pose[:, None], run.recording.shape.closed_outline).reshape(-1, 2)
     points = 1e3 * np.concatenate((outlines, run.recording.sensor_pose[:, :2]))
     (left, low), (right, high) = points.min(axis=0) - 20.0, points.max(axis=0) + 20.0
@@ -91,7 +77,7 @@ def write_words(axes: Axes, run: Run, index: int) -> None:
 
 
 if __name__ == "__main__":
-    pictures = animation(track(demo_recording(), TrackerSettings(tactile=TACTILE)))
+    pictures = animation(track(demo_recording(), TrackerSettings("learnt")))
     durations = [90] * (len(pictures) - 1) + [1500]  # [ms]
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/demo.gif")
     pictures[0].save(out, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True)

@@ -96,13 +96,15 @@ def test_drop_outs_of_truth(check, frames, unbroken):
         assert finding["breaks"] and "6 frames" in finding["sentence"]
 
 
-@pytest.mark.parametrize("frames", [slice(50, 51), slice(50, None)], ids=["and back", "for good"])
-def test_jumps_of_truth(check, frames):
+@pytest.mark.parametrize(
+    ("frames", "kind"), [(slice(50, 51), "jump"), (slice(50, None), "knock")], ids=["and back", "for good"]
+)
+def test_jumps_of_truth(check, frames, kind):
     def change(truth):
         truth[frames, 1] += 0.02
 
     found = check(moved(change))
-    assert set(kinds(found)) == {"jump"} and not found["unbroken"]
+    assert set(kinds(found)) == {kind} and found["unbroken"] == (kind == "knock")
 
 
 def test_a_shove_is_a_knock_and_breaks_nothing(check):
@@ -112,8 +114,8 @@ def test_a_shove_is_a_knock_and_breaks_nothing(check):
     found = check(moved(change))
     (knock,) = found["findings"]
     # 6 mm sideways and 1 mm on for each of 4 frames: sqrt(24^2 + 4^2) = 24.3 mm.
-    assert knock["kind"] == "knock" and "24.3 mm" in knock["sentence"] and "sensor moves 4.0 mm" in knock["sentence"]
-    assert (knock["start"], knock["end"]) == (pytest.approx(50 / 30), pytest.approx(54 / 30))
+    assert knock["kind"] == "knock" and "24.3 mm" in knock["sentence"]
+    assert (knock["start"], knock["end"]) == (pytest.approx(50 / 30, abs=0.04), pytest.approx(54 / 30, abs=0.04))
     assert found["unbroken"] and found["knocked"]
 
 
@@ -146,7 +148,7 @@ def test_sliding_and_turning_in_a_push_is_no_knock(check):
     assert "knock" not in kinds(check(push(n, object_pose=truth)))
 
 
-def lifted(retreat: float, frames: int, numbers: bool = False) -> Any:
+def lifted(retreat: float, frames: int) -> Any:
     """Return a push in which the tip leaves for some frames, going back by `retreat`, and comes again."""
     recording, end = push(), 40 + frames
     sensor, truth = recording.sensor_pose.copy(), recording.object_pose.copy()
@@ -156,26 +158,17 @@ def lifted(retreat: float, frames: int, numbers: bool = False) -> Any:
     sensor[end:, 0] = sensor[39, 0] + np.arange(90 - end) * STEP
     truth[40:, 0] = sensor[40:, 0] + SIZE / 2
     truth[40:end, 0] = truth[39, 0]
-    episode = np.where(contact, (np.arange(90) >= end).astype(np.int64), -1) if numbers else None
-    return replace(recording, sensor_pose=sensor, object_pose=truth, contact=contact, episode=episode)
+    return replace(recording, sensor_pose=sensor, object_pose=truth, contact=contact)
 
 
-def test_a_release_is_not_a_lost_contact(check):
+def test_contacts_begin_and_end_with_flags(check):
     assert kinds(check(lifted(0.005, 10))) == []
-    assert kinds(check(lifted(0.0, 10))) == ["contact lost"]
-    assert kinds(check(lifted(0.0, 35))) == []
-    assert kinds(check(lifted(0.0, 10, numbers=True))) == []
-
-
-def test_contacts_end_with_flags_and_episode_numbers(check):
     contact = np.ones(90, bool)
     contact[40:50] = False
     found = check(push(contact=contact))
-    assert kinds(found) == ["contact lost", "untouched motion"]  # truth goes on by 10 mm meanwhile
-    assert not found["unbroken"] and len(found["contacts"]) == 2
-    found = check(push(episode=(np.arange(90) >= 45).astype(np.int64)))
+    assert kinds(found) == ["untouched motion"]  # truth goes on by 10 mm meanwhile
     ends = [(each["start"], each["end"]) for each in found["contacts"]]
-    assert ends == [(0.0, pytest.approx(44 / 30)), (pytest.approx(45 / 30), pytest.approx(89 / 30))]
+    assert ends == [(0.0, pytest.approx(39 / 30)), (pytest.approx(50 / 30), pytest.approx(89 / 30))]
 
 
 def test_untouched_motion(check):

@@ -28,13 +28,6 @@ def _colourful(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
 
 
-def test_a_log_gets_plain_lines_of_progress(capsys, monkeypatch):
-    monkeypatch.setattr(console, "LINE_EVERY", 0.0)
-    work()
-    said = "palpate: touch: 1 of 3\npalpate: touch: 2 of 3, loss 0.5\npalpate: touch: 3 of 3\n"
-    assert capsys.readouterr() == ("", said)
-
-
 def test_what_is_quick_says_nothing(capsys):
     work()
     assert capsys.readouterr() == ("", "")

@@ -18,7 +18,7 @@ from recording_samples import pushed, seen
 
 import palpate
 
-FAST = ("--tactile", "none", "--tactile", "oracle")
+FAST = ("--tactile", "none", "oracle")
 
 
 @pytest.fixture(autouse=True)
@@ -58,10 +58,9 @@ def test_a_study_writes_tables_and_a_report(evaluate):
     assert list(found["table"]) == ["disc", "edges", "all groups"]
     row = found["table"]["all groups"]["oracle"]
     assert row["sequences"] == 2 and row["lost"] == 0 and list(row["step_ms"]) == ["p50", "p95", "p99"]
-    (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
-    assert f"{row['final_mm']['median']:.2f} ({row['final_mm']['worst']:.1f})" in shown
+    (shown,) = [line.split() for line in out.splitlines() if line.strip().startswith("oracle")]
+    assert shown[1:3] == [f"{row['final_mm'][key]:.3g}" for key in ("median", "worst")]
     assert found["settings"]["methods"] == ["none", "oracle"] and found["settings"]["noise_preset"] == "palpate"
-    assert found["command"] == "palpate evaluate recordings --out out --tactile none oracle"
     facts = found["recordings"]["edges-1.mcap"]
     assert facts["frames"] == 40 and facts["truth"] and not facts["images"] and facts["group"] == "edges"
     oracle = [each for each in rows() if each["tactile"] == "oracle"]
@@ -142,7 +141,6 @@ def test_the_first_pose_reaches_the_tracker_and_the_report(evaluate, option):
     # Without ground truth a recording needs a first pose, and is not scored.
     blind = results()["table"].get("blind", {"none": None})["none"]
     assert blind is None if option == "--first-pose-sigma" else blind["unscored"] == 1
-    assert f" {option} " in f"{results()['command']} "
     (edges,) = [each for each in rows() if each["recording"] == "edges-1.mcap"]
     # Its yaw is 3 rad at the start, and an unknown first pose has the yaw 0.
     assert (float(edges["rotation_rmse_deg"]) > 90.0) == (option == "--first-pose-unknown")
@@ -176,7 +174,7 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
         (("empty",), "empty: holds no recordings"),
         (("recordings", "--workers", "0"), "workers is 0"),
         (("recordings", "--noise", "loud"), "noise is 'loud'"),
-        (("recordings", "--pressure", "flat"), "--pressure is 'flat'"),
+        (("recordings", "--pressure", "-1"), "pressure is -1"),
         (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder"),
         (("recordings", "--model", "m", "--tactile", "none"), "--model m"),
         (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma"),
@@ -185,7 +183,7 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
         (("recordings", "--tactile", "learnt"), "no recording can be tracked by these methods"),
         (("recordings", "--first-pose-unknown", "--first-pose", "1", "1", "1"), "cannot be combined with --first-pose"),
-        (("recordings", "--faults", "--tactile", "none", "--resume"), "remove --tactile, --resume"),
+        (("recordings", "--faults", "--tactile", "none", "--resume"), "remove --tactile"),
         (("recordings", "--faults"), "disc-1.mcap: has no images"),
     ],
 )

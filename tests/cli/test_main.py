@@ -85,11 +85,10 @@ def test_a_file_name_that_is_not_text():
 
 def test_demo_runs_twice_and_names_its_recording(succeeds, json_of, monkeypatch):
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
-    monkeypatch.setattr("palpate.cli.demo.SECONDS", 3.0)
     out = succeeds("demo")
     assert "final translation error" in out and str(Path("demo-run/figure.png")) in out
     found, settings = json_of("demo"), json.loads(Path("demo-run/settings.json").read_text())
-    assert (found["frames"], found["tactile"]) == (90, "learnt")
+    assert (found["frames"], found["tactile"]) == (450, "learnt")
     assert palpate.load_recording("demo-run/recording.mcap").source == settings["source"]
 
 

@@ -36,8 +36,8 @@ def test_a_run_leaves_a_folder_and_shows_a_table(succeeds):
     assert {path.name for path in Path("runs/push").iterdir()} == FILES
     summary, settings = read("runs/push/summary.json"), read("runs/push/settings.json")
     lines = [words(line) for line in out.splitlines()]
-    assert f"in the 95 % region, in contact {100 * summary['in_95_contact_share']:.0f} % of frames" in lines
-    assert f"final translation error {summary['final_translation_error_mm']:.2f} mm" in lines
+    assert f"in the 95 % region, in contact {100 * summary['in_95_contact_share']:.3g} %" in lines
+    assert f"final translation error {summary['final_translation_error_mm']:.3g} mm" in lines
     assert "silently wrong" in out and "knocks" not in out and str(Path("runs/push/figure.png")) in out
     assert (settings["tactile"], settings["smoother"], settings["pressure"]) == ("oracle", "fixed-lag", "uniform")
     assert settings["noise_preset"] == "palpate"
@@ -101,8 +101,8 @@ def test_knocks_have_a_time_of_recovery(succeeds):
     first, second = summary["knock_recovery_contact_s"]
     assert (summary["knocks"], second) == (2, None)  # two frames at the end are too few to have recovered
     assert "knocks 2" in lines
-    shown = "-," if first is None else f"{first:.2f},"
-    assert f"recovered after {shown} - s in contact" in lines
+    shown = "-," if first is None else f"{first:.3g},"
+    assert f"recovered after, in contact {shown} - s" in lines
 
 
 def test_truth_that_jumps_away_and_back_is_not_scored():
@@ -135,7 +135,7 @@ def test_a_frame_that_cannot_be_used_repeats_the_estimate(caplog):
 def test_several_files_get_a_folder_and_a_row_each(json_of, succeeds):
     palpate.write_recording(pushed(30), "other.mcap")
     out = succeeds("track", "push.mcap", "other.mcap", "--out", "all")
-    assert all(word in out for word in ("push", "other", "median", "in 95 %", "silently wrong"))
+    assert all(word in out for word in ("push", "other", "median", "in the 95 %", "silently"))
     assert sorted(path.name for path in Path("all").iterdir()) == ["other", "push"]
     found = json_of("track", "push.mcap", "other.mcap", "--out", "again")
     assert ([run["frames"] for run in found["runs"]], found["failed"]) == ([40, 30], [])
@@ -187,11 +187,10 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["push.mcap", "--noise", "loud"], "'palpate', 'published' or a file"),
         (["push.mcap", "--hypotheses", 0], "hypotheses is 0"),
         (["push.mcap", "--first-pose-sigma", 0, 1, 1], "it must be three numbers above 0"),
-        (["push.mcap", "--first-pose", "a", 0, 0], "--first-pose is 'a 0 0'; it must be three numbers"),
         (["push.mcap", "--tactile", "none", "--model", "m"], "--model m is not used with --tactile none"),
         (["push.mcap", "--time-offset", "-0.1"], "--time-offset: only for bags, together with --shape"),
         (["push.mcap", "--shape", "disc"], "push.mcap is no bag"),
-        (["push.mcap", "sub/push.mcap"], "would both go to"),
+        (["push.mcap", "sub/push.mcap"], "several files would go to"),
     ],
 )
 def test_bad_input_is_one_line(fails, options, message):
@@ -216,4 +215,4 @@ def test_bad_usage_names_the_option(run_palpate):
         code, out, err = run_palpate("track", "push.mcap", option, wrong)
         assert (code, out) == (2, "") and allowed in err
     code, out, err = run_palpate("track", "push.mcap", "--first-pose", "1", "2")
-    assert (code, out) == (2, "") and "'--first-pose'. Expected 3 values" in err
+    assert (code, out) == (2, "") and "--first-pose" in err and "expected argument" in err

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from palpate.cli.console import print_json, print_line, progress_bar
 from palpate.cli.options import Force, Json, arg, check_new
+from palpate.cli.recordings import noise_levels
+from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
@@ -48,12 +51,11 @@ def calibrate(
         sensor: Sensor of the images in files: digit or gelsight-mini.
         model: Folder of the touch model that reads the presses.
     """
-    from palpate.cli.console import number, print_json, print_line
-    from palpate.cli.info import noise_levels
-    from palpate.errors import SettingError
+    from palpate import io as formats
     from palpate.touch.calibration import write_calibration
 
-    if file is None and not untouched and presses is not None and presses.suffix.lower() != ".csv":
+    is_table = presses is not None and presses.suffix.lower() == ".csv"
+    if presses is not None and file is None and not untouched and not is_table:
         file = presses  # shows the untouched gel between presses
     if (file is None) == (not untouched):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
@@ -62,69 +64,65 @@ def calibrate(
     if presses is not None and out.suffix.lower() == ".png":
         raise SettingError(f"--out {out}: is the name of the figure of presses; use a name that ends in .npz")
     check_new(out, force)
+    paths = [path for path in (file, None if is_table else presses) if path is not None]
+    recordings = {path: formats.load_recording(path) for path in paths}
+    profile, rest = _sensor_of(recordings, sensor), None if file is None else recordings[file]
     if presses is not None:
-        calibration, numbers, found = _from_presses(presses, file, untouched, sensor, model, out, force)
-    elif file is not None:
-        calibration, numbers, found = _from_recording(file, sensor)
+        given = presses if is_table else recordings[presses]
+        calibration, numbers, found = _by_presses(presses, given, rest, untouched, profile, model, out, force)
+    elif rest is not None:
+        calibration, numbers, found = _by_recording(rest)
     else:
-        calibration, numbers, found = _from_images(untouched, sensor)
+        calibration, numbers, found = _by_images(untouched, profile if sensor else None)
     write_calibration(calibration, out, overwrite=force)
     height, width = calibration.background.mean.shape[:2]
-    noise = noise_levels(calibration)
+    levels = noise_levels(calibration)
     if json:
-        size = {"height": height, "width": width, "noise_levels": noise}
-        print_json({"file": None if file is None else str(file), "out": str(out), **size, **numbers})
+        size = {"height": height, "width": width, "noise_levels": levels}
+        print_json({"file": file and str(file), "out": str(out), **size, **numbers})
     else:
-        levels = "unknown from a single image" if noise is None else f"{number(noise)} grey levels"
-        print_line(f"{out}: {height} x {width} px, noise {levels}, {found}")
+        noise = "unknown from a single image" if levels is None else f"{levels:.1f} grey levels"
+        print_line(f"{out}: {height} x {width} px, noise {noise}, {found}")
     return 0
 
 
-def _from_recording(file: Path, sensor: str | None) -> Result:
+def _by_recording(recording: "Recording") -> Result:
     """Calibrate by the frames of a recording without contact."""
-    from palpate import io as formats
-    from palpate.cli.console import progress_bar
     from palpate.touch.calibration import Calibration, calibrate, untouched_frames
 
-    recording = formats.load_recording(file)
-    _sensor_of({file: recording}, sensor)
-    with progress_bar(f"calibrating on {file.name}", len(untouched_frames(recording))) as progress:
+    with progress_bar("calibrating", len(untouched_frames(recording))) as progress:
         background, frames = calibrate(recording, progress)
     return Calibration(background), {"frames": frames}, f"from {frames} frames without contact"
 
 
-def _from_images(untouched: tuple[Path, ...], sensor: str | None) -> Result:
-    """Calibrate by images of the untouched gel."""
-    from palpate.errors import FileError
+def _by_images(untouched: tuple[Path, ...], sensor: "SensorProfile | None") -> Result:
+    """Calibrate by images of the untouched gel, of the size of a sensor's if one is named."""
     from palpate.touch.background import background_of_stills
     from palpate.touch.calibration import Calibration, misfit
     from palpate.touch.press_files import read_image
-    from palpate.types.sensor import known_sensor
 
     images = [read_image(each, grey=True) for each in untouched]
-    (height, width), first = images[0].shape[:2], untouched[0]
-    for each, image in zip(untouched, images, strict=True):
-        if image.shape[:2] != (height, width):
-            found = f"{image.shape[0]} x {image.shape[1]} px"
-            raise FileError(f"{each}: is an image of {found}, and {first} of {height} x {width}")
-    calibration = Calibration(background_of_stills(images), file=first)
-    if sensor is not None and (wrong := misfit(calibration, known_sensor(sensor))):
+    sizes = [f"{image.shape[0]} x {image.shape[1]} px" for image in images]
+    for each, size in zip(untouched, sizes, strict=True):
+        if size != sizes[0]:
+            raise FileError(f"{each}: is an image of {size}, and {untouched[0]} of {sizes[0]}")
+    calibration = Calibration(background_of_stills(images), file=untouched[0])
+    if sensor is not None and (wrong := misfit(calibration, sensor)):
         raise FileError(wrong)
     return calibration, {"images": len(images)}, f"from {len(images)} image{'s' * (len(images) > 1)}"
 
 
-def _from_presses(
-    presses: Path,
-    file: Path | None,
+def _by_presses(
+    path: Path,
+    presses: "Path | Recording",
+    rest: "Recording | None",
     untouched: tuple[Path, ...],
-    sensor_name: str | None,
+    sensor: "SensorProfile",
     model: Path | None,
     out: Path,
     force: bool,
 ) -> Result:
-    """Calibrate by presses and untouched images, and draw a figure of the fit."""
-    from palpate import io as formats
-    from palpate.errors import FileError
+    """Calibrate by presses, of a table or a recording, and the untouched gel; draw a figure of the fit beside `out`."""
     from palpate.files import in_file, whole_file
     from palpate.lab.train.presses_of import presses_of
     from palpate.touch.background import is_grey
@@ -137,21 +135,14 @@ def _from_presses(
 
     figure = out.with_suffix(".png")
     check_new(figure, force)
-    is_table = presses.suffix.lower() == ".csv"
-    paths = (file, None if is_table else presses)
-    recordings = {path: formats.load_recording(path) for path in paths if path is not None}
-    sensor = _sensor_of(recordings, sensor_name)
     may_be_grey = model is not None  # a model of the user's own
-    if file is None:
-        rest = [read_image(each, may_be_grey) for each in untouched]
-    else:
-        rest = list(untouched_images(recordings[file]))
-    given = read_presses(presses, may_be_grey, in_order=True) if is_table else presses_of(recordings[presses])
-    for each, images in ((file, rest), (presses, given.images)):
+    still = [read_image(each, may_be_grey) for each in untouched] if rest is None else list(untouched_images(rest))
+    given = read_presses(presses, may_be_grey, in_order=True) if isinstance(presses, Path) else presses_of(presses)
+    for name, images in ((rest and rest.file, still), (path, given.images)):
         if not may_be_grey and any(map(is_grey, images)):
-            raise FileError(f"{each}: {GREY}")
-    with in_file(presses):
-        fit = learn_from_presses(given, rest, sensor, TouchModel(model) if model else shipped_model(sensor.name))
+            raise FileError(f"{name}: {GREY}")
+    with in_file(path):
+        fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
     with whole_file(figure, overwrite=force) as part:
         press_figure(given, fit).savefig(part, dpi=110, format="png")
     view, direction = fit.calibration.view, fit.calibration.direction
@@ -165,31 +156,24 @@ def _from_presses(
         "scatter_deg": scatter,
         "picture": str(figure),
     }
-    found = f"directions scatter by {scatter:.2f} degrees about the imprints"
-    if known:
-        found = f"directions are off by {offset:+.2f} degrees and {direction.scale - 1.0:+.1%}, scatter {scatter:.2f}"
-    caution = (
-        "Presses find left and right only; up and down, and the order of colours of an unusual unit, may be wrong."
-    )
+    error = f"are off by {offset:+.2f} degrees and {direction.scale - 1.0:+.1%}, and scatter" if known else "scatter"
+    lines = [
+        f"images read {view}; {len(given.images)} presses: directions {error} by {scatter:.2f} degrees; see {figure}",
+        "Presses find left and right only; up and down, and the order of colours of an unusual unit, may be wrong.",
+    ]
     if not view.keeps_left_and_right:
         wrong = "angles of the wrong sign" if known else "presses in the wrong order"
-        caution += f"\nLeft and right are exchanged, as with {wrong}: positive is towards +y."
-    found = f"images read {view}; {len(given.images)} presses: {found}; see {figure}"
-    return fit.calibration, numbers, f"{found}\n{caution}"
+        lines.append(f"Left and right are exchanged, as with {wrong}: positive is towards +y.")
+    return fit.calibration, numbers, "\n".join(lines)
 
 
 def _sensor_of(recordings: "dict[Path, Recording]", name: str | None) -> "SensorProfile":
-    """Return the sensor of recordings or the named one, by default a DIGIT; SettingError if they differ."""
-    from palpate.errors import SettingError
+    """Return the named sensor, else that of recordings, else a DIGIT; SettingError if a recording's is another."""
     from palpate.types.sensor import DIGIT, known_sensor
 
-    sensors = {str(path): recording.sensor for path, recording in recordings.items()}
-    if name is not None:
-        sensors[f"--sensor {name}"] = known_sensor(name)
-    if not sensors:
-        return DIGIT
-    (path, first), *others = sensors.items()
-    for other, sensor in others:
-        if sensor.name != first.name:
-            raise SettingError(f"{path}: is of sensor {first.name!r}, and {other} is {sensor.name!r}")
-    return first
+    given = [recording.sensor for recording in recordings.values()]
+    sensor = known_sensor(name) if name else given[0] if given else DIGIT
+    for path, recording in recordings.items():
+        if recording.sensor.name != sensor.name:
+            raise SettingError(f"{path}: is of sensor {recording.sensor.name!r}, expected {sensor.name!r}")
+    return sensor

@@ -3,19 +3,14 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Any
-
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from palpate.errors import printable
 
-LINE_EVERY = 30.0
-"""Time between lines of progress in a log [s]."""
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def print_json(data: dict[str, Any]) -> None:
@@ -23,23 +18,66 @@ def print_json(data: dict[str, Any]) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> None:
-    """Print a table, with the columns of `numbers` aligned to the right. Long cells are wrapped, not cut off."""
+def report(json: bool, title: str, data: dict[str, Any]) -> None:
+    """Print the result of a command as one JSON object or as tables, one for each list of objects in it."""
+    if json:
+        print_json(data)
+        return
+    tables = [key for key, value in data.items() if isinstance(value, list) and value and isinstance(value[0], dict)]
+    print_quantities(title, {key: value for key, value in data.items() if key not in tables})
+    for key in tables:
+        print_rows(key, dict(enumerate(data[key])))
+
+
+def print_quantities(title: str, data: Mapping[str, Any]) -> None:
+    """Print a table of quantities, each with its unit, which its key ends with as in `delay_s`."""
+    rows = [(*_name_and_unit(key), cell(key, value)) for key, value in data.items()]
+    _print_table(title, ("quantity", "value", "unit"), [(name, value, unit) for name, unit, value in rows], right=False)
+
+
+def print_rows(title: str, rows: Mapping[Any, Mapping[str, Any]]) -> None:
+    """Print a table with a named row for each object; units are those of the keys."""
+    keys = list(dict.fromkeys(key for row in rows.values() for key in row))
+    headings = [f"{name} [{unit}]" if unit else name for name, unit in map(_name_and_unit, keys)]
+    cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in rows.items()]
+    _print_table(title, ("", *headings), cells, right=True)
+
+
+def cell(key: str, value: Any) -> str:
+    """Return a value for a table: numbers with three digits, shares in %, a dash for None."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {cell(key, each)}" for name, each in value.items()) or "-"
+    if isinstance(value, list | tuple):
+        return ", ".join(cell(key, each) for each in value) or "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        value *= 100.0 if key.endswith("_share") else 1.0
+        return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+    return "-" if value is None or value == "" else str(value)
+
+
+def _name_and_unit(key: str) -> tuple[str, str]:
+    name, _, unit = key.rpartition("_")
+    units = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg"}
+    return (name.replace("_", " "), units[unit]) if name and unit in units else (key.replace("_", " "), "")
+
+
+def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], right: bool) -> None:
+    """Print a table, all columns but the first aligned to the right or none. Long cells are wrapped, not cut off."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(title=printable(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
     for index, column in enumerate(columns):
-        right = index in numbers
-        table.add_column(column, justify="right" if right else "left", overflow="fold", no_wrap=right)
+        table.add_column(column, justify="right" if right and index else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(printable(cell) for cell in row))
+        table.add_row(*map(printable, row))
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = max(console.width, 160)  # there is no window to wrap for
+        console.width = max(console.width, 240)  # there is no window to wrap for
     console.print(table)
-
-
-def print_quantities(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
-    """Print a table of quantities with their values and units."""
-    print_table(title, ("quantity", "value", "unit"), rows, numbers=(1,))
 
 
 def print_line(text: str) -> None:
@@ -54,14 +92,13 @@ def complain(error: Exception | str) -> None:
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """Yield a function that shows the number done, and maybe a note.
-
-    It draws a bar, or prints a line every LINE_EVERY seconds if standard error is no terminal.
-    """
+    """Yield a function that shows the number done, and maybe a note: by a bar, or in a log a line each half minute."""
     console = _terminal()
     if console is None:
         yield _progress_lines(title, total)
         return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(title, total=total)
@@ -74,18 +111,10 @@ def busy(title: str) -> AbstractContextManager[Any]:
     return nullcontext() if console is None else console.status(title)
 
 
-def number(value: float | None, digits: int = 1) -> str:
-    """Return a number for a table, or a dash."""
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def percent(share: float | None) -> str:
-    """Return a share in % for a table, or a dash."""
-    return "-" if share is None else f"{100.0 * share:.0f}"
-
-
-def _terminal() -> Console | None:
+def _terminal() -> "Console | None":
     """Return the terminal of standard error, None for a file even with FORCE_COLOR: bars do not belong in a log."""
+    from rich.console import Console
+
     console = Console(stderr=True, force_terminal=sys.stderr.isatty())
     return console if console.is_terminal and not console.is_dumb_terminal else None
 
@@ -95,7 +124,7 @@ def _progress_lines(title: str, total: int) -> Callable[..., None]:
 
     def show(done: int, note: str = "") -> None:
         nonlocal last
-        if time.monotonic() - last >= LINE_EVERY:
+        if time.monotonic() - last >= 30.0:
             last = time.monotonic()
             complain(f"{title}: {done} of {total}{f', {note}' if note else ''}")
 

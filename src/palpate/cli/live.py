@@ -3,12 +3,13 @@
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.cli.options import Bag, Force, Json, Start, Touch, arg, check_new, check_window
+from palpate.cli.console import busy, complain, print_line, report
+from palpate.cli.options import Bag, Force, Json, Start, Touch, arg, check_new
+from palpate.errors import SettingError
 
 if TYPE_CHECKING:
-    from palpate.live.session import LiveState
     from palpate.live.sources import Sources
     from palpate.touch.calibration import Calibration
     from palpate.types.recording import Recording
@@ -25,12 +26,13 @@ class Source:
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None
     """A recording or a bag, played in real time."""
 
-    def open(self, bag: Bag, start: Start, calibration: "Calibration | None") -> "tuple[Sources, Recording, Start]":
-        """Return the sources, a recording that says what is tracked, and the start. Raises SettingError."""
+    def open(
+        self, bag: Bag, start: Start, calibration: "Calibration | None"
+    ) -> "tuple[Sources, Recording, tuple[Any, Any]]":
+        """Return the sources, a recording that says what is tracked, and the first pose with its sigma."""
         import numpy as np
 
         from palpate.config import NoiseSettings
-        from palpate.errors import SettingError
         from palpate.io.outlines import load_shape
         from palpate.live.camera import camera_sources
         from palpate.live.sources import replayed
@@ -42,11 +44,9 @@ class Source:
         if (self.camera is None) == (self.replay is None) or (self.camera is None) != (self.poses is None):
             raise SettingError("live takes either --camera with --poses, or --replay FILE")
         if self.replay is not None:
-            reading = bag.read(self.replay)
-            recording = reading if isinstance(reading, Recording) else reading.recording
-            sources = replayed(recording)
-            pose, deviation = first_pose_of(recording, NoiseSettings(), first, sigma)
-            return sources, recording, Start(tuple(pose.tolist()), tuple(deviation.tolist()))
+            found = bag.read(self.replay)
+            recording = found if isinstance(found, Recording) else found.recording
+            return replayed(recording), recording, first_pose_of(recording, NoiseSettings(), first, sigma)
         assert self.camera is not None and self.poses is not None
         if bag.shape is None or first is None:
             raise SettingError("--camera needs --shape NAME|FILE, and --first-pose X Y THETA or --first-pose-unknown")
@@ -54,8 +54,7 @@ class Source:
             raise SettingError("--camera: of the options for bags, only --shape and --shape-unit can be used")
         shape = load_shape(bag.shape, bag.shape_unit)
         sources = camera_sources(self.camera, self.poses, DIGIT, calibration)
-        scene = Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",))
-        return sources, scene, Start(first, sigma)
+        return sources, Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",)), (first, sigma)
 
 
 def live(
@@ -82,9 +81,7 @@ def live(
         view: Show the session in Rerun too.
         seconds: End after this time [s].
     """
-    from palpate.cli.console import busy, complain, print_json
     from palpate.config import TrackerSettings
-    from palpate.errors import SettingError
     from palpate.live.recorder import recorder
     from palpate.live.session import LiveState, stop_on_signals, track_live
     from palpate.live.table import live_table
@@ -95,20 +92,21 @@ def live(
     if seconds is not None and not seconds > 0.0:
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if view:
-        check_window()
+        from palpate.viewer.rerun_view import has_display
+
+        if not has_display():
+            raise SettingError("--view: there is no display to open a window on")
     if record:
         check_new(record, force)
-    model, calibration = touch.load()
+    model, unit = touch.load(touch.tactile)
     name = source.replay.name if source.replay else f"camera {source.camera}"
     with ExitStack() as stack:
         unused = stack.enter_context(ExitStack())
         with busy("looking for images and poses"):
-            sources, scene, placed = source.open(bag, start, calibration)
+            sources, scene, (first, sigma) = source.open(bag, start, unit)
             unused.callback(sources.close)
-        first, sigma = placed.pose_and_sigma()
-        assert first is not None
         settings = TrackerSettings(touch.tactile)
-        tracker = Tracker(scene.shape, sources.sensor, first, settings, model, calibration, first_pose_sigma=sigma)
+        tracker = Tracker(scene.shape, sources.sensor, first, settings, model, unit, first_pose_sigma=sigma)
         listen = watch = None
         if record:
             listen = stack.enter_context(recorder(record, scene.shape, sources.recorded_sensor, force))
@@ -121,29 +119,7 @@ def live(
         stack.enter_context(live_table(f"palpate live: {name}", state))
         unused.pop_all()  # from here on the session's threads close the sources
         track_live(tracker, sources, state, stop, listen or (lambda item: None), watch, seconds)
-    if json:
-        print_json(state.summary())
-    else:
-        _report(state, record)
-    return 0
-
-
-def _report(state: "LiveState", record: Path | None) -> None:
-    from palpate.cli.console import number, print_line, print_quantities
-
-    latency, statuses = state.latency_ms(), state.statuses.items()
-    rows = [
-        *(
-            (name.replace("without_pose", "without a sensor pose").replace("_", " "), str(count), "")
-            for name, count in state.counts.items()
-        ),
-        ("rate", number(state.rate), "Hz"),
-        ("latency, median", number(latency["p50"]), "ms"),
-        ("latency, 99 %", number(latency["p99"]), "ms"),
-        ("latency, largest", number(latency["max"]), "ms"),
-        ("in contact", str(state.contact_frames), "frames"),
-        ("status", ", ".join(f"{count} {status}" for status, count in statuses), "frames"),
-    ]
-    print_quantities("live", rows)
-    if record:
+    report(json, "live", state.summary())
+    if record and not json:
         print_line(f"recorded: {record}")
+    return 0

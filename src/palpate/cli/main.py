@@ -10,18 +10,14 @@ import tyro
 
 from palpate import __version__
 from palpate.cli.calibrate import calibrate
-from palpate.cli.convert import convert
-from palpate.cli.demo import demo
-from palpate.cli.evaluate import evaluate
-from palpate.cli.info import info
+from palpate.cli.console import complain
+from palpate.cli.learn import train, tune
 from palpate.cli.live import live
-from palpate.cli.paper import paper
+from palpate.cli.recordings import convert, info, view
 from palpate.cli.simulate import simulate
-from palpate.cli.track import track
-from palpate.cli.train import train
+from palpate.cli.study import evaluate, paper
+from palpate.cli.track import demo, track
 from palpate.cli.truth import truth, truth_camera, truth_print
-from palpate.cli.tune import tune
-from palpate.cli.view import view
 from palpate.errors import PalpateError, printable
 
 COMMANDS = {
@@ -78,8 +74,6 @@ def main(args: Sequence[str] | None = None) -> int:
     except (PalpateError, OSError) as error:  # bad input; a disk that is full or a folder that may not be written to
         if debug:
             raise
-        from palpate.cli.console import complain
-
         complain(error)
         return 2
 

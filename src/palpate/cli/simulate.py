@@ -1,16 +1,18 @@
 """`palpate simulate`: recordings of a simulated sensor, or touch images for a real motion."""
 
-from dataclasses import asdict, dataclass
+import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, positional
+from palpate.cli.console import complain, print_json, print_line, progress_bar
+from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, given_options, positional
+from palpate.errors import SettingError
 
 if TYPE_CHECKING:
     from palpate.lab.simulate.recordings import Simulation
-    from palpate.types.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,6 @@ class Pushes:
 
     def plan(self, seed: int, unit: int | None) -> "dict[str, Simulation]":
         """Return the simulations by file name. Raises SettingError for values that are not allowed."""
-        from palpate.errors import SettingError
         from palpate.geometry.shapes import SHAPES
         from palpate.io.outlines import load_shape
         from palpate.lab.simulate.recordings import plan
@@ -57,18 +58,9 @@ class Pushes:
         options = {"seconds": self.seconds, "images": self.images, "knocks": self.knocks, "ideal": self.ideal}
         return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **options)
 
-    def check_not_given(self) -> None:
-        """Raise SettingError if any of these options goes with --replay."""
-        from palpate.errors import SettingError
-
-        usual = asdict(Pushes())
-        if given := [name for name, value in asdict(self).items() if value != usual[name]]:
-            names = ", ".join("--no-images" if name == "images" else f"--{name.replace('_', '-')}" for name in given)
-            raise SettingError(f"--replay takes object and motion from its file; {names} cannot go with it")
-
 
 def simulate(
-    folder: Annotated[tyro.conf.Positional[Path], positional("DIR", "Folder of the recordings.", required=True)],
+    folder: Annotated[tyro.conf.Positional[Path], positional("DIR", "Folder of the recordings.")],
     /,
     *,
     pushes: Pushes = Pushes(),
@@ -91,55 +83,32 @@ def simulate(
         unit: Seed of one sensor unit for all recordings.
         resume: Keep the recordings that are there and make the rest.
     """
-    import time
-
-    from palpate.cli.console import busy, complain, print_json, print_line, progress_bar
-    from palpate.lab.simulate.recordings import simulate_folder
+    from palpate.io import load_recording
+    from palpate.lab.simulate.recordings import SUFFIX, simulate_folder
     from palpate.lab.simulate.replay import replay_folder
 
     begin = time.perf_counter()
-    failed: dict[str, str] = {}
-    how = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
+    options = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
     if replay:
-        pushes.check_not_given()
-        with busy("reading"):
-            recordings, failed = _recordings(replay)
+        if given := given_options(pushes):
+            raise SettingError(f"--replay takes object and motion from its file; {given} cannot go with it")
+        recordings = {Path(file.name.removesuffix(".gz")).stem + SUFFIX: load_recording(file) for file in replay}
+        if len(recordings) < len(replay):
+            raise SettingError("--replay: files of one name would give one file; replay them apart")
         with progress_bar("rendering", len(recordings)) as progress:
-            outcome = replay_folder(folder, recordings, seed, unit, progress=progress, **how)
+            outcome = replay_folder(folder, recordings, seed, unit, progress=progress, **options)
     else:
         simulations = pushes.plan(seed, unit)
         with progress_bar("simulating", len(simulations)) as progress:
-            outcome = simulate_folder(folder, simulations, progress=progress, **how)
-    failed |= outcome.failed
+            outcome = simulate_folder(folder, simulations, progress=progress, **options)
     wall_s = time.perf_counter() - begin
-    for name, why in failed.items():
+    for name, why in outcome.failed.items():
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
     if json:
-        errors = [{"file": name, "error": why} for name, why in failed.items()]
+        errors = [{"file": name, "error": why} for name, why in outcome.failed.items()]
         files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": errors}
         print_json({"folder": str(folder), **files, "wall_s": wall_s})
     else:
-        counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(failed)} failed"
+        counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed"
         print_line(f"{folder}: {counts}, {wall_s:.1f} s")
-    return 3 if failed else 0
-
-
-def _recordings(files: tuple[Path, ...]) -> tuple[dict[str, "Recording"], dict[str, str]]:
-    """Return recordings by the names of their replays, and the errors of unreadable ones."""
-    from palpate.errors import FileError, SettingError
-    from palpate.io import load_recording
-    from palpate.lab.simulate.recordings import SUFFIX
-
-    sources: dict[str, Path] = {}
-    found: dict[str, Recording] = {}
-    failed: dict[str, str] = {}
-    for file in files:
-        name = (file.with_suffix("") if file.suffix == ".gz" else file).stem + SUFFIX
-        if name in sources:
-            raise SettingError(f"--replay {sources[name]} and --replay {file} would both be {name}; replay them apart")
-        sources[name] = file
-        try:
-            found[name] = load_recording(file)
-        except FileError as error:
-            failed[name] = str(error)
-    return found, failed
+    return 3 if outcome.failed else 0

@@ -1,19 +1,34 @@
-"""`palpate track`: tracks recordings and leaves a folder for each."""
+"""`palpate track` and `palpate demo`: track recordings, leave a folder for each and print its scores."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.options import Bag, Estimator, Force, Json, Smoother, Start, Touch, arg, positional
+from palpate.cli.console import busy, complain, print_json, print_line, print_quantities, print_rows, progress_bar
+from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg, positional
+from palpate.errors import PalpateError, SettingError
 
 if TYPE_CHECKING:
-    from palpate.config import TrackerSettings
     from palpate.pipeline.track import Run
-    from palpate.touch.calibration import Calibration
     from palpate.types.recording import Recording
     from palpate.types.space import Plane
+
+SCORES = {
+    "translation RMSE_mm": "translation_rmse_mm",
+    "rotation RMSE_deg": "rotation_rmse_deg",
+    "final translation error_mm": "final_translation_error_mm",
+    "final rotation error_deg": "final_rotation_error_deg",
+    "NEES, mean (3 if consistent)": "nees_mean",
+    "in the 95 % region_share": "in_95_share",
+    "in the 95 % region, in contact_share": "in_95_contact_share",
+    "in the 95 % region, at rest_share": "in_95_rest_share",
+    "silently wrong_share": "silently_wrong_share",
+}
+"""Name and unit of a score in tables, and its key in `summary.json`."""
 
 
 @dataclass(frozen=True)
@@ -28,40 +43,35 @@ class Output:
     """Write a page that shows the push in any browser, page.html."""
     force: Force = False
 
-    def write(self, run: "Run", folder: Path, plane: "Plane") -> None:
-        """Write the files of a run."""
-        from palpate.pipeline.run_folder import PAGE, write_files
-
-        write_files(run, folder, plane if self.mcap else None)
-        if self.html:
-            from palpate.viewer.page import write_page
-
-            write_page(run, run.recording.file.name if run.recording.file else "recording", folder / PAGE)
-
     def folders(self, files: tuple[Path, ...]) -> list[Path]:
         """Return the folder of each file's run. Raises SettingError if two would be the same."""
-        from palpate.errors import SettingError
-
         if len(files) == 1 and self.out is not None:
             return [self.out]
         folders = [(self.out or Path("runs")) / stem_of(file) for file in files]
-        for index, folder in enumerate(folders):
-            if folder in folders[:index]:
-                first = files[folders.index(folder)]
-                raise SettingError(
-                    f"{first} and {files[index]} would both go to {folder}; track them one by one, each with its --out"
-                )
+        if len(set(folders)) < len(folders):
+            twice = next(folder for folder in folders if folders.count(folder) > 1)
+            raise SettingError(f"several files would go to {twice}; track them one by one, each with its --out")
         return folders
+
+    def write(self, run: "Run", folder: Path, plane: "Plane | None") -> None:
+        """Write the files of a run, with those that were asked for."""
+        from palpate.pipeline.run_folder import PAGE, write_files
+        from palpate.types.space import flat
+
+        write_files(run, folder, (plane or flat()) if self.mcap else None)
+        if self.html:
+            from palpate.viewer.page import write_page
+
+            write_page(run, _name(run.recording), folder / PAGE)
 
 
 def track(
     files: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
-        positional("FILE...", "Recordings in any known format, or bags of ROS messages.", required=True),
+        positional("FILE...", "Recordings in any known format, or bags of ROS messages."),
     ],
     /,
     *,
-    smoother: Smoother = "fixed-lag",
     json: Json = False,
     start: Start = Start(),
     touch: Touch = Touch(),
@@ -73,38 +83,28 @@ def track(
 
     Example: palpate track push.mcap --first-pose 0.1 0 0.3 --first-pose-sigma 0.01 0.01 0.1
     """
-    from palpate.cli.console import complain, print_json
-    from palpate.cli.run_report import report_run, report_runs
-    from palpate.errors import PalpateError, SettingError
+    from palpate.pipeline.run_folder import new_run
+    from palpate.pipeline.track import track as track_recording
+    from palpate.types.recording import Recording
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
-    settings = estimator.settings(touch.tactile, smoother)
+    folders = output.folders(files)
+    settings = estimator.settings(touch.tactile)
     first_pose, sigma = start.pose_and_sigma()
-    model, calibration = touch.load()
+    model, unit = touch.load(touch.tactile)
 
     def track_file(file: Path, folder: Path) -> dict[str, Any]:
-        from palpate.cli.console import busy, progress_bar
-        from palpate.pipeline.run_folder import new_run
-        from palpate.pipeline.track import track as track_recording
-
         with new_run(folder, output.force) as part:
             with busy(f"reading {file.name}"):
-                recording, plane = _read(file, bag, start, settings, calibration)
+                found = bag.read(file)
+                recording, plane = (found, None) if isinstance(found, Recording) else (found.recording, found.plane)
             with progress_bar(file.name, len(recording)) as progress:
-                run = track_recording(
-                    recording,
-                    settings,
-                    first_pose,
-                    first_pose_sigma=sigma,
-                    model=model,
-                    calibration=calibration,
-                    progress=progress,
-                )
+                known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
+                run = track_recording(recording, settings, first_pose, **known, progress=progress)
             output.write(run, part, plane)
         return run.summary
 
-    folders = output.folders(files)
     if len(files) == 1:
         report_run(track_file(files[0], folders[0]), folders[0], json)
         return 0
@@ -123,27 +123,85 @@ def track(
     return 3 if failed else 0
 
 
+def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = False) -> int:
+    """Simulate a push with touch images and track it; shows a table and writes a figure in well under a minute.
+
+    Example: palpate demo --out demo-run
+
+    Args:
+        out: Folder of the run; an earlier run there is replaced.
+    """
+    from palpate.config import TrackerSettings
+    from palpate.pipeline.run_folder import RECORDING, new_run, write_files
+    from palpate.pipeline.track import track as track_recording
+
+    with new_run(out, force=True) as part:
+        with progress_bar("simulating", 450) as progress:
+            recording = demo_recording(progress)
+        with progress_bar("tracking", len(recording)) as progress:
+            run = track_recording(recording, TrackerSettings("learnt"), progress=progress)
+        write_files(run, part)
+    if not json:
+        print_line(f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
+    report_run(run.summary, out, json)
+    return 0
+
+
+def demo_recording(progress: Callable[[int], None] | None = None, seconds: float = 15.0) -> "Recording":
+    """Simulate the push of the demo; `progress` is called with the number of images made."""
+    from palpate.geometry.shapes import SHAPES
+    from palpate.lab.simulate.recordings import plan
+
+    # The first seed with three contacts; its final error is about the median of pushes at the edges of this object.
+    (simulation,) = plan({"rectangle": SHAPES["rectangle"]}, 1, seed=2, seconds=seconds).values()
+    return simulation.run(progress)
+
+
+def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
+    """Print the summary of one run."""
+    from palpate.pipeline.metrics import pose_words
+
+    if json:
+        print_json(summary)
+        return
+    if "tactile_reason" in summary:
+        print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
+    if "unusual_colours" in summary:
+        print_line(summary["unusual_colours"])
+    knocks = {
+        "knocks": summary["knocks"],
+        "recovered after_s": summary["knock_recovery_s"],
+        "recovered after, in contact_s": summary["knock_recovery_contact_s"],
+        "silently wrong before a touch_share": summary["silently_wrong_before_touch_share"],
+    }
+    rows = {
+        "frames": summary["frames"],
+        "in contact": summary["contact_frames"],
+        "contacts": summary["episodes"],
+        "final pose": pose_words(summary["final_pose"], summary["final_sigma"]),
+        "scored frames": summary["scored_frames"],
+        **{name: summary[key] for name, key in SCORES.items()},
+        **(knocks if summary["knocks"] else {}),
+        "step time_ms": summary["step_ms"],
+        "status": summary["statuses"],
+    }
+    print_quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows)
+    print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
+
+
+def report_runs(runs: list[dict[str, Any]]) -> None:
+    """Print a line for each of several runs, and their median."""
+    rows = {Path(run["folder"]).name: {name: run[key] for name, key in SCORES.items()} for run in runs}
+    known = {name: [row[name] for row in rows.values() if row[name] is not None] for name in SCORES}
+    rows["median"] = {name: median(values) if values else None for name, values in known.items()}
+    print_rows("scores", rows)
+    print_line(f"runs: {Path(runs[0]['folder']).parent}")
+
+
 def stem_of(file: Path) -> str:
     """Return the name of a file without .json.gz, .mcap and the like."""
     return (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
 
 
-def _read(
-    file: Path, bag: Bag, start: Start, settings: "TrackerSettings", calibration: "Calibration | None"
-) -> "tuple[Recording, Plane]":
-    """Read a recording or a bag, with the time offset that was fitted where --time-offset fit asks for it."""
-    from palpate.cli.console import complain
-    from palpate.pipeline.time_offset import time_offset
-    from palpate.types.recording import Recording
-    from palpate.types.space import flat
-
-    reading = bag.read(file)
-    if isinstance(reading, Recording):
-        return reading, flat()
-    if bag.time_offset == "fit":
-        found = time_offset(reading.recording, *start.pose_and_sigma(), settings.noise, calibration)
-        complain(f"{file}: {found}")
-        if found.is_significant:
-            reading = replace(bag, time_offset=found.seconds).read(file)
-            assert not isinstance(reading, Recording)
-    return reading.recording, reading.plane
+def _name(recording: "Recording") -> str:
+    return recording.file.name if recording.file else "recording"

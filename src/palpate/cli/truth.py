@@ -5,13 +5,14 @@ from typing import Annotated, Literal
 
 import tyro
 
+from palpate.cli.console import busy, print_line, report
 from palpate.cli.options import Force, Json, arg, check_new, positional
 
-Video = Annotated[tyro.conf.Positional[Path], positional("VIDEO", "A video file.", required=True)]
+Video = Annotated[tyro.conf.Positional[Path], positional("VIDEO", "A video file.")]
 
 
 def truth_print(
-    out: Annotated[tyro.conf.Positional[Path], positional("OUT.pdf", "The file to write.", required=True)],
+    out: Annotated[tyro.conf.Positional[Path], positional("OUT.pdf", "The file to write.")],
     /,
     *,
     shape: Annotated[str, arg("NAME|AxB|FILE")],
@@ -26,7 +27,6 @@ def truth_print(
         shape: The object, as in palpate simulate.
         paper: Paper size.
     """
-    from palpate.cli.console import print_line
     from palpate.io.outlines import load_shape
     from palpate.lab.truth.tags import write_sheets
 
@@ -36,13 +36,7 @@ def truth_print(
     return 0
 
 
-def truth_camera(
-    video: Video,
-    /,
-    *,
-    out: Annotated[Path, arg("CAMERA.json")],
-    force: Force = False,
-) -> int:
+def truth_camera(video: Video, /, *, out: Annotated[Path, arg("CAMERA.json")], force: Force = False) -> int:
     """Calibrate the overhead camera by a video of the printed board, held at an angle all over the view.
 
     Example: palpate truth-camera board.mp4 --out camera.json
@@ -50,7 +44,6 @@ def truth_camera(
     Args:
         out: The file to write.
     """
-    from palpate.cli.console import busy, print_line
     from palpate.lab.truth.camera import calibrated, read_video, save_camera
 
     check_new(out, force)
@@ -63,7 +56,7 @@ def truth_camera(
 
 def truth(
     recording: Annotated[
-        tyro.conf.Positional[Path], positional("RECORDING", "The robot's recording of the same push.", required=True)
+        tyro.conf.Positional[Path], positional("RECORDING", "The robot's recording of the same push.")
     ],
     video: Video,
     /,
@@ -84,26 +77,21 @@ def truth(
     import numpy as np
 
     from palpate import io as formats
-    from palpate.cli.console import busy, number, print_json, print_quantities
-    from palpate.errors import FileError
+    from palpate.files import in_file
     from palpate.lab.truth.alignment import align, with_truth
     from palpate.lab.truth.camera import load_camera, read_video, track_tags
 
     check_new(out, force)
     given, overhead = formats.load_recording(recording), load_camera(camera)
-    with busy(f"looking for tags in {video.name}"):
-        try:
-            tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
-            alignment = align(given.time, given.sensor_pose, tag_on_sensor)
-        except FileError as error:
-            raise FileError(str(error) if str(error).startswith(str(video)) else f"{video}: {error}") from error
+    with busy(f"looking for tags in {video.name}"), in_file(video):
+        tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
+        alignment = align(given.time, given.sensor_pose, tag_on_sensor)
     found = with_truth(given, tag_on_object, alignment)
     formats.write(found, out, overwrite=force)
     assert found.object_pose is not None
-    known = int(np.isfinite(found.object_pose).all(axis=1).sum())
     summary = {
         "frames": len(found),
-        "with_truth": known,
+        "with_truth": int(np.isfinite(found.object_pose).all(axis=1).sum()),
         "delay_s": alignment.delay,
         "delay_sigma_s": float(alignment.sigma[3]),
         "object_height_mm": tag_on_object.height * 1e3,
@@ -112,18 +100,5 @@ def truth(
         "table_sigma_mm": float(alignment.sigma[:2].max() * 1e3),
         "file": str(out),
     }
-    if json:
-        print_json(summary)
-        return 0
-    rows = [
-        ("frames with ground truth", f"{known} of {len(found)}", ""),
-        ("recording's time less the video's", number(alignment.delay), "s"),
-        ("its standard deviation", number(1e3 * alignment.sigma[3]), "ms"),
-        ("object's tag above the table", number(summary["object_height_mm"]), "mm"),
-        ("sensor's tag above the table", number(summary["sensor_height_mm"]), "mm"),
-        ("RMS distance between robot and camera", number(summary["residual_mm"]), "mm"),
-        ("standard deviation of the table's place", number(summary["table_sigma_mm"]), "mm"),
-        ("written", str(out), ""),
-    ]
-    print_quantities("truth", rows)
+    report(json, "truth", summary)
     return 0

@@ -1,6 +1,7 @@
 """The figure of a run: the push from above, touch images, and errors over time, in mm and degrees."""
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +20,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 # The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
-TRUTH, ESTIMATE, SENSOR, START = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA"
-CONTACT = "#E69F00"
+TRUTH, ESTIMATE, SENSOR, START, CONTACT = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA", "#E69F00"
 
 
 def run_figure(run: Run) -> "Figure":
@@ -35,7 +35,7 @@ def run_figure(run: Run) -> "Figure":
     heights = [1.3, 1.0, 1.0] if has_touch else [1.0, 1.0]
     grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.05, 1.0), height_ratios=heights)
     above, translation = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[-2, 1])
-    draw_above(above, run, instants)
+    draw_above(above, run, len(run.online) - 1, instants)
     draw_errors(translation, figure.add_subplot(grid[-1, 1], sharex=translation), run, instants)
     if has_touch:
         strip = grid[0, 1].subgridspec(1, len(instants))
@@ -44,7 +44,7 @@ def run_figure(run: Run) -> "Figure":
             draw_touch(axes, run, index)
             axes.tick_params(labelleft=number == 1)
             axes.set_ylabel("z on the pad [mm]" if number == 1 else "")
-            draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
+            _draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
     figure.suptitle(_title(run), fontsize=11, parse_math=False)
     handles: dict[str, Any] = {}
     for axes in (above, translation):
@@ -56,36 +56,36 @@ def run_figure(run: Run) -> "Figure":
 
 
 def shown_instants(run: Run) -> list[int]:
-    """Return the middle frames of the three longest contacts; if there are fewer, the longest are cut into parts."""
-
-    def length(part: tuple[int, int]) -> int:
-        return part[1] - part[0] + 1
-
-    contact = run.online.contact
-    parts = sorted([] if contact is None else flag_runs(contact), key=length)[-3:]
-    while parts and len(parts) < 3 and length(parts[-1]) > 1:
-        first, last = parts.pop()
-        middle = (first + last) // 2
-        parts = sorted([*parts, (first, middle), (middle + 1, last)], key=length)
-    return sorted((first + last) // 2 for first, last in parts)
+    """Return the middle frames of the three longest contacts."""
+    contacts = [] if run.online.contact is None else flag_runs(run.online.contact)
+    longest = sorted(contacts, key=lambda ends: ends[1] - ends[0])[-3:]
+    return sorted((first + last) // 2 for first, last in longest)
 
 
-def draw_above(axes: "Axes", run: Run, instants: list[int]) -> None:
-    """Draw the whole path, the object at numbered instants and, stronger, at the end."""
-    last = len(run.online) - 1
-    draw_start(axes, run)
+def draw_above(axes: "Axes", run: Run, last: int, instants: Sequence[int] = ()) -> None:
+    """Draw the paths up to a frame, the object at numbered instants and, stronger, at that frame."""
+    axes.plot(*_placed(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
     draw_path(axes, run, last)
     ellipses = _ellipses(run, np.linspace(0, last, 12).astype(int))
     lines = np.concatenate([ellipses, np.full((len(ellipses), 1, 2), np.nan)], axis=1)  # one line with gaps
     axes.plot(*_millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
     for number, index in enumerate(instants, 1):
-        draw_object(axes, run, index, 1.0, 0.6)
-        draw_sensor(axes, run, index)
+        _draw_object(axes, run, index, 1.0, 0.6)
         x, y, yaw = run.recording.sensor_pose[index]
-        draw_number(axes, number, (1e3 * x, 1e3 * y), -32.0 * np.array([np.cos(yaw), np.sin(yaw)]))
-    draw_object(axes, run, last, 1.8, 1.0)
-    draw_sensor(axes, run, last)
+        _draw_number(axes, number, (1e3 * x, 1e3 * y), -32.0 * np.array([np.cos(yaw), np.sin(yaw)]))
+    _draw_object(axes, run, last, 1.8, 1.0)
     frame_above(axes)
+
+
+def draw_path(axes: "Axes", run: Run, last: int) -> None:
+    """Draw the paths of object, estimate and sensor up to a frame."""
+    sensor = run.recording.sensor_pose[: last + 1, :2]
+    if _has_truth(run):
+        axes.plot(*_millimetres(_truth(run)[: last + 1, :2]), color=TRUTH, lw=3.0, label="truth")
+    axes.plot(*_millimetres(run.online.pose[: last + 1, :2]), color=ESTIMATE, lw=1.4, label="estimate")
+    axes.plot(*_millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
+    touching = np.where(_contact(run)[: last + 1, None], sensor, np.nan)
+    axes.plot(*_millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
 
 
 def frame_above(axes: "Axes") -> None:
@@ -93,41 +93,6 @@ def frame_above(axes: "Axes") -> None:
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.25)
-
-
-def draw_start(axes: "Axes", run: Run) -> None:
-    """Draw the outline at the first pose."""
-    axes.plot(*_placed(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
-
-
-def draw_path(axes: "Axes", run: Run, last: int) -> None:
-    """Draw the paths of object, estimate and sensor up to a frame."""
-    shown = slice(0, last + 1)
-    sensor = run.recording.sensor_pose[shown, :2]
-    contact = np.zeros(len(sensor), np.bool_) if run.online.contact is None else run.online.contact[shown]
-    if run.truth is not None and np.isfinite(run.truth).any():
-        axes.plot(*_millimetres(run.truth[shown, :2]), color=TRUTH, lw=3.0, label="truth")
-    axes.plot(*_millimetres(run.online.pose[shown, :2]), color=ESTIMATE, lw=1.4, label="estimate")
-    axes.plot(*_millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
-    touching = np.where(contact[:, None], sensor, np.nan)
-    axes.plot(*_millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
-
-
-def draw_object(axes: "Axes", run: Run, index: int, width: float, alpha: float) -> None:
-    """Draw the object at a frame: true outline, if known, estimated outline and 95 % ellipse."""
-    if run.truth is not None and np.isfinite(run.truth[index]).all():
-        axes.fill(*_placed(run, run.truth[index]), color=TRUTH, alpha=0.12, lw=0)
-        axes.plot(*_placed(run, run.truth[index]), color=TRUTH, lw=1.8 * width, alpha=alpha)
-    axes.plot(*_placed(run, run.online.pose[index]), color=ESTIMATE, lw=width, alpha=alpha)
-    (ellipse,) = _ellipses(run, np.array([index]))
-    axes.fill(*_millimetres(ellipse), facecolor=ESTIMATE, alpha=0.25, lw=0)
-    axes.plot(*_millimetres(ellipse), color=ESTIMATE, lw=1.0)
-
-
-def draw_sensor(axes: "Axes", run: Run, index: int) -> None:
-    """Draw the sensor's pads at a frame."""
-    for pad in run.recording.sensor.pads:
-        axes.fill(*_millimetres(se2.transform(run.recording.sensor_pose[index], pad)), color=SENSOR, alpha=0.8, lw=0)
 
 
 def draw_touch(axes: "Axes", run: Run, index: int) -> None:
@@ -142,39 +107,50 @@ def draw_touch(axes: "Axes", run: Run, index: int) -> None:
     axes.locator_params(nbins=6)
 
 
-def draw_number(axes: "Axes", number: int, place: Any, shift: Any = (0.0, 0.0), coordinates: Any = "data") -> None:
-    """Draw a number in a circle at a place, shifted by some points."""
-    box = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": SENSOR}
-    style: Any = {"ha": "center", "va": "center", "fontsize": 9, "bbox": box, "zorder": 5}
-    axes.annotate(str(number), place, shift, coordinates, "offset points", **style)
-
-
-def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: list[int]) -> None:
+def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: Sequence[int] = ()) -> None:
     """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
     assert run.online.covariance is not None
     distance, angle = deviations(run.online.covariance)
     distance, angle = distance * 1e3, np.degrees(angle)
-    errors: tuple[Array | None, Array | None] = (None, None)
-    if run.truth is not None and np.isfinite(run.truth).any():
-        turned = np.degrees(rotation_errors(run.online.pose, run.truth))
-        errors = translation_errors(run.online.pose, run.truth) * 1e3, turned
-    kind = "1 sigma" if errors[0] is None else "error"
-    _draw_error(translation, run, errors[0], np.zeros_like(distance), distance)
-    _draw_error(rotation, run, errors[1], -angle, angle)
+    kind, off, turned = "1 sigma", None, None
+    if _has_truth(run):
+        kind, off = "error", translation_errors(run.online.pose, _truth(run)) * 1e3
+        turned = np.degrees(rotation_errors(run.online.pose, _truth(run)))
+    _draw_error(translation, run, off, np.zeros_like(distance), distance)
+    _draw_error(rotation, run, turned, -angle, angle)
     for number, index in enumerate(instants, 1):
-        draw_number(translation, number, (_seconds(run)[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
+        _draw_number(translation, number, (_seconds(run)[index], 1.0), (0.0, -9.0), translation.get_xaxis_transform())
     translation.set(ylabel=f"translation {kind} [mm]")
     translation.tick_params(labelbottom=False)
     rotation.axhline(0.0, color=START, lw=0.8)
     rotation.set(ylabel=f"rotation {kind} [°]", xlabel="time [s]")
 
 
+def _draw_object(axes: "Axes", run: Run, index: int, width: float, alpha: float) -> None:
+    """Draw the object at a frame, true outline, if known, estimated outline and 95 % ellipse, and the sensor's pads."""
+    if np.isfinite(truth := _truth(run)[index]).all():
+        axes.fill(*_placed(run, truth), color=TRUTH, alpha=0.12, lw=0)
+        axes.plot(*_placed(run, truth), color=TRUTH, lw=1.8 * width, alpha=alpha)
+    axes.plot(*_placed(run, run.online.pose[index]), color=ESTIMATE, lw=width, alpha=alpha)
+    (ellipse,) = _ellipses(run, np.array([index]))
+    axes.fill(*_millimetres(ellipse), facecolor=ESTIMATE, alpha=0.25, lw=0)
+    axes.plot(*_millimetres(ellipse), color=ESTIMATE, lw=1.0)
+    for pad in run.recording.sensor.pads:
+        axes.fill(*_millimetres(se2.transform(run.recording.sensor_pose[index], pad)), color=SENSOR, alpha=0.8, lw=0)
+
+
+def _draw_number(axes: "Axes", number: int, place: Any, shift: Any, coordinates: Any = "data") -> None:
+    """Draw a number in a circle at a place, shifted by some points."""
+    box = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": SENSOR}
+    style: Any = {"ha": "center", "va": "center", "fontsize": 9, "bbox": box, "zorder": 5}
+    axes.annotate(str(number), place, shift, coordinates, "offset points", **style)
+
+
 def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
     time = _seconds(run)
-    if run.online.contact is not None:
-        shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
-        for first, last in flag_runs(run.online.contact):
-            axes.axvspan(time[first], time[min(last + 1, len(time) - 1)], **shade)
+    shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
+    for first, last in flag_runs(_contact(run)):
+        axes.axvspan(time[first], time[min(last + 1, len(time) - 1)], **shade)
     band: Any = {"color": ESTIMATE, "alpha": 0.3, "lw": 0, "label": "1 sigma of the estimate"}
     axes.fill_between(time, below, above, **band)
     top = float(np.percentile(above, 99)) * 1.1
@@ -204,6 +180,19 @@ def _title(run: Run) -> str:
 def _seconds(run: Run) -> Array:
     """Return times (N,) [s] since the first frame."""
     return run.online.time - run.online.time[0]
+
+
+def _contact(run: Run) -> NDArray[np.bool_]:
+    return np.zeros(len(run.online), np.bool_) if run.online.contact is None else run.online.contact
+
+
+def _has_truth(run: Run) -> bool:
+    return bool(np.isfinite(_truth(run)).any())
+
+
+def _truth(run: Run) -> Array:
+    """Return ground truth (N, 3), NaN where it is unknown."""
+    return np.full_like(run.online.pose, np.nan) if run.truth is None else run.truth
 
 
 def _placed(run: Run, pose: Array) -> Array:

@@ -26,7 +26,6 @@ LASTING = 0.3
 """Scored time for which an estimate has to be near to have recovered [s]: at the very end it may be near by chance."""
 AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
 """Times after a knock at which errors are reported [s]."""
-_BESIDE, _ROUNDING = 0.1, 1e-9  # [s] that a scored frame may lie beside such a time; and of sums of times
 
 
 def translation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
@@ -109,18 +108,17 @@ def summarise(
     tactile: str,
     smoother: str,
     wall_s: float,
-    episodes: int,
     knocked: Flags | None = None,
     yaw_shows: bool = True,
 ) -> dict[str, Any]:
     """Return the content of `summary.json`.
 
     `truth` (N, 3) is NaN where it is unknown or not trusted; what needs truth or covariance that is missing is None.
-    Final errors are those of the last frame with truth, at `final_scored_time_s`. `knocked` (N,) flags frames in which
-    something else moved the object; see `recovery`, which leaves the yaw out unless `yaw_shows` (that of a disc does
-    not). `silently_wrong_share` is of the frames since the first contact: the estimate `is_far` off and outside its
-    95 % region with a status in CONTENT. `silently_wrong_before_touch_share` is the part of it between a knock and the
-    next contact. `ambiguous_share` is of the frames in contact.
+    Final errors are those of the last frame with truth, at `final_scored_time_s`. Shares `in_95` and `silently_wrong`
+    are of the frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 %
+    region with a status in CONTENT, before a touch between a knock and the next contact. `knocked` (N,) flags frames in
+    which something else moved the object; see `recovery`, which leaves the yaw out unless `yaw_shows` (that of a disc
+    does not). `ambiguous_share` is of the frames in contact.
     """
     if truth is None:
         truth = np.full((len(trajectory), 3), np.nan)
@@ -133,18 +131,18 @@ def summarise(
         squared = nees(trajectory.pose, covariance, truth)
     consistency = _known(squared)
     contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
-    wrong = is_far(translation, rotation) & ~inside_95(squared)
+    inside, since = inside_95(squared), since_contact(contact, squared)
     silent = silent_before_touch = ambiguous = None
     if trajectory.status is not None:
         ambiguous = _share((np.asarray(trajectory.status) == "ambiguous")[contact])
-        is_silent, since = wrong & np.isin(trajectory.status, CONTENT), since_contact(contact, squared)
+        is_silent = is_far(translation, rotation) & ~inside & np.isin(trajectory.status, CONTENT)
         silent = _share(is_silent[since])
         if knocked is not None:
             silent_before_touch = _share((is_silent & before_next_touch(knocked, contact))[since])
     return {
         "frames": len(trajectory),
         "contact_frames": int(np.sum(contact)),
-        "episodes": episodes,
+        "episodes": len(flag_runs(contact)),
         "tactile": tactile,
         "smoother": smoother,
         "wall_s": float(wall_s),
@@ -160,26 +158,14 @@ def summarise(
         "yaw_shows": yaw_shows,
         "scored_frames": len(scored),
         "final_scored_time_s": None if last is None else float(trajectory.time[last]),
-        **coverage(contact, squared),
-        "silently_wrong_share": silent,
-        "silently_wrong_before_touch_share": silent_before_touch,
-        "ambiguous_share": ambiguous,
-        **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
-    }
-
-
-def coverage(contact: Flags, nees: Array) -> dict[str, Any]:
-    """Return the shares of frames in the 95 % region, from contact flags (N,) and the NEES (N,).
-
-    They are of the frames since the first contact: all, those in contact and those at rest; `in_95_final` is of the
-    last one. None where there are no frames.
-    """
-    inside, since = inside_95(nees), since_contact(contact, nees)
-    return {
         "in_95_share": _share(inside[since]),
         "in_95_contact_share": _share(inside[since & contact]),
         "in_95_rest_share": _share(inside[since & ~contact]),
         "in_95_final": bool(inside[since][-1]) if since.any() else None,
+        "silently_wrong_share": silent,
+        "silently_wrong_before_touch_share": silent_before_touch,
+        "ambiguous_share": ambiguous,
+        **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
 
 
@@ -204,7 +190,7 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
       than LASTING.
     - knock_recovery_contact_s: the same, counting time in contact only.
     - knock_contact_s: for each the time in contact [s] until the last scored frame before the next knock or the end.
-    - knock_error_mm: by the seconds after a knock ("0.5") the error then for each; None where it is unknown.
+    - knock_error_mm: by the seconds after a knock ("0.5") the error then for each; None where no frame is scored then.
     """
     keys = ("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "knock_error_mm")
     if knocked is None:
@@ -217,25 +203,21 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
     seconds: list[float | None] = []
     contact_seconds: list[float | None] = []
     contact_after: list[float] = []
-    errors: list[list[float | None]] = []
+    errors: dict[str, list[float | None]] = {f"{after:g}": [] for after in AFTER}
     ends = [*(first for first, _ in runs), len(time)][1:]
     for (_, last), following in zip(runs, ends, strict=True):
         frames = last + np.flatnonzero(scored[last:following])
         near = frames[np.cumsum(far[frames][::-1])[::-1] == 0]  # those that no far one follows
-        lasts = len(near) > 0 and in_score[near[-1]] - in_score[near[0]] > LASTING - _ROUNDING
+        lasts = len(near) > 0 and in_score[near[-1]] - in_score[near[0]] > LASTING - 1e-9
         found, until = near[0] if lasts else None, frames[-1] if len(frames) else last
         seconds.append(None if found is None else float(time[found] - time[last]))
         contact_seconds.append(None if found is None else float(in_contact[found] - in_contact[last]))
         contact_after.append(float(in_contact[until] - in_contact[last]))
-        errors.append([_nearest(time[frames] - time[last], translation[frames], after) for after in AFTER])
-    by_time = {f"{after:g}": [each[k] for each in errors] for k, after in enumerate(AFTER)}
-    return dict(zip(keys, (len(runs), seconds, contact_seconds, contact_after, by_time), strict=True))
-
-
-def _nearest(time: Array, error: Array, wanted: float) -> float | None:
-    """Return the error at the frame nearest to a time; None where there is none beside it."""
-    off = np.abs(time - wanted)
-    return float(error[np.argmin(off)]) if len(off) and off.min() < _BESIDE + _ROUNDING else None
+        for after in AFTER:
+            off = np.abs(time[frames] - time[last] - after)
+            is_beside = len(off) > 0 and off.min() < 0.1 + 1e-9  # [s], and the rounding of sums of times
+            errors[f"{after:g}"].append(float(translation[frames[np.argmin(off)]]) if is_beside else None)
+    return dict(zip(keys, (len(runs), seconds, contact_seconds, contact_after, errors), strict=True))
 
 
 def _share(flags: Flags) -> float | None:

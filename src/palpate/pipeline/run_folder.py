@@ -1,4 +1,9 @@
-"""The folder of a tracking run."""
+"""The folder of a tracking run.
+
+`answers.csv` has all answers, the best first, at each frame with several: one a row, with its covariance in the tangent
+space at it (right, body frame). `friction.csv` has the estimated friction between sensor and object at each frame. All
+numbers are in full double precision.
+"""
 
 import json
 from collections.abc import Iterator
@@ -7,17 +12,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 import palpate
 from palpate.config import PRESETS
 from palpate.errors import FileError
-from palpate.files import whole_folder
+from palpate.files import read_text, whole_folder
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
-from palpate.io.trajectories import write_estimates_csv, write_tum
-from palpate.pipeline import details
+from palpate.io.trajectories import COVARIANCE, UPPER, write_estimates_csv, write_tum
 from palpate.pipeline.figures import run_figure
 from palpate.pipeline.track import Run
+from palpate.types.estimate import Answer, Answers
 from palpate.types.space import Plane
+
+Array = NDArray[np.float64]
 
 FILES = (
     "settings.json",
@@ -31,16 +41,25 @@ FILES = (
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
+ANSWERS = ("time", "weight", "x", "y", "theta", *COVARIANCE)
+FRICTION = ("time", "friction", "deviation")
+"""Columns of tables."""
 
 
 @contextmanager
 def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder for the files of a run, which becomes `folder` when the block ends without error.
 
-    Raises FileError if the folder exists; with `force` an earlier run in it is replaced once the new one is complete.
+    Raises FileError if the folder exists; with `force` an earlier run in it, and nothing else, is replaced then.
     """
     with whole_folder(folder) as part:
-        check_folder(folder, force)
+        if folder.exists() and not folder.is_dir():
+            raise FileError(f"{folder}: is a file, expected the name of a folder to write")
+        if folder.exists() and not force:
+            raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
+        there = {path.name for path in folder.iterdir()} if folder.exists() else set()
+        if foreign := sorted(there - {*FILES, RECORDING, PAGE, MCAP}):
+            raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
         yield part
 
 
@@ -50,31 +69,23 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     `estimates.csv`, `estimates.mcap` and `summary.json` are of the online estimates, `trajectory.tum` of the smoothed
     ones.
     """
+    online = run.online
+    answers = [
+        (when, one.weight, *one.pose, *one.covariance[UPPER])
+        for when, several in zip(online.time, run.answers, strict=True)
+        for one in several
+    ]
     _write_json(folder / "settings.json", settings_dict(run))
     write_tum(run.smoothed, folder / "trajectory.tum")
-    write_estimates_csv(run.online, folder / "estimates.csv")
-    details.write_answers(run.online.time, run.answers, folder / "answers.csv")
-    details.write_friction(run.online.time, run.friction, folder / "friction.csv")
+    write_estimates_csv(online, folder / "estimates.csv")
+    _write_table(folder / "answers.csv", ANSWERS, np.reshape(answers, (-1, len(ANSWERS))))
+    _write_table(folder / "friction.csv", FRICTION, np.column_stack((online.time, run.friction)))
     if mcap is not None:
-        write_estimates_mcap(run.online, folder / MCAP, plane=mcap, answers=run.answers)
+        write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
     _write_json(folder / "summary.json", run.summary)
     run_figure(run).savefig(folder / "figure.png", dpi=150)
     if run.recording.file is None:
         write_recording(run.recording, folder / RECORDING)
-
-
-def check_folder(folder: Path, force: bool = False) -> None:
-    """Raise FileError unless a run may be written to `folder`: it is new, or an earlier run with `force`."""
-    if not folder.name:
-        raise FileError(f"{folder}: is not the name of a new folder")
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise FileError(f"{folder}: is a file, expected the name of a folder to write")
-    if not force:
-        raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    if foreign := sorted({path.name for path in folder.iterdir()} - {*FILES, RECORDING, PAGE, MCAP}):
-        raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
 
 
 def settings_dict(run: Run) -> dict[str, Any]:
@@ -89,13 +100,35 @@ def settings_dict(run: Run) -> dict[str, Any]:
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "noise_preset": next((name for name, preset in PRESETS.items() if preset == settings.noise), None),
         "recording": RECORDING if file is None else str(file.absolute()),
-        "tactile": settings.tactile,
-        "smoother": settings.smoother,
-        "pressure": settings.pressure,
-        "hypotheses": settings.hypotheses,
-        "noise": asdict(settings.noise),
+        **asdict(settings),
     }
+
+
+def read_answers(path: Path, time: Array) -> Answers:
+    """Return the answers at times (N,) [s], which are those of the run's estimates. Raises FileError."""
+    found: dict[float, list[Answer]] = {float(when): [] for when in time}
+    for row in _read_table(path, ANSWERS):
+        if row[0] not in found:
+            raise FileError(f"{path}: has an answer at {row[0]:.17g} s, at which there is no estimate")
+        covariance = np.zeros((3, 3))
+        covariance[UPPER] = covariance.T[UPPER] = row[5:]
+        found[row[0]].append(Answer(row[2:5], covariance, float(row[1])))
+    return tuple(tuple(several) for several in found.values())
 
 
 def _write_json(path: Path, data: dict[str, Any]) -> None:
     path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _write_table(path: Path, columns: tuple[str, ...], rows: ArrayLike) -> None:
+    np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
+
+
+def _read_table(path: Path, columns: tuple[str, ...]) -> Array:
+    header, *lines = read_text(path).splitlines()
+    if header != ",".join(columns):
+        raise FileError(f"{path}: line 1: expected the header {','.join(columns)}")
+    try:
+        return np.array([line.split(",") for line in lines], np.float64).reshape(-1, len(columns))
+    except ValueError as error:
+        raise FileError(f"{path}: expected rows of {len(columns)} numbers ({error})") from error

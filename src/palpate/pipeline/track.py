@@ -14,9 +14,8 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FrameError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
-from palpate.pipeline.knocks import knocked_frames
 from palpate.pipeline.metrics import summarise
-from palpate.pipeline.truth import known_truth, trusted_truth
+from palpate.pipeline.truth import knocked_frames, known_truth, trusted_truth
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
@@ -75,11 +74,9 @@ def track(
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
     default see `first_pose_of`. `model` and `calibration` are the Tracker's. Without a calibration, the untouched gel
     of a recording that begins in contact is taken from its first release (`untouched_from_s` in the summary).
-    `progress` is called after each frame with the number done.
-
-    A frame that cannot be used is skipped: the estimate before it is repeated with status "faulty". Raises SettingError
-    if the recording lacks something that the settings need, EstimationError if no estimate can be computed or the first
-    frame cannot be used.
+    `progress` is called after each frame with the number done. A frame that cannot be
+    used is skipped, see `tracked_frames`. Raises SettingError if the recording lacks something that the settings need,
+    EstimationError if no estimate can be computed or the first frame cannot be used.
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
@@ -98,7 +95,6 @@ def track(
 
     settings = replace(settings, tactile=tracker.tactile)
     online, answers, friction = gathered(estimates)
-    contact = np.asarray(online.contact, np.bool_)
     truth, wall_s = known_truth(recording), time.perf_counter() - begin
     summary = summarise(
         online,
@@ -107,7 +103,6 @@ def track(
         tactile=settings.tactile,
         smoother=settings.smoother,
         wall_s=wall_s,
-        episodes=int(np.count_nonzero(np.diff(contact, prepend=False) & contact)),
         knocked=knocked_frames(recording),
         yaw_shows=not isinstance(recording.shape, Disc),
     )
@@ -117,6 +112,9 @@ def track(
         summary["tactile_reason"] = tracker.tactile_reason
     if tracker.unusual_colours and not recording.is_simulated:  # simulated units have any light
         summary["unusual_colours"] = tracker.unusual_colours
+    smoothed = tracker.smoothed()
+    last = np.cumsum(used) - 1  # skipped frames have the pose before
+    contact = None if smoothed.contact is None else smoothed.contact[last]
     is_learnt = settings.tactile.startswith("learnt")
     return Run(
         recording=recording,
@@ -126,7 +124,7 @@ def track(
         first_pose=first,
         first_pose_sigma=sigma,
         online=online,
-        smoothed=_at_all_frames(tracker.smoothed(), used, recording.time),
+        smoothed=smoothed if used.all() else Trajectory(recording.time, smoothed.pose[last], contact=contact),
         answers=answers,
         friction=friction,
         step_ms=step_ms,
@@ -181,15 +179,24 @@ def first_pose_of(
 
     Raises SettingError where there is none of them.
     """
-    deviation = np.array(noise.first_pose.deviation)
+    deviation: ArrayLike = noise.first_pose.deviation
     if given is not None:
         first = np.asarray(given, np.float64)
     elif recording.first_pose is not None:
         first = recording.first_pose
         deviation = deviation if recording.first_pose_sigma is None else recording.first_pose_sigma
     else:
-        first, deviation = _first_truth(recording), np.array(noise.first_pose.truth)
-    return first, deviation if sigma is None else np.asarray(sigma, np.float64)
+        known, name = trusted_truth(recording), recording.file or "the recording"
+        if recording.object_pose is None or not known.any():
+            raise SettingError(
+                f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
+                "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
+            )
+        frame = int(np.argmax(known))
+        first, deviation = recording.object_pose[frame], noise.first_pose.truth
+        if recording.contact is not None and recording.contact[:frame].any():
+            logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, frame)
+    return first, np.array(deviation if sigma is None else sigma, np.float64)
 
 
 @contextmanager
@@ -203,20 +210,6 @@ def quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _first_truth(recording: Recording) -> Array:
-    name = recording.file or "the recording"
-    known = trusted_truth(recording)
-    if recording.object_pose is None or not known.any():
-        raise SettingError(
-            f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
-            "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
-        )
-    first = int(np.argmax(known))
-    if recording.contact is not None and recording.contact[:first].any():
-        logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, first)
-    return recording.object_pose[first]
-
-
 def _check(recording: Recording, settings: TrackerSettings) -> None:
     """Raise SettingError if the recording lacks something that the settings need."""
     name = recording.file or "the recording"
@@ -227,11 +220,3 @@ def _check(recording: Recording, settings: TrackerSettings) -> None:
     known = recording.object_pose is not None and not np.isnan(recording.object_pose).all()
     if settings.tactile == "oracle" and not known:
         raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
-
-
-def _at_all_frames(smoothed: Trajectory, used: NDArray[np.bool_], time: Array) -> Trajectory:
-    """Return the trajectory at all N times; skipped frames have the pose before."""
-    if used.all():
-        return smoothed
-    last = np.cumsum(used) - 1
-    return Trajectory(time, smoothed.pose[last], contact=None if smoothed.contact is None else smoothed.contact[last])

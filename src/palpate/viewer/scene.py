@@ -13,8 +13,8 @@ from palpate.errors import FileError, SettingError
 from palpate.files import read_json
 from palpate.io import load_recording
 from palpate.io.trajectories import read_estimates_csv
-from palpate.pipeline import details
 from palpate.pipeline.first_release import first_release
+from palpate.pipeline.run_folder import read_answers
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
@@ -88,7 +88,7 @@ def load_scene(path: Path) -> Scene:
         recording,
         known_truth(recording),
         estimate,
-        details.read_answers(path / "answers.csv", estimate.time),
+        read_answers(path / "answers.csv", estimate.time),
         calibration,
     )
 

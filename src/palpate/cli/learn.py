@@ -1,0 +1,201 @@
+"""`palpate train` and `palpate tune`: a touch model and noise settings, learnt from recordings."""
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from palpate import __version__
+from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
+from palpate.cli.options import (
+    NOISE,
+    Json,
+    RecordingsFolder,
+    Smoother,
+    Touch,
+    Workers,
+    arg,
+    check_torch,
+    positional,
+)
+from palpate.errors import FileError, SettingError
+
+if TYPE_CHECKING:
+    from palpate.lab.tune.tuning import Tuning
+
+SCORES = ("before", "after", "held_out_before", "held_out_after")
+"""Recordings tuned on and held out, before and after, in the file of a tuning."""
+
+
+def train(
+    source: Annotated[
+        tyro.conf.Positional[Path],
+        positional(
+            "DIR|PRESSES.csv",
+            "Folder of recordings, or presses at known angles: columns file, an image beside the CSV, and "
+            "angle_deg, of the contact on the tip. These give a model of directions alone.",
+        ),
+    ],
+    /,
+    *,
+    out: Annotated[Path, arg("MODEL")],
+    start: Annotated[Path | None, arg("MODEL", "from nothing", name="from")] = None,
+    calibration: Annotated[Path | None, arg("UNIT.npz", "images are as they are")] = None,
+    test: Annotated[Path | None, arg("DIR", "a share of DIR that is left out")] = None,
+    untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
+    sensor: Annotated[str | None, arg("NAME", "none")] = None,
+    seed: Annotated[int, arg("N")] = 0,
+    steps: Annotated[int | None, arg("N", "4000; 300 with --from or presses")] = None,
+    workers: Annotated[int, arg("N")] = 1,
+    resume: bool = False,
+    json: Json = False,
+) -> int:
+    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others.
+
+    Example: palpate train recordings --out model
+
+    Args:
+        out: Folder of the model.
+        start: Go on from this model, to fit it to another sensor unit.
+        calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
+        test: Recordings to judge the model by.
+        untouched: With presses: images of the untouched gel.
+        sensor: With presses: the name of the sensor's profile.
+        seed: Of weights, batches and what is left out.
+        steps: Most steps of each descent.
+        workers: Processes that read recordings.
+        resume: Go on with a training that was cut off.
+    """
+    check_torch("training", "train", "onnxscript", "torch")
+    from palpate.files import in_file
+    from palpate.lab.study.recordings import find_recordings
+    from palpate.lab.train.train import TrainSettings, train_on_presses
+    from palpate.lab.train.train import train as train_model
+    from palpate.touch.calibration import load_calibration
+    from palpate.touch.press_files import read_image, read_presses
+
+    begin = time.perf_counter()
+    settings = TrainSettings(seed=seed, steps=steps, workers=workers)
+    if source.suffix.lower() == ".csv":
+        if not untouched or not sensor:
+            raise SettingError("train: presses take --untouched and --sensor")
+        if start or calibration or test:
+            raise SettingError("train: --from, --calibration and --test are of no use with presses (.csv)")
+        still, presses = [read_image(path, grey=True) for path in untouched], read_presses(source, grey=True)
+        with in_file(source):
+            results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
+    else:
+        if untouched or sensor:
+            raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
+        files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
+        unit = calibration and load_calibration(calibration)
+        results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
+    results["wall_s"] = time.perf_counter() - begin
+    left_out = results["recordings"]["left_out"] if "recordings" in results else {}
+    for why in left_out.values():
+        complain(f"left out: {why}")
+    if json or "scores" not in results:
+        report(json, "training", {"model": str(out), **results})
+    else:
+        print_rows("accuracy and calibration on recordings not trained on", results["scores"])
+        print_line(f"model: {out}   {results['wall_s']:.0f} s")
+    return 3 if left_out else 0
+
+
+def tune(
+    folder: RecordingsFolder,
+    /,
+    *,
+    out: Annotated[Path, arg("FILE")],
+    touch: Touch = Touch(tactile="learnt"),
+    smoother: Smoother = "fixed-lag",
+    parameters: Annotated[tuple[str, ...], arg("NAME...", "those that count with this touch")] = (),
+    start: Annotated[str, arg(NOISE)] = "palpate",
+    evaluations: Annotated[int, arg("N")] = 100,
+    work: Workers = Workers(),
+    json: Json = False,
+) -> int:
+    """Learn noise settings from recordings with ground truth; a fourth of them is held out to judge the result.
+
+    Each folder of recordings is a kind, and all kinds count the same.
+
+    Example: palpate tune recordings --out noise.json --workers 2
+
+    Args:
+        folder: Folder of recordings in any known format; folders in it are searched too.
+        out: File of the settings (.json), for --noise of other commands.
+        touch: Measurements of touch; auto is learnt where there are images, else oracle.
+        smoother: Solver of the graph.
+        parameters: Settings to learn, such as contact.deviation.
+        start: Settings to start from; the file of a tuning continues it.
+        evaluations: Number of times that all recordings are tracked.
+        work: Processes that share the work.
+        json: Print one JSON object.
+    """
+    from palpate.config import TrackerSettings, noise_of, write_noise
+    from palpate.files import held_folder
+    from palpate.lab.study.recordings import find_recordings
+    from palpate.lab.tune.parameters import check_parameters
+    from palpate.lab.tune.recorded_touch import record_touch_of_files
+    from palpate.lab.tune.tuning import held_out
+    from palpate.lab.tune.tuning import tune as tune_settings
+
+    begin = time.perf_counter()
+    if work.dask:
+        raise SettingError("--dask: tuning runs on this machine; use --workers")
+    settings = TrackerSettings(tactile=touch.tactile, smoother=smoother, noise=noise_of(start))
+    check_parameters(settings, parameters, evaluations)
+    model, unit = touch.load(touch.tactile)
+    if out.exists() and not (Path(start).exists() and out.samefile(start)):
+        raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
+    if not out.parent.is_dir():
+        raise FileError(f"{out}: the folder {out.parent} does not exist")
+    with held_folder(out.parent, out.name):
+        files = find_recordings(folder)
+        with progress_bar("reading touch", len(files)) as progress:
+            recorded, left_out = record_touch_of_files(files, touch.tactile, model, work.workers, progress, unit)
+        for error in left_out.values():
+            complain(f"left out: {error}")
+        is_out = dict(zip(recorded, held_out([each.kind for each in recorded.values()]), strict=True))
+        about = {
+            "tactile": touch.tactile,
+            "model": model and model.hash,
+            "calibration": unit and unit.hash,
+            "smoother": smoother,
+            "start": start,
+            "recordings": [name for name in recorded if not is_out[name]],
+            "held_out": [name for name in recorded if is_out[name]],
+            "sources": {name: each.recording.source for name, each in recorded.items()},
+        }
+
+        def keep(tuning: "Tuning") -> None:
+            show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
+            write_noise(tuning.settings.noise, out, about | _found(tuning), overwrite=True)
+
+        with progress_bar("tuning", evaluations) as show:
+            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, work.workers, keep)
+        tuned = about | _found(tuning)
+        write_noise(tuning.settings.noise, out, tuned, overwrite=True)
+    tuned |= {"wall_s": time.perf_counter() - begin}
+    if json:
+        missing = [{"file": str(files[name]), "error": error} for name, error in left_out.items()]
+        print_json({"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing})
+    else:
+        print_rows("settings", tuned["parameters"])
+        scores = {name.replace("_", " "): tuned[name] for name in SCORES if tuned[name]}
+        print_rows("scores: a negative log likelihood, lower is better; medians of RMSE", scores)
+        print_line(f"settings: {out}   {tuning.evaluations} evaluations, {tuned['wall_s']:.0f} s")
+    return 3 if left_out else 0
+
+
+def _found(tuning: "Tuning") -> dict[str, Any]:
+    """Return a tuning as plain data."""
+    judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
+    return {
+        "palpate": __version__,
+        "evaluations": tuning.evaluations,
+        "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
+        **{name: each and asdict(each) for name, each in zip(SCORES, judged, strict=True)},
+    }

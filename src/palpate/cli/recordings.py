@@ -1,0 +1,208 @@
+"""`palpate info`, `convert` and `view`: the content of files, other formats of it, and a view of it in Rerun."""
+
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from palpate.cli.console import busy, print_json, print_line, print_quantities, print_rows, report
+from palpate.cli.options import Bag, Force, Json, arg, check_new, positional
+from palpate.errors import FileError
+
+if TYPE_CHECKING:
+    from palpate.touch.calibration import Calibration
+
+
+def info(
+    file: Annotated[
+        tyro.conf.Positional[Path], positional("FILE", "A recording in any known format, a bag, or a calibration.")
+    ],
+    /,
+    *,
+    json: Json = False,
+) -> int:
+    """Show the contents of a recording (rates, gaps, contacts, truth), a bag or a calibration, and problems in it.
+
+    Example: palpate info push.mcap
+    """
+    from palpate import io as formats
+
+    kind = formats.detect_format(file)
+    if kind is None and file.suffix.lower() == ".npz":
+        _show_calibration(file, json)
+    elif kind in ("bag", "estimates-mcap"):
+        _show_bag(file, json)
+    else:
+        _show_recording(file, kind, json)
+    return 0
+
+
+def convert(
+    source: Annotated[tyro.conf.Positional[Path], positional("IN", "File in any known format.")],
+    target: Annotated[
+        tyro.conf.Positional[Path],
+        positional("OUT", "File to write; its extension gives the format: .mcap, .tum, .csv."),
+    ],
+    /,
+    *,
+    force: Force = False,
+    json: Json = False,
+    bag: Bag = Bag(),
+) -> int:
+    """Convert a recording or a trajectory from one format to another, or a bag to a recording.
+
+    A .tum of a recording holds the object's true poses.
+
+    Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
+    """
+    from palpate import io as formats
+    from palpate.types.recording import Recording
+
+    check_new(target, force)
+    with busy(f"converting {source.name}"):
+        found = formats.read(source) if bag == Bag() else bag.read(source)
+        if isinstance(found, tuple):  # a bag of other messages
+            found = found.recording
+        formats.write(found, target, overwrite=force)
+    kind = "recording" if isinstance(found, Recording) else "trajectory"
+    if json:
+        print_json({"in": str(source), "out": str(target), "holds": kind, "frames": len(found)})
+    else:
+        print_line(f"{target}: {kind} of {len(found)} frames")
+    return 0
+
+
+def view(
+    path: Annotated[
+        tyro.conf.Positional[Path],
+        positional("RUN|RECORDING", "Folder of a run, or a recording in any known format."),
+    ],
+    /,
+    *,
+    save: Annotated[Path | None, arg("FILE.rrd", "a window; without a display, <name>.rrd")] = None,
+    force: Force = False,
+) -> int:
+    """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time.
+
+    Example: palpate view runs/push
+
+    Args:
+        save: Write a file for Rerun instead of opening a window.
+    """
+    from palpate.viewer.rerun_view import has_display, save_scene, show_scene
+    from palpate.viewer.scene import load_scene
+
+    file = save if save or has_display() else Path(f"{path.resolve().stem}.rrd")
+    if file:
+        check_new(file, force)
+    with busy(f"reading {path.name}"):
+        scene = load_scene(path)
+        if file is None:
+            show_scene(scene)
+            return 0
+        save_scene(scene, file, force)
+    print_line(f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has")
+    return 0
+
+
+def noise_levels(calibration: "Calibration") -> float | None:
+    """Return the median change of an untouched image over time [grey levels]; None if it is of a single image."""
+    import numpy as np
+
+    deviation = calibration.background.deviation
+    return float(np.median(deviation)) if deviation.any() else None
+
+
+def _show_recording(file: Path, kind: str | None, json: bool) -> None:
+    from palpate import io as formats
+    from palpate.geometry.shapes import shape_to_dict
+    from palpate.pipeline.check_recording import check_recording
+    from palpate.types.sensor import sensor_to_dict
+
+    with busy(f"inspecting {file.name}"):
+        recording = formats.load_recording(file)
+        found = check_recording(recording)
+    shape = shape_to_dict(recording.shape)
+    about = {"file": str(file), "format": kind, "source": recording.source}
+    if json:
+        exact = {"shape": shape, "sensor": sensor_to_dict(recording.sensor), "pose_sources": recording.frames}
+        print_json(about | exact | found)
+        return
+    if "vertices" in shape:
+        shape["vertices"] = len(shape["vertices"])
+    origins = {f"{name.replace('_', ' ')} is": words for name, words in recording.frames.items()}
+    names = {
+        "frames": "frames",
+        "duration": "duration_s",
+        "rate": "median rate_hz",
+        "jitter": "jitter_s",
+        "contact": "contact",
+        "contact_share": "in contact_share",
+        "truth_share": "with ground truth_share",
+        "images": "images",
+        "image_size": "image height, width",
+    }
+    table = {**about, "shape": shape, "sensor": recording.sensor.name, **origins}
+    print_quantities(file.name, table | {name: found[key] for key, name in names.items()})
+    for title, some in (("contacts", found["contacts"]), ("findings", found["findings"])):
+        begin = recording.time[0]
+        rows = [{"start_s": one.pop("start") - begin, "end_s": one.pop("end") - begin, **one} for one in some[:20]]
+        if rows:
+            print_rows(title if len(some) <= 20 else f"{title}: the first 20 of {len(some)}", dict(enumerate(rows)))
+    print_line(found["verdict"])
+
+
+def _show_bag(path: Path, json: bool) -> None:
+    from palpate.io.rosbag_reader import contents
+    from palpate.io.rosbag_recording import BagChoices, check_stamps, mapping, written
+
+    with busy(f"inspecting {path.name}"):
+        found = contents(path)
+    images = sensor = None
+    try:
+        chosen = mapping(found, BagChoices())
+        check_stamps(found, chosen)
+        images, sensor = chosen.images, written(chosen.sensor)
+        advice = f"palpate track {found.path} --shape NAME|FILE --first-pose X Y THETA"
+    except FileError as error:
+        advice = str(error)
+    topics = [
+        {
+            "topic": topic.channel.topic,
+            "type": topic.channel.type,
+            "encoding": topic.channel.encoding,
+            "messages": topic.count,
+            "rate_hz": topic.rate,
+            "gaps": topic.gaps,
+            "longest_gap_s": topic.longest_gap,
+            "clock_offset_s": topic.clock_offset,
+            "clock_spread_s": topic.clock_spread,
+            "unstamped": topic.unstamped,
+        }
+        for topic in found.topics
+    ]
+    bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": topics, "frames": found.parents}
+    report(json, path.name, bag | {"images": images, "sensor_poses": sensor, "advice": advice})
+
+
+def _show_calibration(path: Path, json: bool) -> None:
+    from palpate.touch.calibration import load_calibration
+
+    calibration = load_calibration(path)
+    height, width = calibration.background.mean.shape[:2]
+    direction, sigma = calibration.direction, calibration.direction.offset_sigma
+    found = {
+        "file": str(path),
+        "format": "calibration",
+        "height": height,
+        "width": width,
+        "noise_levels": noise_levels(calibration),
+        "view": str(calibration.view),
+        "is_view_measured": calibration.is_view_known,
+        "offset_deg": degrees(direction.offset),
+        "offset_sigma_deg": None if sigma is None else degrees(sigma),
+        "scale": direction.scale,
+        "scale_sigma": direction.scale_sigma,
+    }
+    report(json, path.name, found)

@@ -1,0 +1,191 @@
+"""`palpate evaluate` and `palpate paper`: studies of many recordings, and the paper's experiments."""
+
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from palpate.cli.console import busy, complain, print_json, print_line, print_rows, progress_bar, report
+from palpate.cli.options import (
+    Estimator,
+    Json,
+    RecordingsFolder,
+    SensorUnit,
+    Start,
+    Tactile,
+    Workers,
+    arg,
+    check_torch,
+    given_options,
+)
+from palpate.errors import FileError, SettingError
+
+
+@dataclass(frozen=True)
+class Methods(SensorUnit):
+    """Ways to track, and the model and calibration of the sensor that made all recordings."""
+
+    tactile: Annotated[tuple[Tactile, ...], arg("MODE...")] = ("none", "learnt", "oracle")
+    """Sources of touch measurements, as in palpate track."""
+
+
+def evaluate(
+    folder: RecordingsFolder,
+    /,
+    *,
+    out: Annotated[Path, arg("REPORT")],
+    methods: Methods = Methods(),
+    start: Start = Start(),
+    estimator: Estimator = Estimator(),
+    work: Workers = Workers(),
+    resume: bool = False,
+    faults: bool = False,
+    json: Json = False,
+) -> int:
+    """Track many recordings by many methods; write tables, figures and a report page.
+
+    Example: palpate evaluate recordings --out report --workers 2
+
+    Args:
+        folder: Folder of recordings in any known format; folders in it are searched too.
+        out: Folder of the report.
+        methods: Ways to track.
+        start: The object's pose at the start of recordings without ground truth, or of all if it is unknown.
+        estimator: The estimator.
+        work: Processes that share the work.
+        resume: Continue a study: keep the trials that exist.
+        faults: Track by learnt touch with one fault of sensors or prior knowledge after the other.
+        json: Print one JSON object.
+    """
+    from palpate.lab.study.recordings import find_recordings
+    from palpate.lab.study.report import write_report
+    from palpate.lab.study.results import results_of, write_results
+    from palpate.lab.study.study import run_study
+    from palpate.lab.study.trial import Method, StudySettings
+
+    if faults:
+        given = given_options(methods, start, estimator, work, but=("model", "workers"))
+        if given or resume:
+            raise SettingError(f"--faults tracks by learnt touch with default settings; remove {given or '--resume'}")
+        return _evaluate_faults(folder, out, methods.model, work.workers, json)
+    ways = tuple(Method(mode, estimator.smoother) for mode in dict.fromkeys(methods.tactile))
+    model, unit = methods.load(*methods.tactile)
+    settings = StudySettings(
+        ways,
+        estimator.settings("none"),
+        *start.pose_and_sigma(),
+        first_pose_of_all=start.first_pose_unknown,
+        model=model,
+        calibration=unit,
+    )
+    files = find_recordings(folder, leave_out=out)
+    with progress_bar("tracking", len(files) * len(ways)) as progress:
+        study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
+    for name, error in study.broken.items():
+        complain(f"{folder}/{name}: {error}")
+    for (name, method), error in study.failed.items():
+        complain(f"{folder}/{name} by {method}: {error}")
+    if study.skipped and not (study.trials or study.broken or study.failed):
+        (name, _), reason = next(iter(study.skipped.items()))
+        raise SettingError(f"{folder}: no recording can be tracked by these methods; the first: {name} {reason}")
+    command = shlex.join(("palpate", *sys.argv[1:]))
+    results = results_of(study, settings, folder, work.workers, command)
+    write_results(out, results, study.trials)
+    if study.trials:
+        with busy("drawing figures"):
+            write_report(out, results, study.trials)
+    if json:
+        print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed", "broken")}})
+    else:
+        _show(out, results)
+    return 3 if study.failed or study.broken else 0
+
+
+def paper(
+    *,
+    out: Annotated[Path, arg("FOLDER", "required")],
+    full: bool = False,
+    seed: Annotated[int, arg("N")] = 0,
+    workers: Workers = Workers(),
+    json: Json = False,
+) -> int:
+    """Repeat the paper's experiments on simulated pushes: Table II, tracking by mode, figures 5 to 8 and 10 to 12.
+
+    Example: palpate paper --out paper --workers 2
+
+    Args:
+        out: Folder of the study. Finished parts in it are kept, so that an interrupted run continues.
+        full: As many sequences as the paper has, which takes hours.
+        seed: The same seed gives the same recordings.
+    """
+    check_torch("palpate paper", "sim,train,paper", "gtsam", "mujoco", "torch")
+    from palpate.lab.paper.study import FULL, StudySettings, run
+
+    if seed < 0:
+        raise SettingError(f"seed is {seed}; allowed is 0 or more")
+    settings = replace(FULL if full else StudySettings(), seed=seed)
+    results = run(out, settings, progress_bar, workers.workers, workers.dask)
+    if json:
+        print_json({"table2": results["table2"], "tracking": results["tracking"]})
+        return 0
+    print_rows("Table II: validation loss", results["table2"])
+    print_rows("tracking, medians", results["tracking"])
+    print_line(f"results.json and figures: {out}")
+    return 0
+
+
+def _show(out: Path, results: Mapping[str, Any]) -> None:
+    """Print the table of a study and the path of its report."""
+    from palpate.lab.study.results import ALL
+
+    methods = results["table"].get(ALL, {})
+    rows = {
+        method: {
+            "final_mm": row["final_mm"]["median"],
+            "worst_mm": row["final_mm"]["worst"],
+            "final_deg": row["final_deg"]["median"],
+            "worst_deg": row["final_deg"]["worst"],
+            "in 95 %, contact_share": row["contact_inside_95"],
+            "in 95 %, rest_share": row["rest_inside_95"],
+            "in 95 %, end_share": row["final_inside_95"],
+            "silently_wrong_share": row["silently_wrong"],
+            "ambiguous_share": row["ambiguous"],
+            "lost": f"{row['lost']} of {row['sequences']}",
+            "knocks": row["knocks"],
+            "recovered in 2 s_share": row["recovered_in_2s"],
+            "step_ms": row["step_ms"]["p50"],
+        }
+        for method, row in methods.items()
+    }
+    if rows:
+        print_rows(f"{ALL}: median and worst final error, and shares of frames", rows)
+    counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed", "broken"))
+    page = out / ("report.html" if methods else "results.json")
+    print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {page}")
+
+
+def _evaluate_faults(folder: Path, out: Path, model: Path | None, workers: int, json: bool) -> int:
+    """Track a folder's recordings with each fault, and write `faults.csv` and `fault_runs.csv`."""
+    from palpate.files import held_folder
+    from palpate.lab.study.fault_bench import rows_of, run_faults, write_table
+    from palpate.lab.study.recordings import find_recordings
+    from palpate.touch.touch_model import TouchModel
+
+    files = find_recordings(folder, leave_out=out)
+    touch_model, table = TouchModel(model) if model else None, out / "faults.csv"
+    with held_folder(out):
+        if table.exists():
+            raise FileError(f"{table}: already exists; name another folder")
+        with progress_bar("tracking", len(files)) as progress:
+            runs = run_faults(files, model=touch_model, workers=workers, progress=progress)
+        if not runs:
+            raise SettingError(
+                f"{folder}: in all recordings the object is shoved, and never while the sensor touches it"
+            )
+        write_table(out, runs)
+    rows = rows_of(runs)
+    plain = [{key: None if value != value else value for key, value in asdict(row).items()} for row in rows]
+    report(json, "one fault at a time", {"report": str(table), "faults": plain})
+    return 3 if any(row.exceptions for row in rows) else 0
