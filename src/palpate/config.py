@@ -180,29 +180,29 @@ class Priors:
     @property
     def mean(self) -> Array:
         """Means (9,), in the order of the fields, the centre of friction twice."""
-        return np.array([mean for mean, _ in self._of_each_number()])
+        return self._of_each_number()[:, 0]
 
     @property
     def deviation(self) -> Array:
         """Standard deviations (9,), in the same order."""
-        return np.array([deviation for _, deviation in self._of_each_number()])
+        return self._of_each_number()[:, 1]
 
     @property
     def changes_between_contacts(self) -> Array:
         """Variances (9,) of the changes from one contact to the next, in the same order."""
-        return self._changes(self.friction_changes[0])
+        return np.square(self.friction_changes[0] * self._of_friction())
 
     @property
     def changes_per_step(self) -> Array:
         """Variances (9,) of the changes in each step of a contact, in the same order."""
-        return self._changes(self.friction_changes[1])
+        return np.square(self.friction_changes[1] * self._of_friction())
 
-    def _changes(self, share: float) -> Array:
-        return np.square(np.array([0.0] * 5 + [share] * 4) * self.deviation)
+    def _of_friction(self) -> Array:
+        return np.repeat([0.0, 1.0], [5, 4]) * self.deviation
 
-    def _of_each_number(self) -> list[Normal]:
+    def _of_each_number(self) -> Array:
         normals = [getattr(self, each.name) for each in fields(self)]
-        return [*normals[:-1], *normals[-2:]]  # the centre of friction, which is the last but one, twice
+        return np.array([*normals[:-1], *normals[-2:]])  # the centre of friction, which is the last but one, twice
 
 
 @dataclass(frozen=True)
@@ -312,8 +312,12 @@ def read_noise(path: Path | str) -> NoiseSettings:
         raise FileError(f"{path}: format is {found!r}, expected {FORMAT!r}, as palpate tune writes it")
     if type(version := content.get("version")) is not int or version != VERSION:
         raise FileError(f"{path}: version is {version!r}, expected {VERSION}; make the file anew with palpate tune")
+    noise, groups = NoiseSettings(), {}
     try:
-        return noise_from_dict(content.get("noise"))
+        for group, values in _known("noise", content.get("noise"), noise).items():
+            settings = getattr(noise, group)
+            groups[group] = replace(settings, **_known(f"noise {group}", values, settings))
+        return replace(noise, **groups)
     except SettingError as error:
         raise FileError(f"{path}: {error}") from error
 
@@ -323,15 +327,6 @@ def write_noise(noise: NoiseSettings, path: Path | str, tuned: dict[str, Any], o
     content = {"format": FORMAT, "version": VERSION, "noise": asdict(noise), "tuned": tuned}
     with whole_file(path, overwrite) as part:
         part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def noise_from_dict(given: Any) -> NoiseSettings:
-    """Return the settings that a JSON object of groups holds; raises SettingError on a name or value not allowed."""
-    noise, groups = NoiseSettings(), {}
-    for group, values in _known("noise", given, noise).items():
-        settings = getattr(noise, group)
-        groups[group] = replace(settings, **_known(f"noise {group}", values, settings))
-    return replace(noise, **groups)
 
 
 def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:

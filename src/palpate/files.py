@@ -68,7 +68,6 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder that takes the place of `folder` on success and is removed on any failure."""
     if not folder.name:
         raise FileError(f"{folder}: is not the name of a new folder")
-    made = [each for each in folder.parents if not each.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
@@ -87,9 +86,6 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         if old.exists() and not folder.exists():
             old.rename(folder)
         shutil.rmtree(temporary, ignore_errors=True)
-        with suppress(OSError):
-            for parent in made:
-                parent.rmdir()
 
 
 @contextmanager
@@ -111,8 +107,6 @@ def held_folder(folder: Path, file: str = "") -> Iterator[None]:
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     try:
-        for unfinished in () if file else folder.glob("**/.*.part"):  # of killed processes
-            unfinished.unlink(missing_ok=True)
         yield
     finally:
         lock.unlink(missing_ok=True)
@@ -205,11 +199,6 @@ def csv_rows(text: str, path: Path | str) -> list[list[str]]:
         return list(csv.reader(io.StringIO(text)))
     except csv.Error as error:
         raise FileError(f"{path}: is not a CSV table ({error})") from error
-
-
-def read_csv(path: Path | str) -> list[list[str]]:
-    """Return the rows of a CSV file. Raises FileError."""
-    return csv_rows(read_text(path), path)
 
 
 def json_object(text: str | bytes, name: str) -> dict[str, Any]:

@@ -1,10 +1,8 @@
 """Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,7 @@ from palpate.checks import FARTHEST
 from palpate.errors import FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
-from palpate.touch.background import Background, first_frames
+from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, detector_for, view_of
 from palpate.touch.pipeline import GREY, lacks_colours
 from palpate.types.measurements import (
@@ -50,11 +48,8 @@ class InputGate:
     def _begin(self) -> None:
         rate = self._sensor.rate
         self._poses, self._quality = PoseMonitor(rate), StreamQuality(rate, self._deviation)
-        self._near: deque[bool] = deque(maxlen=first_frames(rate) - 1)  # at these images, all but the last one
         self.needs_clearance = self._detector.background is None
-        """True if the first images may show a touch, so that `check` needs the predicted clearance with each image.
-
-        Without a calibration they are taken as untouched, which is wrong if the sensor was at the object."""
+        """True while the first images, taken as untouched, may show a touch; `check` then needs the clearance."""
         self.last: Frame | None = None
         """The last accepted frame."""
         self.paused = False
@@ -105,12 +100,10 @@ class InputGate:
         return replace(frame, image=image, contact=contact)
 
     def _touches_since_start(self, distance: float, deviation: float, in_contact: bool) -> bool:
-        if self.touches_since_start or not self.needs_clearance:
-            return self.touches_since_start
-        if self.background is None:
-            self._near.append(distance < _NEAR * deviation)
-        elif in_contact or not all(self._near):  # it came to the object after the first images
-            self.needs_clearance = False
+        if self.touches_since_start:
+            return True
+        came_later = in_contact if self.background is not None else distance >= _NEAR * deviation
+        self.needs_clearance = not came_later
         # Mounting and outline may be wrong by some millimetres.
         return self.needs_clearance and distance < -max(deviation, _INSIDE)
 
@@ -141,8 +134,7 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
     """
     if not isinstance(frame, Frame):
         raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
-    is_number = isinstance(frame.time, Real) and not isinstance(frame.time, bool)
-    if not is_number or finite_numbers(frame.time, ()) is None:
+    if isinstance(frame.time, bool) or finite_numbers(frame.time, ()) is None:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
     when = f"frame at {frame.time:.3f} s"
     if frame.contact is None and frame.image is None:
@@ -160,24 +152,17 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         raise FrameError(f"{when} has an image of type {type(image).__name__}; it must be {wanted}{encoded}")
     if image is not None and (image.dtype != np.uint8 or image.ndim != 3):
         raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {wanted}")
-    truth = None if frame.object_pose is None else finite_numbers(frame.object_pose, (3,))
-    if truth is None and frame.object_pose is not None and not _is_missing(frame.object_pose):
-        raise FrameError(f"{when} has object pose {frame.object_pose}; it must be three finite numbers or NaN")
-    contact = None if frame.contact is None else bool(frame.contact)
-    several: tuple[Measurement, ...] = ()
-    for given in (frame.measurements, measurements):
-        if not isinstance(given, tuple) or given:  # without any, as in most frames, there is nothing to check
-            several += checked_measurements(frame.time, given, tips)
-    time = float(frame.time)
-    return replace(frame, time=time, sensor_pose=pose, contact=contact, object_pose=truth, measurements=several)
-
-
-def _is_missing(pose: Any) -> bool:
-    """Return true if a pose is three numbers with NaN, as when motion capture loses the object."""
-    try:
-        return np.shape(pose) == (3,) and bool(np.isnan(np.asarray(pose, np.float64)).any())
-    except (TypeError, ValueError):
-        return False
+    return replace(
+        frame,
+        time=float(frame.time),
+        sensor_pose=pose,
+        contact=None if frame.contact is None else bool(frame.contact),
+        object_pose=finite_numbers(frame.object_pose, (3,)),  # NaN where motion capture loses the object
+        measurements=(
+            *checked_measurements(frame.time, frame.measurements, tips),
+            *checked_measurements(frame.time, measurements, tips),
+        ),
+    )
 
 
 def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Measurement, ...]:

@@ -1,7 +1,7 @@
 """Plausibility of a stream's times and poses, and five sentences on its quality.
 
-A single outlier is refused. If the frames after it agree with it, the stream has really changed (a clock was set, a
-robot reports its pose again) and is accepted, so that no single frame decides on all later ones.
+A single outlier is refused. If the frames after it agree with it, the stream has really changed, as by a clock that was
+set, and is accepted.
 """
 
 import cmath
@@ -47,8 +47,7 @@ class PoseMonitor:
         self._in_contact = False
         self._advance = self._farthest = 0.0  # [m] along the sensor's x axis in this contact
         self.hidden = self.hidden_before = 0.0
-        """Distance that the sensor may have moved in a contact while its pose was frozen, at the last frame and at the
-        one before [m]; 0 if it was not frozen."""
+        """Possible motion in a contact while the pose is frozen, at the last frame and at the one before [m]."""
         self.pushed = 0.0
         """Largest distance by which the sensor may have pushed the object since the frame before [m]."""
         self.has_drawn_back = False
@@ -68,9 +67,9 @@ class PoseMonitor:
             )
 
     def check_pose(self, time: float, pose: Array, in_contact: bool) -> bool:
-        """Take a pose (3,) [m, m, rad]; raise FrameError on a jump in a contact, as between contacts it does no harm.
+        """Take a pose (3,) [m, m, rad], and return True if the sensor cannot have moved here within the same contact.
 
-        Returns True if the sensor cannot have moved here from the last frame within the same contact.
+        Raises FrameError on a jump in a contact; between contacts it does no harm.
         """
         last_time, last = self._last or (time, pose)
         repeats = self._last is not None and np.array_equal(last, pose)
@@ -109,8 +108,8 @@ class PoseMonitor:
     def _frozen(self, time: float) -> float:
         """Return the distance that the sensor may have moved while its pose was frozen [m], 0 if it is not.
 
-        A robot slows down before it stands, so a pose that repeats from full speed on is frozen. Some streams report
-        commands, which stand exactly: after a robot has moved on from where it stood, repeats mean nothing.
+        A robot slows down before it stands, so a pose that repeats from full speed on is frozen. If it once moved on
+        from where it stood, its stream reports commands, in which repeats mean nothing.
         """
         if self._stands_exactly or self._repeats < _REPEATS or len(self._different) < _HISTORY:
             return 0.0
@@ -131,10 +130,9 @@ class PoseMonitor:
         return bool((_apart(last, pose) <= _ERROR + _ACCELERATION * usual**2).all())
 
     def _refuse_unless_confirmed(self, time: float, pose: Array, interval: float, last: Array) -> None:
-        if self._elsewhere:
-            before, there = self._elsewhere[-1]
-            if (_apart(there, pose) > _ERROR + _SPEED * (time - before)).any():
-                self._elsewhere = []
+        before, there = self._elsewhere[-1] if self._elsewhere else (time, pose)
+        if (_apart(there, pose) > _ERROR + _SPEED * (time - before)).any():
+            self._elsewhere = []
         self._elsewhere.append((time, pose))
         if len(self._elsewhere) >= _AGREE:
             return
@@ -155,17 +153,11 @@ def _apart(one: Array, other: Array) -> Array:
 
 
 _LATELY = 15  # frames, half a second at 30 Hz
-_LIMITS = {
-    "interval": 1.5,  # nominal intervals, in the mean: a stream that is too slow
-    "noise": 3.0,  # stated standard deviations of a position
-    "light": 0.25,  # relative change of brightness; presses on real gels change it by 0.03
-    "direction": math.radians(70.0),  # [rad] angle of the motion in contact to the sensor's x axis
-    "rate": 90.0,  # [Hz] from which a stream should be thinned, as the estimate gains up to _BEST_RATE only
-}
-_BEST_RATE = 60.0  # [Hz]
-_LONGEST = 3.0  # nominal intervals; a single gap counts no more
-_RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two standard normal numbers
-_PUSHED = 0.02  # [m] in contact after which the direction counts
+_SLOW, _LONGEST = 1.5, 3.0  # nominal intervals, in the mean; a single gap counts no more than the latter
+_OFTEN, _BEST_RATE = 90.0, 60.0  # [Hz] from which a stream should be thinned, as the estimate gains up to the latter
+_NOISY, _RAYLEIGH_MEDIAN = 3.0, 1.1774  # stated deviations; median length of a vector of two standard normal numbers
+_OTHER_LIGHT = 0.25  # relative change of brightness; presses on real gels change it by 0.03
+_SIDEWAYS, _PUSHED = math.radians(70.0), 0.02  # angle of the push to the sensor's x axis, and its least length [m]
 
 
 class StreamQuality:
@@ -189,52 +181,54 @@ class StreamQuality:
         may be round and its frame lie anyhow.
         """
         x, y, theta = pose.tolist()
-        rate = noise = interval = 0.0
+        usual = math.inf
         if self._last:
             before, last_x, last_y = self._last[-1]
             self._intervals.append(time - before)
             usual = median(self._intervals)
             self.interval = max(1.0 / self._rate, usual)
             if in_contact and self._in_contact:
-                self._pushed += complex(x - last_x, y - last_y) * complex(math.cos(theta), -math.sin(theta))
-            relative = [min(each * self._rate, _LONGEST) for each in self._intervals]
-            interval = sum(relative) / len(relative) if sum(relative) >= _LATELY else 0.0
-            rate = 1.0 / usual if len(relative) == _LATELY else 0.0
+                self._pushed += complex(x - last_x, y - last_y) * cmath.rect(1.0, -theta)
         self._last.append((time, x, y))
         self._in_contact = in_contact
         if len(self._last) == 4:
             self._noise.append(_off_parabola(np.array(self._last)))
-            noise = median(self._noise) / _RAYLEIGH_MEDIAN if len(self._noise) == _LATELY else 0.0
-        found = {
-            "interval": interval,
-            "noise": noise / self._deviation,
-            "light": float(np.abs(light - 1.0).max()),
-            "direction": abs(cmath.phase(self._pushed)) if abs(self._pushed) >= _PUSHED else 0.0,
-            "rate": rate,
-        }
-        worse = next((name for name, limit in _LIMITS.items() if found[name] >= limit), None)
-        return self._sentence(worse, noise, 100.0 * light) if worse else ""
+        sentence = self._too_slow() or self._too_noisy() or _other_light(light) or self._sideways()
+        return sentence or (too_often(1.0 / usual) if len(self._intervals) == _LATELY else "")
 
-    def _sentence(self, name: str, noise: float, light: Array) -> str:
-        if name == "interval":
-            rate = len(self._intervals) / sum(self._intervals)
-            advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
-            return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
-        if name == "noise":
-            stated = f"the {1e3 * self._deviation:.2g} mm of sensor_pose.deviation"
-            return f"the sensor's position has noise of {1e3 * noise:.2g} mm, more than {stated}"
-        if name == "light":
-            red, green, blue = light
-            return f"red, green and blue light are at {red:.0f}, {green:.0f} and {blue:.0f} % of the untouched gel's"
-        if name == "direction":
-            axis = ("+x", "+y", "-x", "-y")[round(cmath.phase(self._pushed) / (0.5 * math.pi)) % 4]
-            return f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push"
-        return too_often(1.0 / median(self._intervals))
+    def _too_slow(self) -> str:
+        relative = [min(each * self._rate, _LONGEST) for each in self._intervals]
+        if sum(relative) < max(_LATELY, _SLOW * len(relative)):
+            return ""
+        rate = len(self._intervals) / sum(self._intervals)
+        advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
+        return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
+
+    def _too_noisy(self) -> str:
+        noise = median(self._noise) / _RAYLEIGH_MEDIAN if len(self._noise) == _LATELY else 0.0
+        if noise < _NOISY * self._deviation:
+            return ""
+        stated = f"the {1e3 * self._deviation:.2g} mm of sensor_pose.deviation"
+        return f"the sensor's position has noise of {1e3 * noise:.2g} mm, more than {stated}"
+
+    def _sideways(self) -> str:
+        angle = cmath.phase(self._pushed)
+        if abs(self._pushed) < _PUSHED or abs(angle) < _SIDEWAYS:
+            return ""
+        axis = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
+        return f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push"
+
+
+def _other_light(light: Array) -> str:
+    if np.abs(light - 1.0).max() < _OTHER_LIGHT:
+        return ""
+    red, green, blue = 100.0 * light
+    return f"red, green and blue light are at {red:.0f}, {green:.0f} and {blue:.0f} % of the untouched gel's"
 
 
 def too_often(rate: float) -> str:
     """Return a sentence on a rate [Hz] higher than serves the estimate; empty if it is not."""
-    if rate < _LIMITS["rate"]:
+    if rate < _OFTEN:
         return ""
     every = math.ceil(rate / _BEST_RATE - 0.1)  # times jitter
     return f"frames come {rate:.3g} times a second; the pose is known better from one in {every} of them"

@@ -59,13 +59,12 @@ class Tracker:
         touch: Touch | None = None,
         first_pose_sigma: ArrayLike | None = None,
     ) -> None:
-        """Take the object's outline, the sensor, and world_T_object (3,) [m, m, rad] at the first frame.
+        """Take the object's outline, the sensor or its name, and world_T_object (3,) [m, m, rad] at the first frame.
 
         A first pose of None is anywhere within a metre of the world's origin, at any yaw. `first_pose_sigma` are
         standard deviations (3,) [m, m, rad] along the object's axes, or a covariance (3, 3) as an `Estimate` has it; by
-        default `noise.first_pose`. `sensor` is a profile or a known name, `model` a touch model, by default that of
-        palpate. `calibration` is that of this sensor unit; without one, the first half second of images is taken as
-        untouched. `touch` is an object of your own that measures in place of the touch model.
+        default `noise.first_pose`. Without a `calibration` of this sensor unit, the first half second of images is
+        taken as untouched. `touch` is an object of your own that measures in place of the touch model.
 
         The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
@@ -91,8 +90,7 @@ class Tracker:
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
 
-        `pose` and `sigma` are as `first_pose` and `first_pose_sigma` of a new tracker; by default they are those that
-        it last began with. Images that were found to be mirrored stay so.
+        `pose` and `sigma` are a new first pose and its sigma, by default those it last began with.
         """
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
@@ -110,8 +108,8 @@ class Tracker:
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
 
-        `measurements` are those of other sources, added to the frame's own: a camera's `ObjectPose`, or your own. If a
-        frame has an image, the image decides whether it is in contact, whatever its flag is.
+        `measurements` of other sources, such as a camera's `ObjectPose`, are added to the frame's own. If a frame has
+        an image, the image decides if it is in contact, whatever its flag is.
 
         Raises FrameError if the frame cannot be used and is left out, and EstimationError if no estimate can be
         computed, not even by beginning anew from the last pose: the next frame then begins another contact.
@@ -185,28 +183,22 @@ class Tracker:
             self._unread = f"touch says nothing, by the first frame: {self._touch.reason}"
 
     def _contact_step(self, frame: Frame) -> None:
-        """Take a frame of contact; if its graph has no solution, begin a new one with it."""
-        touch = self._measure(frame)
-        try:
-            self._bank.contact_step(frame.sensor_pose, (*touch, *frame.measurements), frame.time, len(touch))
-        except EstimationError as error:
-            self._begin_anew(frame, error)
-
-    def _begin_anew(self, frame: Frame, error: EstimationError) -> None:
-        """Begin a new contact with a frame, after one whose graph has no solution."""
-        reason = (
-            f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
-            "together leave undetermined, or a sensor pose far from the object"
-        )
-        logger.warning("%s; starting a new graph from the last pose", reason)
-        self._touch.end_contact()
-        self._bank.abandon_contact(frame.sensor_pose)
-        touch = self._measure(frame)
-        try:
-            self._bank.contact_step(frame.sensor_pose, (*touch, *frame.measurements), frame.time, len(touch))
-        except EstimationError:
-            self._touch.end_contact()
-            raise EstimationError(reason) from error
+        """Take a frame of contact; if its graph has no solution, begin another with it from the last pose."""
+        for is_second in (False, True):
+            touch = self._measure(frame)
+            try:
+                self._bank.contact_step(frame.sensor_pose, (*touch, *frame.measurements), frame.time, len(touch))
+                return
+            except EstimationError as error:
+                reason = (
+                    f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and "
+                    "touch together leave undetermined, or a sensor pose far from the object"
+                )
+                self._touch.end_contact()
+                if is_second:
+                    raise EstimationError(reason) from error
+                logger.warning("%s; starting a new graph from the last pose", reason)
+                self._bank.abandon_contact(frame.sensor_pose)
 
     def _measure(self, frame: Frame) -> Sequence[Measurement]:
         """Return the measurements by touch at a frame of contact."""
@@ -270,9 +262,9 @@ def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, tou
 
 
 def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:
-    """Return the first pose (3,) and its covariance (3, 3); raises SettingError on what is none.
+    """Return the first pose (3,) and its covariance (3, 3), and warn of degrees and millimetres.
 
-    `sigma` are standard deviations (3,) or a covariance (3, 3). Warns of degrees and millimetres.
+    `sigma` are standard deviations (3,) or a covariance (3, 3). Raises SettingError on what is none.
     """
     first = finite_numbers(ANYWHERE if pose is None else pose, (3,))
     if first is None:
@@ -283,23 +275,18 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
         logger.warning("first pose has theta %.4g rad, %.1f turns: are these degrees?", first[2], turns)
     if sigma is None:
         sigma = ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
-    covariance, deviation = finite_numbers(sigma, (3, 3)), finite_numbers(sigma, (3,))
-    if covariance is not None and _is_positive(covariance):
-        deviation = np.sqrt(np.diagonal(covariance))
-    elif deviation is not None and (deviation > 0.0).all():
-        covariance = np.diag(np.square(deviation))
-    else:
+    deviation = finite_numbers(sigma, (3,))
+    covariance = finite_numbers(sigma, (3, 3)) if deviation is None else np.diag(deviation * np.abs(deviation))
+    is_symmetric = covariance is not None and np.allclose(covariance, covariance.T)
+    if covariance is None or not is_symmetric or np.linalg.eigvalsh(covariance).min() <= 0.0:
         allowed = "three numbers above 0: x [m], y [m], theta [rad], or a covariance (3, 3)"
         raise SettingError(f"first pose sigma is {np.asarray(sigma).tolist()}; it must be {allowed}")
+    deviation = np.sqrt(np.diagonal(covariance))
     if (deviation[:2] > ANYWHERE_SIGMA[:2]).any():
         logger.warning("first pose sigma has %.4g and %.4g m: are these millimetres?", *deviation[:2])
     if deviation[2] > np.pi:
         logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])
     return first, covariance
-
-
-def _is_positive(covariance: Array) -> bool:
-    return np.allclose(covariance, covariance.T) and bool((np.linalg.eigvalsh(covariance) > 0.0).all())
 
 
 def with_correction(noise: NoiseSettings, correction: DirectionCorrection) -> NoiseSettings:

@@ -59,7 +59,6 @@ BAD: dict[str, tuple[Any, str]] = {
     "image of floats": ({"image": np.zeros((320, 240, 3))}, r"image of float64 \(320, 240, 3\); it must be an array"),
     "grey image": ({"image": np.zeros((320, 240), np.uint8)}, r"image of uint8 \(320, 240\); it must be"),
     "turned image": ({"image": np.zeros((240, 320, 3), np.uint8)}, "turned by a quarter"),
-    "truth of text": ({"object_pose": "there"}, "object pose there; it must be three finite numbers or NaN"),
     "one number": ({"measurements": 7}, "measurements of type int; they must be a list"),
     "pose as measurement": ({"measurements": [np.zeros(3)]}, "measurement of type ndarray; allowed are"),
     "measurement of nothing": ({"measurements": [OfNothing()]}, "variable 'detph' is not known; known are"),

@@ -30,20 +30,18 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _TYPICAL, _INCONSISTENT = 0.5, 4.0
-"""Usual value of the mean square of errors [variances] and its limit: on simulated pushes, which slide, it is below 0.5
-nine times in ten and at most 2; a disturbance by hand makes it 70 and more."""
+"""Usual mean square of errors [variances] and its limit: nine in ten simulated pushes are below 0.5, and all below 2; a
+disturbance by hand makes it 70 and more."""
 _ALARMS = (("turn", 5, 0.5), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
 """Factor, steps, and the mean square error over them [variances] at which touch and pushing contradict each other.
-Only exact turns reach theirs, those of the touch models do not. On 120 simulated recordings with exact turns a limit of
-0.13 makes three quarters of the frames of contact ambiguous, 0.5 as many as without it.
+Only exact turns reach theirs; at 0.13 three quarters of the frames of 120 simulated recordings would be ambiguous.
 Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a fifth of a standard
 deviation is systematic, since independent ones would cancel in the estimate."""
 _SUSPICION = "direction", 30, 0.025
-"""The same for a suspicion: half of it, at which other hypotheses cost time but hardly change the estimate. From a
-quarter on most of a good run would be ambiguous."""
+"""The same for a suspicion; from a quarter of the alarm on, most of a good run would be ambiguous."""
 _COSTLY = 5, 3.0
-"""Steps, and the cost of their measurements, that are an alarm. Undisturbed the cost is at most 2.8 in 12 000 frames of
-simulated and real pushes; a hand that moves the object along its face shows in no single factor."""
+"""Steps, and the cost of their measurements, that are an alarm; undisturbed it is at most 2.8 in 12 000 frames. A hand
+that moves the object along its face shows in no single factor."""
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
@@ -90,8 +88,7 @@ class ConsistencyMonitor:
     def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: tuple[Array, float] | None) -> Hypotheses:
         """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
-        `touched` is its last pose in contact (3,) and the time since then [s]. If it moved on into the object without
-        touching it, the object was taken away.
+        `touched` is its last pose in contact (3,) and the time since then [s].
         """
         gap, deviation = self.clearance(rows.belief, sensor_pose)
         rows = rows.displaced(np.where(gap < -_SURPRISE * deviation, -gap, 0.0))
@@ -110,20 +107,16 @@ class ConsistencyMonitor:
         gap, deviation = self.clearance(rows.belief, step.sensor_pose)
         rows = rows.displaced(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
         for angles, variance in true_directions(step, rows.belief, rows.sign):
-            beliefs = [rows.belief.take([row]) for row in range(len(angles))]
-            pairs = zip(beliefs, angles, strict=True)
-            turns = np.array([self._turn(belief, step.sensor_pose, angle, variance) for belief, angle in pairs])
+            each = enumerate(angles.tolist())
+            turns = [self._turn(rows.belief.take([row]), step.sensor_pose, angle, variance) for row, angle in each]
             # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
-            rows = rows.displaced(0.5 * self._model.friction_radius * turns)
+            rows = rows.displaced(0.5 * self._model.friction_radius * np.array(turns))
         return rows
 
     def test_object_poses(
         self, rows: Hypotheses, expected: Sequence[Array], measured: Sequence[ObjectPose], moved: float = 0.0
     ) -> Hypotheses:
-        """Test measured poses of the object against the estimates (B, 3) at their times.
-
-        Since then the object may have moved by `moved` [m].
-        """
+        """Test measured poses of the object, which moved by up to `moved` [m], against the estimates (B, 3)."""
         if not measured:
             return rows
         belief = rows.belief
@@ -162,17 +155,16 @@ class ConsistencyMonitor:
         known = rows.belief.covariance[:, :3, :3].copy()
         known[:, 2, 2] += rows.unobservable_yaw
         covariance = rows.inconsistency[:, None, None] * known + self._calibration
-        by_poses, by_outline = 0.0, 0.0
         if rows.apart.any():
             covariance = covariance + self.contradiction_covariance(rows)
-            by_poses, by_outline = 1e3 * _contradictions(rows)[0]
+        by_poses, by_outline = 1e3 * _contradictions(rows)[0]
         status: Status = "tracking" if in_contact else "resting"
         reason = ""
         if by_poses:
             status, reason = "strained", f"measured object poses are up to {by_poses:.0f} mm from the estimate"
         elif by_outline:
-            where = f"up to {by_outline:.0f} mm from where the sensor touches it"
-            status, reason = "strained", f"measured object poses put the outline {where}"
+            reason = f"measured object poses put the outline up to {by_outline:.0f} mm from where the sensor touches it"
+            status = "strained"
         elif rows.displacement[0] and ((np.diagonal(known[0]) > _FOUND**2).any() or not in_contact):
             status = "displaced"
         elif is_uncertain(covariance[0]):
@@ -232,15 +224,13 @@ def is_uncertain(covariance: Array) -> bool:
 
 
 def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:
-    """Return the covariance (3, 3) of all hypotheses about the best, and what makes them ambiguous in words.
+    """Return the covariance (3, 3) of all hypotheses about the best, in its body frame, and their ambiguity in words.
 
-    The covariance is in the tangent space at its pose (right, body frame). They are ambiguous if another hypothesis is
-    likely and far from the best, or if all together are spread out.
+    They are ambiguous if another one is likely and far from the best, or if all together are spread out.
     """
     from_best = se2.log(se2.between(poses[0], poses))
-    joint = np.zeros((3, 3))
-    for weight, covariance, apart in zip(weights, covariances, from_best, strict=True):
-        joint += weight * (covariance + np.outer(apart, apart))
+    around = covariances + from_best[:, :, None] * from_best[:, None, :]
+    joint = np.sum(weights[:, None, None] * around, axis=0)
     is_far = (np.abs(from_best) > _APART).any(axis=1)
     is_spread = (np.diagonal(joint) > _APART**2).any()
     if np.count_nonzero(weights) < 2 or not (is_spread or ((weights > LIKELY) & is_far).any()):

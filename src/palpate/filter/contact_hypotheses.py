@@ -1,11 +1,8 @@
 """Hypotheses with which a contact begins: the places of the outline where the sensor may have met the object.
 
-The graph of a contact finds the best pose near the one it begins with. An object that may be anywhere within some
-centimetres can be met at several places, and each of them needs a hypothesis of its own.
-
-Once the object was found, a rough belief is a guess of how far something moved it: it only says which places are
-likely. A rough first pose is no such guess: it holds until the object is found, so that contacts from several sides add
-up.
+The graph of a contact finds the best pose near the one it begins with, so each place needs its own hypothesis. A rough
+first pose holds until the object is found, so that contacts from several sides add up. Later a rough belief is a guess
+of how far something moved the object: it only says which places are likely.
 """
 
 from dataclasses import replace
@@ -39,28 +36,24 @@ _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
 
 def contact_hypotheses(
     rows: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, step: Step
-) -> tuple[NDArray[np.int64], Hypotheses]:
-    """Return the row before a contact that each hypothesis comes from with which it begins, and these, likeliest first.
+) -> tuple[Hypotheses, NDArray[np.int64]]:
+    """Return the hypotheses with which a contact begins, likeliest first, and the row each of them comes from.
 
     Those that take images as mirrored come last. The beliefs `rest` hold if nothing moved the object since, `displaced`
     are inflated by the covariance of its displacement. `was_found` is False while only a rough first pose is known.
     """
     origins, groups = [], []
-    for group in (np.flatnonzero(~rows.is_mirror), np.flatnonzero(rows.is_mirror)):
-        found: list[Hypotheses] = []
-        origin: list[int] = []
-        for row in group.tolist():
-            begun = _begun(rows.take([row]), rest.take([row]), displaced.take([row]), was_found, model, step)
-            found.append(begun)
-            origin += [row] * len(begun.age)
-        if found:
-            begun = reduce(Hypotheses.joined, found)
-            log_prior, order = begun.log_prior, np.argsort(-begun.log_prior, kind="stable")
-            if not was_found:
-                log_prior, order = _merged(begun, order)
-            origins.append(np.array(origin)[order[:MOST_YOUNG]])
-            groups.append(replace(begun, log_prior=log_prior).take(order[:MOST_YOUNG]))
-    return np.concatenate(origins), reduce(Hypotheses.joined, groups)
+    for is_mirror in np.unique(rows.is_mirror):
+        group = np.flatnonzero(rows.is_mirror == is_mirror)
+        parts = ((rows.take([row]), rest.take([row]), displaced.take([row])) for row in group.tolist())
+        each = [_begun(*part, was_found, model, step) for part in parts]
+        begun = reduce(Hypotheses.joined, each)
+        log_prior, order = begun.log_prior, np.argsort(-begun.log_prior, kind="stable")
+        if not was_found:
+            log_prior, order = _merged(begun, order)
+        origins.append(np.repeat(group, [len(one.age) for one in each])[order[:MOST_YOUNG]])
+        groups.append(replace(begun, log_prior=log_prior).take(order[:MOST_YOUNG]))
+    return reduce(Hypotheses.joined, groups), np.concatenate(origins)
 
 
 def _begun(
@@ -81,10 +74,9 @@ def _begun(
     as_expected = row.log_prior + max(np.logaddexp.reduce(as_left), -_IMPOSSIBLE)
     if not is_rough(displaced, model):
         return branched(row, displaced, as_expected)
-    is_too_far = is_uncertain(displaced.pose_covariance[0])  # for one graph to find it
-    return (
-        places if is_too_far and len(likely) and not is_displaced else branched(row, rest, as_expected).joined(places)
-    )
+    if len(likely) and not is_displaced and is_uncertain(displaced.pose_covariance[0]):  # for one graph to find it
+        return places
+    return branched(row, rest, as_expected).joined(places)
 
 
 def _merged(rows: Hypotheses, order: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
@@ -118,9 +110,8 @@ def poses_in_contact(
 ) -> tuple[Belief, Array]:
     """Return beliefs (N rows) at places where a contact may begin, likeliest first, and their log probabilities (N,).
 
-    Yaw follows from the contact direction; without one it is as believed, or one of several. A belief that is a guess
-    only says how likely each place is: the object is within _PLACE of it. Another counts as much as the contact: the
-    product of both Gaussians is the belief at each place, and its weight the place's probability.
+    A belief that is a guess only says how likely each place is: the object is within _PLACE of it. Another counts as
+    much as the contact: the product of both Gaussians is the belief at each place, its weight the probability.
     """
     pose, around = _at_places(belief, model, step, sign)
     known = belief.pose_covariance[0]

@@ -1,8 +1,7 @@
 """Hypotheses about one object as rows of arrays, their weights, and the selection of those worth keeping.
 
-A hypothesis is judged by the costs of its steps, without pushing in steps in which any of them ignores it, and by the
-cost of unusual friction. Errors of neighbouring steps are much the same, so that only a small share of the costs counts
-and no single step decides.
+Costs of steps and of unusual friction judge a hypothesis. Errors of neighbouring steps are much the same, so that only
+a small share of the costs counts and no single step decides.
 """
 
 from dataclasses import dataclass, replace
@@ -99,7 +98,7 @@ class Hypotheses(RowArrays):
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * np.diag([0.0, 0.0, 1.0]))
 
     def with_observable_yaw(self, is_observable: bool) -> "Hypotheses":
-        """Return hypotheses with a large variance of yaw kept out of the graph, unless touch can observe it.
+        """Return hypotheses with a large variance of yaw kept out of the graph, unless it is observable.
 
         The graph would otherwise learn the yaw of a round object from its own linearisation errors.
         """
@@ -138,10 +137,9 @@ def costs_of_contact(rows: Hypotheses, costs: Array) -> Array:
 
 
 def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> tuple[Counts, Array]:
-    """Return the rows that are worth keeping, the best first, and their weights.
+    """Return the rows worth keeping, the best first, and their weights: none is poor or the same as a better one.
 
-    None of them is poor, the same as a better one, or one too many. While all are young there may be as many as at the
-    beginning of a contact.
+    There are `most` at most, or as many as at the beginning of a contact while all are young.
     """
     unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
     scores = rows.log_prior - costs_of_contact(rows, costs) - 0.5 * _PRIOR_SHARE * unusual

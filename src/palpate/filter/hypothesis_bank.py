@@ -1,22 +1,17 @@
-"""All hypotheses about one object, as rows of arrays.
+"""All hypotheses about one object, as rows of arrays; the best is the first row.
 
-While nothing is doubtful there is one hypothesis. Others are added, and the one in which nothing happened is kept,
+While nothing is doubtful there is one. Others are added, and the one in which nothing happened is kept,
 
 - if touch and pushing contradict each other: something else may have moved the object (`disturbance_alarms`);
 - if a contact begins with a rough belief: the sensor may have met the object at several places (`contact_hypotheses`);
 - until it is known how touch images lie: turned by half a turn or mirrored, touch measures the other side of the tip.
-  A second group of hypotheses takes all of touch with the opposite sign, and the wrong group is soon contradicted by
-  how the object moves.
-
-During a contact all hypotheses are rows of one `Window`. To branch, prune and reorder them is to take rows, of the
-window and of all other arrays alike; the best hypothesis is the first row.
+  A second group of hypotheses takes all of touch with the opposite sign, and pushing soon contradicts the wrong group.
 """
 
 import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,44 +118,39 @@ class HypothesisBank:
         return np.concatenate(parts[::-1])
 
     def report(self, time: float, hidden_motion: float = 0.0) -> Estimate:
-        """Return the estimate at the last frame, which has this time [s].
-
-        Since its pose was measured, the sensor may have moved by `hidden_motion` [m].
-        """
+        """Return the estimate at the last frame, since whose pose the sensor may have moved by `hidden_motion` [m]."""
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
         rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
-        poses, weights, belief = rows.belief.pose, rows.weight, rows.belief
+        belief, pose = rows.belief, rows.belief.pose[0]
         covariance, covariances, status, reason = self._monitor.assessed(rows, window is not None)
         if self._is_indeterminate and status != "ambiguous":
             status = "indeterminate"
         if hidden_motion:
             covariance = covariance + self._monitor.covariance_of_motion(hidden_motion)
-        kept = np.flatnonzero(weights)
+        every = zip(belief.pose.copy(), covariances.copy(), rows.weight.tolist(), strict=True)
         friction = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
-        return Estimate(
+        estimate = Estimate(
             time=time,
-            pose=poses[0].copy(),
+            pose=pose.copy(),
             covariance=covariance,
             contact=window is not None,
             status=status,
             reason=reason or REASONS[status] or (_MIRRORED if self._is_mirrored else ""),
-            answers=tuple(Answer(poses[row].copy(), covariances[row].copy(), float(weights[row])) for row in kept),
+            answers=tuple(Answer(*each) for each in every if each[2]),
             friction=friction,
-            **({} if window is None else self._contact(window, poses[0], friction[0])),
         )
-
-    def _contact(self, window: Window, pose: Array, friction: float) -> dict[str, Any]:
-        """Return contact point, outward normal and the probability of sliding, by the best hypothesis."""
-        nearest = window.touch(0)
-        turn = complex(math.cos(pose[2]), math.sin(pose[2]))
+        if window is None:
+            return estimate
+        nearest, turn = window.touch(0), complex(math.cos(pose[2]), math.sin(pose[2]))
         point = complex(*pose[:2]) + turn * nearest["point"]
         normal = turn * nearest["normal"] / abs(nearest["normal"])
-        beyond = math.atan(friction) - abs(window.force_angle(0))
-        return {
-            "contact_point": np.array([point.real, point.imag]),
-            "contact_normal": np.array([normal.real, normal.imag]),
-            "sliding": 0.5 * math.erfc(beyond / (math.sqrt(2.0) * _EDGE)),
-        }
+        beyond = math.atan(friction[0]) - abs(window.force_angle(0))
+        return replace(
+            estimate,
+            contact_point=np.array([point.real, point.imag]),
+            contact_normal=np.array([normal.real, normal.imag]),
+            sliding=0.5 * math.erfc(beyond / (math.sqrt(2.0) * _EDGE)),
+        )
 
     def rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise.
@@ -169,9 +159,8 @@ class HypothesisBank:
         """
         since = time if self._resting_since is None else self._resting_since
         if measurements:
-            kept, rows, is_found = measured_at_rest(self._rows, measurements, (since, time), self._monitor)
-            self._take(kept)
-            self._rows, self._touched = rows, None if is_found else self._touched
+            self._rows, is_found = measured_at_rest(self._rows, measurements, (since, time), self._monitor)
+            self._touched = None if is_found else self._touched
         touched = self._touched and (self._touched[0], time - self._touched[1])
         self._rows = self._monitor.test_rest(self._rows, sensor_pose, touched)
         self._history.append(self._rows.belief.pose[:, None])
@@ -180,9 +169,9 @@ class HypothesisBank:
     def contact_step(
         self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int = 0
     ) -> None:
-        """Take a frame of contact, the first one or the next. Raises EstimationError if no hypothesis has a solution.
+        """Take a frame of contact, whose first `from_touch` measurements are read from touch images.
 
-        The first `from_touch` measurements are read from touch images.
+        Raises EstimationError if no hypothesis has a solution.
         """
         step = Step(sensor_pose, self._sensor_pose, measurements, [*self._times, time], from_touch=from_touch)
         if self._window is not None and self._rows.is_mirror.any():
@@ -221,7 +210,7 @@ class HypothesisBank:
         self._take(~self._rows.is_mirror)
         if not (lost := self._rows.is_lost).all():
             self._take(~lost)
-        rows = self._rows
+        rows, self._is_indeterminate = self._rows, False
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
         self._rows = replace(
@@ -236,17 +225,15 @@ class HypothesisBank:
             online=rows.online[:, :0],
         )
         self._history.append(self._window.object_path())
-        self._is_indeterminate = False
         self._begin_rest()
 
     def abandon_contact(self, sensor_pose: Array) -> None:
         """Give up a graph that has no solution; the next step begins another from the best last pose."""
-        self._window = None
+        self._window, self._is_indeterminate = None, True
         self._take([0])
-        self._history.append(self._rows.online)
-        before = sensor_pose if self._sensor_pose is None else self._sensor_pose
+        rows, before = self._rows, sensor_pose if self._sensor_pose is None else self._sensor_pose
+        self._history.append(rows.online)
         pushed = self._monitor.covariance_of_motion(float(np.hypot(*(sensor_pose - before)[:2])))
-        rows = self._rows
         self._rows = replace(
             Hypotheses.one(rows.belief.inflated(pushed), float(rows.sign[0])),
             unobservable_yaw=rows.unobservable_yaw,
@@ -254,10 +241,7 @@ class HypothesisBank:
             displacement=rows.displacement,
             apart=rows.apart,
         )
-        self._is_indeterminate = True
         self._begin_rest()
-
-    # Steps of a contact
 
     def _begin_contact(self, step: Step) -> Window:
         """Take the first frame of a contact in all hypotheses with which it may begin."""
@@ -265,8 +249,7 @@ class HypothesisBank:
         is_sure = self._is_found and len(self._rows.age) == 1
         if self._may_be_mirrored and is_sure and any(isinstance(one, ContactDirection) for one in touch):
             self._take([0, 0])
-            both = np.array([False, True])
-            self._rows = replace(self._rows, sign=self._rows.sign * np.where(both, -1.0, 1.0), is_mirror=both)
+            self._rows = replace(self._rows, sign=self._rows.sign * [1.0, -1.0], is_mirror=np.array([False, True]))
         rows = self._monitor.test_first_contact(self._rows, step)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
         doubt = self._monitor.displacement_covariance(rows) + self._monitor.contradiction_covariance(rows)
@@ -274,13 +257,22 @@ class HypothesisBank:
         if self._most == 1:
             rows = replace(rows, belief=displaced)
         else:
-            origins, rows = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, step)
+            rows, origins = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, step)
             self._take(origins)
         is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
         self._rows = rows.with_observable_yaw(is_observable=is_measured or not is_round(self._model))
-        known = self._factors, self._model, self._rows.belief
-        how = self._lag, self._settings.priors, self._rows.sign, step.from_touch
-        self._window = Window(*known, step.sensor_pose, step.measurements, step.times[-1], *how)
+        self._window = Window(
+            self._factors,
+            self._model,
+            self._rows.belief,
+            step.sensor_pose,
+            step.measurements,
+            step.times[-1],
+            self._lag,
+            self._settings.priors,
+            self._rows.sign,
+            step.from_touch,
+        )
         self._drop_lost(self._window)
         return self._window
 
@@ -289,8 +281,8 @@ class HypothesisBank:
         still_going_on = np.array([0.0, _SPREAD / np.sqrt(_BACK)])  # slide [m] by a hand: mean and standard deviation
         disturbance = np.where(self._rows.disturbed_steps_left[:, None] > 0, still_going_on, 0.0)
         leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], disturbance, step.from_touch)
-        if (is_lost := window.is_lost).any():
-            self._drop_lost(window)
+        is_lost = window.is_lost
+        self._drop_lost(window)
         if leaving is not None:
             self._history.append(leaving[~is_lost, None])
         self._is_indeterminate = False
@@ -310,8 +302,7 @@ class HypothesisBank:
         rows = self._rows
         is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         alarms = is_watched & disturbance_alarms(window, self._steps, is_suspicion_enough=True)
-        for is_mirror in (True, False) if alarms.any() else ():
-            group = np.flatnonzero(alarms & (self._rows.is_mirror[: len(alarms)] == is_mirror))
+        for group in (np.flatnonzero(alarms & rows.is_mirror), np.flatnonzero(alarms & ~rows.is_mirror)):
             if len(group):
                 self._branch(window, int(group[0]))
 
@@ -332,14 +323,10 @@ class HypothesisBank:
             disturbed_steps_left=np.full(len(new), AHEAD),
             ignored_motion=ignored,
         )
-        rows = rows.joined(added)
-        next_alarm = rows.next_alarm.copy()
-        next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
-        self._rows = replace(rows, next_alarm=next_alarm)
-        if window.is_lost.any():
-            self._drop_lost(window)
-        mirror_last = np.argsort(self._rows.is_mirror, kind="stable")
-        self._take(mirror_last)
+        self._rows = rows.joined(added)
+        self._rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
+        self._drop_lost(window)
+        self._take(np.argsort(self._rows.is_mirror, kind="stable"))
 
     def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
@@ -367,15 +354,14 @@ class HypothesisBank:
             self._is_found = not is_rough(rows.belief, self._model)
 
     def _decide_mirrored(self, window: Window, time: float) -> None:
-        """Decide from the frames so far whether touch images are mirrored, and keep the right hypotheses.
+        """Decide if touch images are mirrored once one group is contradicted for a while, and the other is not.
 
-        They are as they are or mirrored if the other group is contradicted for a while and this one is not; mirrored
-        only if one pose is left, since if several are needed something else is wrong.
+        They are mirrored only if one pose is left, since if several are needed something else is wrong.
         """
         is_mirror = self._rows.is_mirror
         detected, is_disturbed = disturbance_alarms(window, self._steps), self._rows.ignored_motion.sum(axis=1) > 0
         groups = np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)
-        best = [[*group[~is_disturbed[group]], group[0]][0] for group in groups]
+        best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
         self._contradicted = self._contradicted | detected[best]
         as_is, mirrored = self._contradicted.tolist()
         if as_is or mirrored:

@@ -29,44 +29,31 @@ def measured_at_rest(
     measurements: Sequence[Measurement],
     times: tuple[float, float],
     monitor: ConsistencyMonitor,
-) -> tuple[list[int], Hypotheses, bool]:
-    """Return the rows that have a solution with measurements of the resting object, these, and True if it was found.
+) -> tuple[Hypotheses, bool]:
+    """Return the hypotheses with measurements of the resting object, and True if these are of its pose.
 
-    It is found by measurements of its pose. They are combined with a belief that is inflated by what may have moved it.
-    The object rests since the first of the times [s], and measurements may have any time from then to the second, now.
-    Raises EstimationError if no hypothesis has a solution.
+    Then they are combined with a belief that is inflated by what may have moved it. The object rests since the first of
+    the times [s], and measurements may have any time from then to the second, now. Raises EstimationError if there is
+    no solution.
     """
-    kept: list[int] = []
-    solved: list[Hypotheses] = []
-    is_found = False
-    for row in range(len(rows.age)):
-        one = rows.take([row])
-        whole = one.whole_belief
-        prior = whole.inflated(monitor.displacement_covariance(one))
-        doubted = prior.inflated(monitor.contradiction_covariance(one))
-        step = Step(whole.pose[0], None, measurements, times, at_rest=True)
-        try:
-            belief, is_of_pose = _solved(whole, doubted, step)
-        except EstimationError:
-            if row == len(rows.age) - 1 and not solved:
-                raise
-            continue
-        measured = [each for each in measurements if isinstance(each, ObjectPose) and step.is_in_window(each)]
-        one = monitor.test_object_poses(replace(one, belief=prior), [prior.pose] * len(measured), measured)
-        if is_of_pose:  # the object may have been found elsewhere
-            one, is_found = replace(one, displacement=np.zeros(1)), True
-        kept.append(row)
-        solved.append(replace(one, belief=belief, unobservable_yaw=np.zeros(1)))
-    return kept, reduce(Hypotheses.joined, solved), is_found
-
-
-def _solved(belief: Belief, doubted: Belief, step: Step) -> tuple[Belief, bool]:
-    """Return the belief (one row) after the measurements of a step, and True if these depend on the object's pose."""
-    poses, own, now = step.timed(ObjectPose), step.own(), step.times[-1]
+    whole, now = rows.whole_belief, times[-1]
+    step = Step(whole.pose[0], None, measurements, times, at_rest=True)
+    poses, own = step.timed(ObjectPose), step.own()
+    prior = whole.inflated(monitor.displacement_covariance(rows))
+    tested = monitor.test_object_poses(replace(rows, belief=prior), [prior.pose] * len(poses), poses)
+    tested = replace(tested, unobservable_yaw=np.zeros(len(rows.age)))
     if not poses and not own:
-        return belief, False
-    is_of_pose = _linearised(poses, own, belief.pose[0], belief.values[0], now)[1][:, :3].any()
-    prior = doubted if is_of_pose else belief
+        return replace(tested, belief=whole), False
+    is_of_pose = bool(_linearised(poses, own, whole.pose[0], whole.values[0], now)[1][:, :3].any())
+    if is_of_pose:  # the object may have been found elsewhere
+        whole = prior.inflated(monitor.contradiction_covariance(rows))
+        tested = replace(tested, displacement=np.zeros(len(rows.age)))
+    solved = [_solved(whole.take([row]), poses, own, now) for row in range(len(whole))]
+    return replace(tested, belief=reduce(Belief.joined, solved)), is_of_pose
+
+
+def _solved(prior: Belief, poses: list[ObjectPose], own: list[OwnMeasurement | None], now: float) -> Belief:
+    """Return a belief (one row) after measurements."""
     before = np.linalg.inv(prior.covariance[0])
     pose, values, covariance = prior.pose[0], prior.values[0], prior.covariance[0]
     for _ in range(_ITERATIONS):
@@ -82,13 +69,13 @@ def _solved(belief: Belief, doubted: Belief, step: Step) -> tuple[Belief, bool]:
         pose, values = se2.compose(pose, se2.exp(change[:3])), values + change[3:]
         if np.abs(change).max() < _CONVERGED:
             break
-    if not (np.isfinite(pose).all() and np.isfinite(values).all() and np.isfinite(covariance).all()):
+    if not all(np.isfinite(found).all() for found in (pose, values, covariance)):
         raise EstimationError("measurements of the resting object leave it indeterminate")
-    return Belief(pose[None], values[None], 0.5 * (covariance + covariance.T)[None]), bool(is_of_pose)
+    return Belief(pose[None], values[None], 0.5 * (covariance + covariance.T)[None])
 
 
 def _linearised(
-    poses: Sequence[ObjectPose], own: list[OwnMeasurement | None], pose: Array, values: Array, now: float
+    poses: list[ObjectPose], own: list[OwnMeasurement | None], pose: Array, values: Array, now: float
 ) -> tuple[Array, Array]:
     """Return whitened residuals (R,) at an object pose (3,) and variables, and their Jacobian by both."""
     residuals, jacobians = [], []

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FileError
-from palpate.files import existing_file, read_csv
+from palpate.files import csv_rows, existing_file, read_text
 from palpate.touch.background import Image, is_grey
 from palpate.touch.press_calibration import Presses
 from palpate.types.images import image_size
@@ -17,7 +17,7 @@ def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Pres
 
     Grey images are allowed only with `grey`, a table without angles, of presses in order, only with `in_order`.
     """
-    columns, *lines = read_csv(path) or [[]]
+    columns, *lines = csv_rows(read_text(path), path) or [[]]
     rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
     has_angles = "angle_deg" in columns
     if not rows or "file" not in columns or not (has_angles or in_order):
