@@ -107,6 +107,8 @@ def held_folder(folder: Path, file: str = "") -> Iterator[None]:
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     try:
+        for unfinished in () if file else folder.glob("**/.*.part"):  # of killed processes
+            unfinished.unlink(missing_ok=True)
         yield
     finally:
         lock.unlink(missing_ok=True)
