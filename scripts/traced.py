@@ -63,11 +63,11 @@ def pushed_by_two_fingers(what: str, seed: int) -> Recording:
 
 def faulty(recording: Recording, fault: str) -> "Given":
     """Put a fault of the bench into a recording."""
-    from palpate.lab.study.faults import FAULTS, stream_of
+    from palpate.lab.study.faults import stream_of, with_fault
 
-    stream = FAULTS[fault](stream_of(recording), np.random.default_rng(0))
+    stream = with_fault(stream_of(recording), fault, np.random.default_rng(0))
     changed = replace(recording, shape=stream.shape)
-    return Given(changed, stream.frames, stream.first_pose, calibration=stream.calibration)
+    return Given(changed, tuple(stream.frames()), stream.first_pose, calibration=stream.calibration)
 
 
 def through_a_bag(recording: Recording) -> Recording:

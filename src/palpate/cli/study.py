@@ -13,7 +13,6 @@ from palpate.cli.options import (
     Json,
     RecordingsFolder,
     SensorUnit,
-    Start,
     Tactile,
     Workers,
     arg,
@@ -37,7 +36,6 @@ def evaluate(
     *,
     out: Annotated[Path, arg("REPORT")],
     methods: Methods = Methods(),
-    start: Start = Start(),
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
     resume: bool = False,
@@ -52,7 +50,6 @@ def evaluate(
         folder: Folder of recordings in any known format; folders in it are searched too.
         out: Folder of the report.
         methods: Ways to track.
-        start: The object's pose at the start of recordings without ground truth, or of all if it is unknown.
         estimator: The estimator.
         work: Processes that share the work.
         resume: Continue a study: keep the trials that exist.
@@ -62,32 +59,21 @@ def evaluate(
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.study.report import write_report
     from palpate.lab.study.results import results_of, write_results
-    from palpate.lab.study.study import run_study
-    from palpate.lab.study.trial import Method, StudySettings
+    from palpate.lab.study.study import StudySettings, run_study
 
     if faults:
-        given = given_options(methods, start, estimator, work, but=("model", "workers"))
+        given = given_options(methods, estimator, work, but=("model", "workers"))
         if given or resume:
             raise SettingError(f"--faults tracks by learnt touch with default settings; remove {given or '--resume'}")
         return _evaluate_faults(folder, out, methods.model, work.workers, json)
-    ways = tuple(Method(mode, estimator.smoother) for mode in dict.fromkeys(methods.tactile))
-    model, unit = methods.load(*methods.tactile)
-    settings = StudySettings(
-        ways,
-        estimator.settings("none"),
-        *start.pose_and_sigma(),
-        first_pose_of_all=start.first_pose_unknown,
-        model=model,
-        calibration=unit,
-    )
+    ways = tuple(dict.fromkeys(methods.tactile))
+    settings = StudySettings(ways, estimator.settings("none"), *methods.load(*methods.tactile))
     files = find_recordings(folder, leave_out=out)
     with progress_bar("tracking", len(files) * len(ways)) as progress:
         study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
-    for name, error in study.broken.items():
-        complain(f"{folder}/{name}: {error}")
     for (name, method), error in study.failed.items():
         complain(f"{folder}/{name} by {method}: {error}")
-    if study.skipped and not (study.trials or study.broken or study.failed):
+    if study.skipped and not (study.trials or study.failed):
         (name, _), reason = next(iter(study.skipped.items()))
         raise SettingError(f"{folder}: no recording can be tracked by these methods; the first: {name} {reason}")
     command = shlex.join(("palpate", *sys.argv[1:]))
@@ -97,10 +83,10 @@ def evaluate(
         with busy("drawing figures"):
             write_report(out, results, study.trials)
     if json:
-        print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed", "broken")}})
+        print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}})
     else:
         _show(out, results)
-    return 3 if study.failed or study.broken else 0
+    return 3 if study.failed else 0
 
 
 def paper(
@@ -161,7 +147,7 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     }
     if rows:
         print_rows(f"{ALL}: median and worst final error, and shares of frames", rows)
-    counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed", "broken"))
+    counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed"))
     page = out / ("report.html" if methods else "results.json")
     print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {page}")
 

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any, TypeVar
@@ -19,7 +20,7 @@ def spread(
 
     `workers` processes here do the work, this one alone if it is 1, or the cluster of the Dask scheduler at an address
     such as "tcp://host:8786". Linear algebra keeps to one thread in each. Closing the generator cancels the rest.
-    Raises SettingError on fewer workers than one, and where the cluster does not answer.
+    Raises SettingError on fewer workers than one, where the cluster does not answer, and where a process dies.
     """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
@@ -52,6 +53,8 @@ def _in_processes(
     try:
         for result in results:  # noqa: UP028, for that would close it before the warning is silenced
             yield result
+    except BrokenExecutor as error:
+        raise _died() from error
     finally:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", ".*cancelled", UserWarning)  # joblib's, where the rest is given up
@@ -63,7 +66,7 @@ def _on_cluster(
 ) -> Generator[Result, None, None]:
     """Do the same on a cluster; joblib's Dask backend waits forever for a task whose worker dies."""
     try:
-        from distributed import Client, as_completed
+        from distributed import Client, KilledWorker, as_completed
     except ImportError as error:
         raise SettingError("--dask needs distributed, which is not installed: pip install palpate[cluster]") from error
     try:
@@ -82,6 +85,13 @@ def _on_cluster(
 
         # Two for each core keep all busy and the cluster's memory small.
         tasks = as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
-        for task in tasks:
-            tasks.update(submitted(1))
-            yield task.result()
+        try:
+            for task in tasks:
+                tasks.update(submitted(1))
+                yield task.result()
+        except KilledWorker as error:
+            raise _died() from error
+
+
+def _died() -> SettingError:
+    return SettingError("a process of the workers died, perhaps for lack of memory; fewer workers need less")

@@ -16,7 +16,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
-from palpate.lab.study.faults import CLEAN, FAULTS, Stream, applies, check_faults, stream_of
+from palpate.lab.study.faults import CLEAN, FAULTS, Stream, applies, check_faults, stream_of, with_fault
 from palpate.lab.study.results import write_rows
 from palpate.pipeline.metrics import CONTENT, inside_95, is_far, nees, rotation_errors, translation_errors
 from palpate.pipeline.track import quiet
@@ -31,40 +31,35 @@ class FaultRun:
 
     fault: str
     recording: str
-    final_mm: float
-    """Error of the last estimate against the object's last pose [mm]; NaN if there is no estimate."""
-    final_deg: float
-    """The same of yaw [deg]."""
-    inside_share: float
-    """Share of estimates since fault and first contact whose 95 % region holds the truth; NaN if there are none."""
-    noticed_after: float
-    """Time from the fault to the first warning status, reason or refusal [s]; NaN if there is none."""
-    silent_s: float
-    """Time since fault and contact with the estimate far off, outside its region, and a good status [s]."""
-    refused: int
-    """Frames that a FrameError refused."""
-    first_refusal: str
-    """Message of the first of them."""
-    exception: str
-    """Any other error; empty if all is well."""
     frames: int
     """Frames that arrived."""
+    refused: int
+    """Frames that a FrameError refused."""
+    exception: str
+    """Any other error; empty if all is well."""
     wall_s: float
     """Time that tracking took [s]."""
+    noticed_after: float
+    """Time from the fault to the first warning status, reason or refusal [s]; NaN if there is none."""
+    final_mm: float = np.nan
+    """Error of the last estimate against the object's last pose [mm]; NaN if there is no estimate."""
+    final_deg: float = np.nan
+    """The same of yaw [deg]."""
+    inside_share: float = np.nan
+    """Share of estimates since fault and first contact whose 95 % region holds the truth; NaN if there are none."""
+    silent_s: float = 0.0
+    """Time since fault and contact with the estimate far off, outside its region, and a good status [s]."""
 
 
 @dataclass(frozen=True)
 class FaultRow:
-    """All runs with one fault."""
+    """All runs with one fault: medians of final errors, shares of frames and of runs."""
 
     fault: str
     runs: int
     final_mm: float
-    """Median final error [mm]."""
     worst_mm: float
-    """Largest final error [mm]."""
     final_deg: float
-    """Median final error of yaw [deg]."""
     times_clean: float
     """Median final error over that without a fault."""
     inside_percent: float
@@ -114,29 +109,27 @@ def run_stream(
     start = time.perf_counter()
     estimates: dict[int, Estimate] = {}
     refused: list[int] = []
-    first_refusal = exception = ""
+    exception = ""
     try:
         tracker = Tracker(
             stream.shape, stream.sensor, stream.first_pose, settings, model, calibration=stream.calibration
         )
-        for index, frame in enumerate(stream.frames):
+        for index, frame in enumerate(stream.frames()):
             try:
                 estimates[index] = tracker.update(frame)
-            except FrameError as error:
-                first_refusal = first_refusal or str(error)
+            except FrameError:
                 refused.append(index)
     except Exception as error:
         exception = f"{type(error).__name__}: {error}"
-    return FaultRun(
-        fault=fault,
-        recording=recording,
-        **_scores(stream, estimates, refused),
-        refused=len(refused),
-        first_refusal=first_refusal,
-        exception=exception,
-        frames=len(stream),
-        wall_s=round(time.perf_counter() - start, 3),
-    )
+    wall_s = round(time.perf_counter() - start, 3)
+    since_fault = stream.arrival >= stream.begin - 1e-9
+    noticed = np.zeros(len(stream), np.bool_)
+    noticed[refused] = True
+    noticed[[index for index, each in estimates.items() if each.status not in CONTENT or each.reason]] = True
+    after = stream.arrival[noticed & since_fault]
+    noticed_after = float(after[0] - stream.begin) if len(after) else np.nan
+    scores = _scores(stream, estimates, since_fault, noticed) if estimates else {}
+    return FaultRun(fault, recording, len(stream), len(refused), exception, wall_s, noticed_after, **scores)
 
 
 def rows_of(runs: Sequence[FaultRun]) -> list[FaultRow]:
@@ -165,33 +158,24 @@ def _run_recording(job: tuple[str, Path], names: Sequence[str], seed: int, model
     for fault in (each for each in names if applies(each, stream)):
         rng = np.random.default_rng([seed, zlib.crc32(f"{fault} {name}".encode())])
         with quiet():
-            runs.append(run_stream(FAULTS[fault](stream, rng), TrackerSettings("learnt"), fault, name, model))
+            runs.append(run_stream(with_fault(stream, fault, rng), TrackerSettings("learnt"), fault, name, model))
     return runs
 
 
-def _scores(stream: Stream, estimates: Mapping[int, Estimate], refused: Sequence[int]) -> dict[str, float]:
-    """Return the scores of a FaultRun by their names."""
-    since_fault = stream.arrival >= stream.begin - 1e-9
-    noticed = np.zeros(len(stream), np.bool_)
-    noticed[list(refused)] = True
-    for index, estimate in estimates.items():
-        noticed[index] = estimate.status not in CONTENT or bool(estimate.reason)
-    after = stream.arrival[noticed & since_fault]
-    scores = dict.fromkeys(("final_mm", "final_deg", "inside_share"), np.nan)
-    scores |= {"noticed_after": float(after[0] - stream.begin) if len(after) else np.nan, "silent_s": 0.0}
-    if not estimates:
-        return scores
-    kept = np.array(list(estimates))
-    truth = np.array([frame.object_pose for frame in stream.frames])
+def _scores(
+    stream: Stream, estimates: Mapping[int, Estimate], since_fault: np.ndarray, noticed: np.ndarray
+) -> dict[str, float]:
+    """Return the scores of estimates, by frame, by their names in FaultRun."""
+    kept, truth = np.array(list(estimates)), stream.truth.copy()
     pose = np.array([estimate.pose for estimate in estimates.values()])
     if isinstance(stream.shape, Disc):  # its yaw cannot be observed
         truth[kept, 2], truth[-1, 2] = pose[:, 2], pose[-1, 2]
     inside = inside_95(nees(pose, np.array([estimate.covariance for estimate in estimates.values()]), truth[kept]))
     far = is_far(1e3 * translation_errors(pose, truth[kept]), np.degrees(rotation_errors(pose, truth[kept])))
-    touched = (np.maximum.accumulate(stream.touching) & since_fault)[kept]
+    touched = (np.maximum.accumulate(stream.contact) & since_fault)[kept]
     interval = np.diff(stream.arrival, append=stream.arrival[-1])[kept]
     final = se2.between(truth[-1], pose[-1])
-    return scores | {
+    return {
         "final_mm": float(1e3 * np.hypot(*final[:2])),
         "final_deg": float(np.degrees(abs(final[2]))),
         "inside_share": float(np.mean(inside[touched])) if touched.any() else np.nan,

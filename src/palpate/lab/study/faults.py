@@ -5,7 +5,7 @@ A fault changes the stream of frames that a tracker gets, or the outline, first 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, scaled
-from palpate.lab.simulate.backdrop import scratch as gel_scratch
+from palpate.lab.simulate.backdrop import scratch
 from palpate.pipeline.truth import flag_runs
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
@@ -23,17 +23,26 @@ from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
+Rng = np.random.Generator
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Stream:
-    """N frames as they arrive, and the tracker's prior knowledge of object and sensor."""
+    """N frames as they arrive, and the tracker's prior knowledge of object and sensor; faults change them in place."""
 
-    frames: tuple[Frame, ...]
-    """Each with the truth at its own instant, for scores and faults only."""
+    time: Array
+    """Stamps (N,) [s]."""
     arrival: Array
-    """Arrival of each frame (N,) [s]; a frame's own time may be wrong."""
+    """Time at which each frame really arrives (N,) [s]."""
+    sensor_pose: Array
+    """Measured world_T_sensor (N, 3) [m, m, rad]."""
+    truth: Array
+    """world_T_object (N, 3) [m, m, rad], for scores."""
+    contact: Flags
+    """True contact (N,)."""
+    images: list[Image]
     shape: Shape
     sensor: SensorProfile
     first_pose: Array
@@ -45,78 +54,62 @@ class Stream:
     """Recorded frames in which something else than the sensor pushes the object."""
 
     def __len__(self) -> int:
-        return len(self.frames)
+        return len(self.time)
 
-    @property
-    def touching(self) -> NDArray[np.bool_]:
-        """True contact (N,)."""
-        return np.array([bool(frame.contact) for frame in self.frames])
+    def frames(self) -> list[Frame]:
+        """Return the frames for a tracker."""
+        columns = self.time.tolist(), self.sensor_pose, self.images, self.contact.tolist(), self.truth
+        return [Frame(*column) for column in zip(*columns, strict=True)]
 
-    @property
-    def poses(self) -> Array:
-        """Measured world_T_sensor (N, 3) [m, m, rad]."""
-        return np.array([frame.sensor_pose for frame in self.frames])
+    def take(self, frames: NDArray[np.int_]) -> None:
+        """Leave these frames, in this order."""
+        for name in ("time", "sensor_pose", "truth", "contact"):
+            setattr(self, name, getattr(self, name)[frames])
+        self.arrival = np.maximum.accumulate(self.arrival[frames])
+        self.images = [self.images[frame] for frame in frames]
 
-    @property
-    def times(self) -> Array:
-        """Stamps (N,) [s]."""
-        return np.array([frame.time for frame in self.frames])
+    def change_images(self, change: Callable[[int, Image], Any], where: Flags | None = None) -> None:
+        """Change the images of all or some frames (N,); `change` takes frame and image, and returns grey levels."""
+        for k in range(len(self)) if where is None else np.flatnonzero(where).tolist():
+            self.images[k] = np.clip(np.rint(change(k, self.images[k])), 0, 255).astype(np.uint8)
 
-    @property
-    def image_size(self) -> tuple[int, int]:
-        """Height and width of the images [px]."""
-        image = self.frames[0].image
-        assert image is not None
-        return image.shape[0], image.shape[1]
+    def begin_at(self, frame: int) -> int:
+        """State that the fault can be noticed from this frame on; returns it."""
+        self.begin = float(self.arrival[frame])
+        return frame
 
-    def of(self, indices: NDArray[np.int_]) -> "Stream":
-        """Return the stream of these frames in this order."""
-        arrival = np.maximum.accumulate(self.arrival[indices])
-        return replace(self, frames=tuple(self.frames[index] for index in indices), arrival=arrival)
+    def begin_at_contact(self) -> None:
+        """State that the fault can be noticed from the first contact on."""
+        self.begin_at(int(np.argmax(self.contact)))
 
-    def with_each(self, field: str, values: Any) -> "Stream":
-        """Return the stream with a field of all frames replaced by N values."""
-        frames = zip(self.frames, values, strict=True)
-        return replace(self, frames=tuple(replace(frame, **{field: value}) for frame, value in frames))
-
-    def with_images(self, where: NDArray[np.bool_], change: Callable[[int, Image], Image]) -> "Stream":
-        """Return the stream with the images of some frames (N,) changed; `change` takes index and image."""
-        images = [frame.image for frame in self.frames]
-        return self.with_each(
-            "image", [change(k, im) if where[k] and im is not None else im for k, im in enumerate(images)]
-        )
-
-    def from_frame(self, index: int) -> "Stream":
-        """Return the stream with a fault that can be noticed from this frame on."""
-        return replace(self, begin=float(self.arrival[index]))
-
-    def from_contact(self) -> "Stream":
-        """Return the stream with a fault that cannot be noticed before the first contact."""
-        return self.from_frame(int(np.argmax(self.touching)))
+    def begin_in_contact(self) -> int:
+        """State that the fault can be noticed from a frame in the first half of the longest contact on; returns it."""
+        return self.begin_at(self.in_contact())
 
     def in_contact(self) -> int:
-        """Return a frame in the first half of the longest contact, at which faults in contact begin."""
-        first, last = max(flag_runs(self.touching), key=lambda run: run[1] - run[0])
+        """Return a frame in the first half of the longest contact."""
+        first, last = max(flag_runs(self.contact), key=lambda run: run[1] - run[0])
         return first + (last - first) // 3
 
     def rest(self) -> tuple[int, int]:
         """Return the first and last frame of the longest rest before a contact, between two contacts if possible."""
-        rests = [run for run in flag_runs(~self.touching) if run[1] + 1 < len(self)]
+        rests = [run for run in flag_runs(~self.contact) if run[1] + 1 < len(self)]
         return max([run for run in rests if run[0] > 0] or rests, key=lambda run: run[1] - run[0])
 
-    def during(self, first: int, seconds: float) -> NDArray[np.bool_]:
+    def during(self, first: int, seconds: float) -> Flags:
         """Return the frames (N,) that arrive within some seconds from a frame on."""
         begin = self.arrival[first]
         return (self.arrival >= begin) & (self.arrival < begin + seconds)
 
 
 def stream_of(recording: Recording) -> Stream:
-    """Return the frames of a recording that has ground truth at every frame, all images decoded."""
-    assert recording.object_pose is not None
+    """Return the frames of a recording that faults can be made of, all images decoded."""
+    assert recording.object_pose is not None and recording.contact is not None
+    arrays = recording.time, recording.time - recording.time[0], recording.sensor_pose, recording.object_pose
+    images = [frame.image for frame in recording if frame.image is not None]
     shoved = tuple(np.flatnonzero(recording.extra.get("knocked", ())).tolist())
-    arrival = recording.time - recording.time[0]
     first = recording.object_pose[0]
-    return Stream(tuple(recording), arrival, recording.shape, recording.sensor, first, shoved=shoved)
+    return Stream(*arrays, recording.contact, images, recording.shape, recording.sensor, first, shoved=shoved)
 
 
 def check_faults(recording: Recording) -> None:
@@ -136,182 +129,157 @@ def check_faults(recording: Recording) -> None:
 # Frames and their times
 
 
-def dropped(stream: Stream, rng: np.random.Generator, share: float) -> Stream:
-    """Lose a share of all frames, but never the first."""
-    kept = rng.random(len(stream)) >= share
+def _drop(s: Stream, rng: Rng, share: float) -> None:
+    kept = rng.random(len(s)) >= share
     kept[0] = True
-    return stream.of(np.flatnonzero(kept))
+    s.take(np.flatnonzero(kept))
 
 
-def burst(stream: Stream, rng: np.random.Generator, seconds: float) -> Stream:
-    """Lose all frames of some seconds of a contact."""
-    first = stream.in_contact()
-    changed = stream.of(np.flatnonzero(~stream.during(first, seconds)))
-    return changed.from_frame(min(first, len(changed) - 1))
+def _lose(s: Stream, rng: Rng, seconds: float) -> None:
+    first = s.in_contact()
+    s.take(np.flatnonzero(~s.during(first, seconds)))
+    s.begin_at(min(first, len(s) - 1))
 
 
-def repeated(stream: Stream, rng: np.random.Generator, share: float) -> Stream:
-    """Send a share of all frames twice."""
-    return stream.of(np.repeat(np.arange(len(stream)), 1 + (rng.random(len(stream)) < share)))
+def _repeat(s: Stream, rng: Rng, share: float) -> None:
+    s.take(np.repeat(np.arange(len(s)), 1 + (rng.random(len(s)) < share)))
 
 
-def exchanged(stream: Stream, rng: np.random.Generator, share: float) -> Stream:
-    """Send a share of all frames after the one that follows them."""
-    order = np.arange(len(stream)) + 1.5 * (rng.random(len(stream)) < share)
+def _exchange(s: Stream, rng: Rng, share: float) -> None:
+    """Send a share of all frames, but never the first, after the one that follows them."""
+    order = np.arange(len(s)) + 1.5 * (rng.random(len(s)) < share)
     order[0] = 0.0
-    return stream.of(np.argsort(order, kind="stable"))
+    s.take(np.argsort(order, kind="stable"))
 
 
-def slower(stream: Stream, rng: np.random.Generator, every: int) -> Stream:
-    """Send only every second frame, or every third."""
-    return stream.of(np.arange(0, len(stream), every))
+def _slow_down(s: Stream, rng: Rng, every: int) -> None:
+    s.take(np.arange(0, len(s), every))
 
 
-def jittered(stream: Stream, rng: np.random.Generator, deviation: float) -> Stream:
-    """Add normal noise to the stamps [s]."""
-    return stream.with_each("time", (stream.times + rng.normal(0.0, deviation, len(stream))).tolist())
+def _jitter(s: Stream, rng: Rng, deviation: float) -> None:
+    s.time += rng.normal(0.0, deviation, len(s))
 
 
-def leapt(stream: Stream, rng: np.random.Generator, seconds: float, for_good: bool) -> Stream:
-    """Let the clock leap in a contact, for one frame or for good."""
-    first, times = stream.in_contact(), stream.times
-    times[first : None if for_good else first + 1] += seconds
-    return stream.with_each("time", times.tolist()).from_frame(first)
+def _leap(s: Stream, rng: Rng, seconds: float, for_good: bool = False) -> None:
+    first = s.begin_in_contact()
+    s.time[first : None if for_good else first + 1] += seconds
 
 
-def nanoseconds(stream: Stream, rng: np.random.Generator, late: bool) -> Stream:
-    """Give stamps in nanoseconds, from the first frame or from a contact on."""
-    first, times = stream.in_contact() if late else 0, stream.times
-    times[first:] *= 1e9
-    return stream.with_each("time", times.tolist()).from_frame(first)
+def _stamp_in_nanoseconds(s: Stream, rng: Rng, is_late: bool = False) -> None:
+    s.time[s.begin_at(s.in_contact() if is_late else 0) :] *= 1e9
 
 
-# Sensor poses
+# Poses, with lengths in metres
 
 
-def pose_lost(stream: Stream, rng: np.random.Generator, seconds: float) -> Stream:
-    """Give NaN for the pose during some seconds of a contact."""
-    first, poses = stream.in_contact(), stream.poses
-    poses[stream.during(first, seconds)] = np.nan
-    return stream.with_each("sensor_pose", poses).from_frame(first)
+def _lose_pose(s: Stream, rng: Rng, seconds: float) -> None:
+    s.sensor_pose[s.during(s.begin_in_contact(), seconds)] = np.nan
 
 
-def pose_frozen(stream: Stream, rng: np.random.Generator, seconds: float) -> Stream:
-    """Repeat a pose during some seconds of a contact while the sensor moves on."""
-    first, poses = stream.in_contact(), stream.poses
-    poses[stream.during(first, seconds)] = poses[first]
-    return stream.with_each("sensor_pose", poses).from_frame(first)
+def _freeze_pose(s: Stream, rng: Rng, seconds: float = np.inf) -> None:
+    first = s.begin_in_contact()
+    s.sensor_pose[s.during(first, seconds)] = s.sensor_pose[first]
 
 
-def pose_spikes(stream: Stream, rng: np.random.Generator, length: float, count: int = 1) -> Stream:
-    """Shift the pose by a length [m], in any direction, at some frames in contact."""
-    first, poses = stream.in_contact(), stream.poses
-    later = np.flatnonzero(stream.touching & (np.arange(len(stream)) >= first))
+def _shift_poses(s: Stream, rng: Rng, length: float, count: int = 1) -> None:
+    """Shift the sensor's pose, in any direction, at some frames in contact."""
+    first = s.begin_in_contact()
+    later = np.flatnonzero(s.contact & (np.arange(len(s)) >= first))
     hit = np.append(first, rng.choice(later[1:], count - 1, replace=False))
     angle = rng.uniform(-np.pi, np.pi, count)
-    poses[hit, :2] += length * np.column_stack([np.cos(angle), np.sin(angle)])
-    return stream.with_each("sensor_pose", poses).from_frame(first)
+    s.sensor_pose[hit, :2] += length * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def pose_noise(stream: Stream, rng: np.random.Generator, length: float, degrees: float) -> Stream:
-    """Add normal noise to the poses of all frames [m], [deg]."""
-    deviation = (length, length, np.radians(degrees))
-    return stream.with_each("sensor_pose", stream.poses + rng.normal(size=(len(stream), 3)) * deviation)
+def _add_pose_noise(s: Stream, rng: Rng, length: float, degrees: float) -> None:
+    s.sensor_pose += rng.normal(size=(len(s), 3)) * (length, length, np.radians(degrees))
 
 
-def misplaced(stream: Stream, rng: np.random.Generator, length: float, degrees: float) -> Stream:
-    """Give poses with wrong extrinsics, off by a length [m] in any direction and an angle [deg]."""
-    return stream.with_each("sensor_pose", se2.compose(stream.poses, _offset(rng, length, degrees))).from_contact()
+def _misplace_sensor(s: Stream, rng: Rng, length: float = 0.0, degrees: float = 0.0) -> None:
+    s.sensor_pose = se2.compose(s.sensor_pose, _offset(rng, length, degrees))
+    s.begin_at_contact()
 
 
-def moved_untouched(stream: Stream, rng: np.random.Generator, length: float, degrees: float) -> Stream:
-    """Move the object between two contacts, in any direction; the sensor goes to its new place.
-
-    It cannot be noticed before the next contact.
-    """
-    first, last = stream.rest()
-    truth = np.array([frame.object_pose for frame in stream.frames])
-    motion = se2.compose(se2.compose(truth[last], _offset(rng, length, degrees)), se2.inverse(truth[last]))
+def _move_untouched(s: Stream, rng: Rng, length: float = 0.0, degrees: float = 0.0) -> None:
+    """Move the object between two contacts, in any direction; the sensor goes to its new place."""
+    first, last = s.rest()
+    motion = se2.compose(se2.compose(s.truth[last], _offset(rng, length, degrees)), se2.inverse(s.truth[last]))
     # The sensor's detour is spread over the rest, as that of a hand or of a planner.
-    part = np.clip((np.arange(len(stream)) - first) / max(last - first, 1), 0.0, 1.0)
+    part = np.clip((np.arange(len(s)) - first) / max(last - first, 1), 0.0, 1.0)
     part = part * part * (3.0 - 2.0 * part)
-    poses = se2.compose(se2.exp(part[:, None] * se2.log(motion)), stream.poses)
+    s.sensor_pose = se2.compose(se2.exp(part[:, None] * se2.log(motion)), s.sensor_pose)
     middle = (first + last) // 2
-    truth[middle:] = se2.compose(motion, truth[middle:])
-    return stream.with_each("object_pose", truth).with_each("sensor_pose", poses).from_frame(last + 1)
+    s.truth[middle:] = se2.compose(motion, s.truth[middle:])
+    s.begin_at(last + 1)
 
 
-def pushed_aside(stream: Stream, rng: np.random.Generator) -> Stream:
-    """Let something else push the object while the sensor touches it, as it was recorded."""
-    return stream.from_frame(next(frame for frame in stream.shoved if stream.touching[frame]))
+def _push_aside(s: Stream, rng: Rng) -> None:
+    s.begin_at(next(frame for frame in s.shoved if s.contact[frame]))
+
+
+def _misstate_first_pose(s: Stream, rng: Rng, length: float = 0.0, degrees: float = 0.0) -> None:
+    s.first_pose = se2.compose(s.first_pose, _offset(rng, length, degrees))
+    s.begin_at_contact()
+
+
+def _misstate_outline(s: Stream, rng: Rng, share: float) -> None:
+    s.shape = scaled(s.shape, 1.0 + share)
+    s.begin_at_contact()
+
+
+def _offset(rng: Rng, length: float, degrees: float) -> Array:
+    angle = rng.uniform(-np.pi, np.pi)
+    turn = np.radians(degrees) * rng.choice([-1.0, 1.0])
+    return np.array([length * np.cos(angle), length * np.sin(angle), turn])
 
 
 # Images
 
 
-def images_late(stream: Stream, rng: np.random.Generator, frames: int) -> Stream:
-    """Give each frame the image of some frames before."""
-    images = [frame.image for frame in stream.frames]
-    return stream.with_each("image", [images[max(k - frames, 0)] for k in range(len(images))]).from_contact()
+def _change_all(s: Stream, rng: Rng, change: Callable[[Image], Any]) -> None:
+    s.change_images(lambda _, image: change(image))
+    s.begin_at_contact()
 
 
-def image_frozen(stream: Stream, rng: np.random.Generator, seconds: float) -> Stream:
-    """Repeat an image during some seconds of a contact."""
-    image = stream.frames[stream.in_contact()].image
-    return _in_contact(stream, seconds, lambda _, shown: shown if image is None else image)
+def _change_in_contact(s: Stream, rng: Rng, change: Callable[[Image], Any], seconds: float = np.inf) -> None:
+    s.change_images(lambda _, image: change(image), s.during(s.begin_in_contact(), seconds))
 
 
-def image_flat(stream: Stream, rng: np.random.Generator, level: int, seconds: float) -> Stream:
-    """Show one grey level, 0 to 255, during some seconds of a contact."""
-    return _in_contact(stream, seconds, lambda _, image: np.full_like(image, level))
+def _delay_images(s: Stream, rng: Rng, frames: int) -> None:
+    s.images = [s.images[max(k - frames, 0)] for k in range(len(s))]
+    s.begin_at_contact()
 
 
-def image_noise(stream: Stream, rng: np.random.Generator, seconds: float) -> Stream:
-    """Show noise during some seconds of a contact."""
-    return _in_contact(stream, seconds, lambda _, image: rng.integers(0, 256, image.shape, np.uint8))
+def _freeze_image(s: Stream, rng: Rng, seconds: float = np.inf) -> None:
+    image = s.images[s.in_contact()]
+    _change_in_contact(s, rng, lambda _: image, seconds)
 
 
-def red_blue_exchanged(stream: Stream, rng: np.random.Generator) -> Stream:
-    """Exchange red and blue, from the first image on."""
-    return _in_all(stream, lambda _, image: np.ascontiguousarray(image[..., ::-1]))
+def _show_noise(s: Stream, rng: Rng, seconds: float = np.inf) -> None:
+    _change_in_contact(s, rng, lambda image: rng.integers(0, 256, image.shape, np.uint8), seconds)
 
 
-def turned(stream: Stream, rng: np.random.Generator, quarters: int) -> Stream:
-    """Turn all images by quarters, counter-clockwise."""
-    return _in_all(stream, lambda _, image: np.ascontiguousarray(np.rot90(image, quarters))).from_contact()
+def _exchange_red_and_blue(s: Stream, rng: Rng) -> None:
+    s.change_images(lambda _, image: image[..., ::-1])
 
 
-def mirrored(stream: Stream, rng: np.random.Generator) -> Stream:
-    """Exchange left and right in all images."""
-    return _in_all(stream, lambda _, image: np.ascontiguousarray(image[:, ::-1])).from_contact()
+def _calibrate(s: Stream, rng: Rng) -> None:
+    s.calibration = Calibration(background_of(s.images[: int(np.argmax(s.contact))]))
 
 
-def calibrated(stream: Stream, rng: np.random.Generator) -> Stream:
-    """Give the tracker a calibration from the images before the first contact: no fault."""
-    images = [frame.image for frame in stream.frames[: int(np.argmax(stream.touching))] if frame.image is not None]
-    return replace(stream, calibration=Calibration(background_of(images)))
+def _drift_light(s: Stream, rng: Rng, share: float) -> None:
+    s.change_images(lambda k, image: image * (1.0 + share * k / (len(s) - 1)))
 
 
-def light_drift(stream: Stream, rng: np.random.Generator, change: float) -> Stream:
-    """Change the light evenly, by this share at the end."""
-    return _in_all(stream, lambda k, image: _clipped(image * (1.0 + change * k / (len(stream) - 1))))
-
-
-def light_step(stream: Stream, rng: np.random.Generator, change: float) -> Stream:
-    """Change the light by this share at once, in a contact."""
-    return _in_contact(stream, np.inf, lambda _, image: _clipped(image * (1.0 + change)))
-
-
-def light_out(stream: Stream, rng: np.random.Generator) -> Stream:
-    """Switch off one of the three lights in a contact; the others leave a tenth of its channel."""
+def _switch_off_light(s: Stream, rng: Rng) -> None:
+    """Switch off one of three lights in a contact; the others leave a tenth of its channel."""
     factor = np.ones(3)
     factor[rng.integers(3)] = 0.1
-    return _in_contact(stream, np.inf, lambda _, image: _clipped(image * factor))
+    _change_in_contact(s, rng, partial(np.multiply, factor))
 
 
-def wear(stream: Stream, rng: np.random.Generator, levels: float) -> Stream:
+def _wear(s: Stream, rng: Rng, levels: float) -> None:
     """Let a smooth pattern grow on the gel, up to so many grey levels at the end."""
-    height, width = stream.image_size
+    height, width, _ = s.images[0].shape
     rows, columns = np.indices((height, width))
     pattern = np.zeros((height, width))
     for _ in range(12):
@@ -319,164 +287,130 @@ def wear(stream: Stream, rng: np.random.Generator, levels: float) -> Stream:
         pattern += rng.uniform(-1.0, 1.0) * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2.0 * size**2))
     pattern = pattern[..., None]
     pattern *= levels / np.abs(pattern).max()
-    return _in_all(stream, lambda k, image: _clipped(image + pattern * (k / (len(stream) - 1))))
+    s.change_images(lambda k, image: image + pattern * (k / (len(s) - 1)))
 
 
-def scratch(stream: Stream, rng: np.random.Generator) -> Stream:
+def _scratch(s: Stream, rng: Rng) -> None:
     """Draw a dark line, 3 px wide and 60 grey levels deep, over the gel from a frame in a contact on."""
-    height, width = stream.image_size
+    height, width, _ = s.images[0].shape
     angle, off = rng.uniform(0.0, np.pi), rng.uniform(-0.2, 0.2) * width
     at = (0.5 * height + off * np.sin(angle), 0.5 * width + off * np.cos(angle))
-    line = -60.0 * gel_scratch((height, width), at, angle, 3)[..., None]
-    return _in_contact(stream, np.inf, lambda _, image: _clipped(image + line))
+    _change_in_contact(s, rng, partial(np.add, -60.0 * scratch((height, width), at, angle, 3)[..., None]))
 
 
-def outliers(stream: Stream, rng: np.random.Generator, share: float) -> Stream:
-    """Give a share of frames in contact the image of another of them, drawn at random."""
-    touching = np.flatnonzero(stream.touching)
-    images = [stream.frames[index].image for index in touching]
-    where = stream.touching & (rng.random(len(stream)) < share)
-
-    def other(_: int, image: Image) -> Image:
-        drawn = images[rng.integers(len(images))]
-        return image if drawn is None else drawn
-
-    return stream.with_images(where, other).from_frame(int(touching[0]))
+def _show_others(s: Stream, rng: Rng, share: float) -> None:
+    """Give a share of frames in contact the image of another of them."""
+    touched = np.flatnonzero(s.contact)
+    images = [s.images[frame] for frame in touched]
+    where = s.contact & (rng.random(len(s)) < share)
+    s.change_images(lambda *_: images[rng.integers(len(images))], where)
+    s.begin_at_contact()
 
 
-def false_contact(stream: Stream, rng: np.random.Generator, frames: int) -> Stream:
-    """Show images of a contact in the middle of a rest, so many in a row."""
-    first, last = stream.rest()
-    start, shown = (first + last) // 2, stream.in_contact()
-    changed = list(stream.frames)
-    for k in range(start, min(start + frames, last)):
-        changed[k] = replace(changed[k], image=stream.frames[shown + k - start].image)
-    return replace(stream, frames=tuple(changed)).from_frame(start)
+def _show_contact(s: Stream, rng: Rng, frames: int) -> None:
+    """Show images of a contact in the middle of a rest."""
+    first, last = s.rest()
+    start, shown = s.begin_at((first + last) // 2), s.in_contact()
+    count = min(frames, last - start)
+    s.images[start : start + count] = s.images[shown : shown + count]
 
 
-def missed_contact(stream: Stream, rng: np.random.Generator, frames: int) -> Stream:
-    """Show the untouched gel in a contact, so many frames in a row."""
-    start, changed = stream.in_contact(), list(stream.frames)
-    for k in range(start, min(start + frames, len(stream))):
-        changed[k] = replace(changed[k], image=stream.frames[stream.rest()[0]].image)
-    return replace(stream, frames=tuple(changed)).from_frame(start)
+def _hide_contact(s: Stream, rng: Rng, frames: int) -> None:
+    """Show the untouched gel in a contact."""
+    start = s.begin_in_contact()
+    count = min(frames, len(s) - start)
+    s.images[start : start + count] = [s.images[s.rest()[0]]] * count
 
 
-# Prior knowledge
-
-
-def first_pose_off(stream: Stream, rng: np.random.Generator, length: float, degrees: float) -> Stream:
-    """Give a first pose that is off by a length [m] in any direction and an angle [deg]."""
-    first = se2.compose(stream.first_pose, _offset(rng, length, degrees))
-    return replace(stream, first_pose=first).from_contact()
-
-
-def outline_off(stream: Stream, rng: np.random.Generator, share: float) -> Stream:
-    """Give an outline whose lengths are all too large by this share."""
-    return replace(stream, shape=scaled(stream.shape, 1.0 + share)).from_contact()
-
-
-def _in_all(stream: Stream, change: Callable[[int, Image], Image]) -> Stream:
-    return stream.with_images(np.ones(len(stream), np.bool_), change)
-
-
-def _in_contact(stream: Stream, seconds: float, change: Callable[[int, Image], Image]) -> Stream:
-    first = stream.in_contact()
-    return stream.with_images(stream.during(first, seconds), change).from_frame(first)
-
-
-def _clipped(levels: NDArray[np.floating]) -> Image:
-    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-
-
-def _offset(rng: np.random.Generator, length: float, degrees: float) -> Array:
-    angle = rng.uniform(-np.pi, np.pi)
-    turn = np.radians(degrees) * rng.choice([-1.0, 1.0])
-    return np.array([length * np.cos(angle), length * np.sin(angle), turn])
-
-
-Fault = Callable[[Stream, np.random.Generator], Stream]
-"""It leaves the stream as it was; the same generator makes the same changes."""
-
-
-def _pair(*faults: Fault) -> Fault:
-    return lambda stream, rng: reduce(lambda changed, fault: fault(changed, rng), faults, stream)
-
-
+Fault = Callable[[Stream, Rng], None]
 CLEAN = "none"
 PUSHED_ASIDE = "pushed aside while touched"
 """The one fault that is recorded, by `palpate simulate --knocks`, and not made of a stream."""
-FAULTS: dict[str, Fault] = {
-    CLEAN: lambda stream, rng: stream,
-    **{f"frames dropped, {share} %": partial(dropped, share=share / 100) for share in (5, 20, 50)},
-    **{f"frames lost for {seconds} s": partial(burst, seconds=seconds) for seconds in (1, 2)},
-    "frames repeated, 10 %": partial(repeated, share=0.1),
-    "frames exchanged, 10 %": partial(exchanged, share=0.1),
-    **{f"every {word} frame only": partial(slower, every=n) for n, word in ((2, "second"), (3, "third"))},
-    **{f"stamps jitter, {ms} ms": partial(jittered, deviation=ms / 1e3) for ms in (5, 20)},
-    **{f"one stamp {s:+} s": partial(leapt, seconds=s, for_good=False) for s in (1000, -1000)},
-    **{f"stamps {s:+} s for good": partial(leapt, seconds=s, for_good=True) for s in (1000, -1000)},
-    "stamps in ns": partial(nanoseconds, late=False),
-    "stamps in ns from a contact on": partial(nanoseconds, late=True),
-    **{f"pose NaN for {seconds} s": partial(pose_lost, seconds=seconds) for seconds in (0.2, 1)},
-    "pose frozen for 1 s": partial(pose_frozen, seconds=1.0),
-    "pose frozen for good": partial(pose_frozen, seconds=np.inf),
-    "pose off by 20 mm once": partial(pose_spikes, length=0.02),
-    "pose off by 20 mm 10 times": partial(pose_spikes, length=0.02, count=10),
-    "pose off by 1 m once": partial(pose_spikes, length=1.0),
-    "pose off by 1e200 m once": partial(pose_spikes, length=1e200),
-    "pose noise 0.5 mm, 0.3 deg": partial(pose_noise, length=5e-4, degrees=0.3),
-    "pose noise 2 mm, 1 deg": partial(pose_noise, length=2e-3, degrees=1.0),
-    **{f"image late by {n} frames": partial(images_late, frames=n) for n in (1, 2, 3)},
-    "image frozen for 1 s": partial(image_frozen, seconds=1.0),
-    "image frozen for good": partial(image_frozen, seconds=np.inf),
-    "image black for 5 frames": partial(image_flat, level=0, seconds=0.16),
-    "image black for 1 s": partial(image_flat, level=0, seconds=1.0),
-    "image black for good": partial(image_flat, level=0, seconds=np.inf),
-    "image saturated for 1 s": partial(image_flat, level=255, seconds=1.0),
-    "image noise for 1 s": partial(image_noise, seconds=1.0),
-    "image noise for good": partial(image_noise, seconds=np.inf),
-    "red and blue exchanged": red_blue_exchanged,
-    "red and blue exchanged, calibrated": _pair(calibrated, red_blue_exchanged),
-    "turned by 90 degrees": partial(turned, quarters=1),
-    "turned by 180 degrees": partial(turned, quarters=2),
-    "mirrored": mirrored,
-    "turned by 180 degrees, calibrated": _pair(calibrated, partial(turned, quarters=2)),
-    **{f"light drifts {n:+} %": partial(light_drift, change=n / 100) for n in (-40, -20, -10, 10, 20, 40)},
-    **{f"light steps {n:+} %": partial(light_step, change=n / 100) for n in (-40, -20, -10, 10, 20, 40)},
-    "one light out": light_out,
-    **{f"wear, up to {n} levels": partial(wear, levels=n) for n in (7, 14)},
-    "a scratch": scratch,
-    **{f"outlier images, {n} %": partial(outliers, share=n / 100) for n in (10, 30)},
-    "false contact of 1 frame": partial(false_contact, frames=1),
-    "false contact of 10 frames": partial(false_contact, frames=10),
-    "missed contact of 1 frame": partial(missed_contact, frames=1),
-    "missed contact of 10 frames": partial(missed_contact, frames=10),
-    **{f"first pose off {n} mm": partial(first_pose_off, length=n / 1e3, degrees=0.0) for n in (5, 10, 20)},
-    **{f"first pose off {n} deg": partial(first_pose_off, length=0.0, degrees=n) for n in (5, 10, 15)},
-    **{f"outline {n:+} %": partial(outline_off, share=n / 100) for n in (-2, 2, 5)},
-    "extrinsics off 1 mm": partial(misplaced, length=1e-3, degrees=0.0),
-    "extrinsics off 2 deg": partial(misplaced, length=0.0, degrees=2.0),
-    **{f"moved untouched, {n} mm": partial(moved_untouched, length=n / 1e3, degrees=0.0) for n in (10, 20, 30)},
-    "moved untouched, 20 deg": partial(moved_untouched, length=0.0, degrees=20.0),
-    PUSHED_ASIDE: pushed_aside,
-    "dropped 20 % and image late by 1": _pair(partial(dropped, share=0.2), partial(images_late, frames=1)),
-    "light drifts -20 % and outliers 10 %": _pair(partial(light_drift, change=-0.2), partial(outliers, share=0.1)),
-    "first pose off 10 mm and extrinsics 1 mm": _pair(
-        partial(first_pose_off, length=0.01, degrees=0.0), partial(misplaced, length=1e-3, degrees=0.0)
-    ),
-    "outline +2 % and moved untouched 10 mm": _pair(
-        partial(outline_off, share=0.02), partial(moved_untouched, length=0.01, degrees=0.0)
-    ),
-    "false contact of 1 frame and moved 20 mm": _pair(
-        partial(false_contact, frames=1), partial(moved_untouched, length=0.02, degrees=0.0)
-    ),
+_BLACK, _WHITE = (partial(np.full_like, fill_value=level) for level in (0, 255))
+_HALF_TURN = partial(_change_all, change=partial(np.rot90, k=2))
+FAULTS: dict[str, tuple[Fault, ...]] = {
+    CLEAN: (),
+    **{f"frames dropped, {n} %": (partial(_drop, share=n / 100),) for n in (5, 20, 50)},
+    **{f"frames lost for {n} s": (partial(_lose, seconds=n),) for n in (1, 2)},
+    "frames repeated, 10 %": (partial(_repeat, share=0.1),),
+    "frames exchanged, 10 %": (partial(_exchange, share=0.1),),
+    "every second frame only": (partial(_slow_down, every=2),),
+    "every third frame only": (partial(_slow_down, every=3),),
+    **{f"stamps jitter, {n} ms": (partial(_jitter, deviation=n / 1e3),) for n in (5, 20)},
+    **{f"one stamp {n:+} s": (partial(_leap, seconds=n),) for n in (1000, -1000)},
+    **{f"stamps {n:+} s for good": (partial(_leap, seconds=n, for_good=True),) for n in (1000, -1000)},
+    "stamps in ns": (_stamp_in_nanoseconds,),
+    "stamps in ns from a contact on": (partial(_stamp_in_nanoseconds, is_late=True),),
+    **{f"pose NaN for {n} s": (partial(_lose_pose, seconds=n),) for n in (0.2, 1)},
+    "pose frozen for 1 s": (partial(_freeze_pose, seconds=1.0),),
+    "pose frozen for good": (_freeze_pose,),
+    "pose off by 20 mm once": (partial(_shift_poses, length=0.02),),
+    "pose off by 20 mm 10 times": (partial(_shift_poses, length=0.02, count=10),),
+    "pose off by 1 m once": (partial(_shift_poses, length=1.0),),
+    "pose off by 1e200 m once": (partial(_shift_poses, length=1e200),),
+    "pose noise 0.5 mm, 0.3 deg": (partial(_add_pose_noise, length=5e-4, degrees=0.3),),
+    "pose noise 2 mm, 1 deg": (partial(_add_pose_noise, length=2e-3, degrees=1.0),),
+    **{f"image late by {n} frames": (partial(_delay_images, frames=n),) for n in (1, 2, 3)},
+    "image frozen for 1 s": (partial(_freeze_image, seconds=1.0),),
+    "image frozen for good": (_freeze_image,),
+    "image black for 5 frames": (partial(_change_in_contact, change=_BLACK, seconds=0.16),),
+    "image black for 1 s": (partial(_change_in_contact, change=_BLACK, seconds=1.0),),
+    "image black for good": (partial(_change_in_contact, change=_BLACK),),
+    "image saturated for 1 s": (partial(_change_in_contact, change=_WHITE, seconds=1.0),),
+    "image noise for 1 s": (partial(_show_noise, seconds=1.0),),
+    "image noise for good": (_show_noise,),
+    "red and blue exchanged": (_exchange_red_and_blue,),
+    "red and blue exchanged, calibrated": (_calibrate, _exchange_red_and_blue),
+    "turned by 90 degrees": (partial(_change_all, change=np.rot90),),
+    "turned by 180 degrees": (_HALF_TURN,),
+    "mirrored": (partial(_change_all, change=np.fliplr),),
+    "turned by 180 degrees, calibrated": (_calibrate, _HALF_TURN),
+    **{f"light drifts {n:+} %": (partial(_drift_light, share=n / 100),) for n in (-40, -20, -10, 10, 20, 40)},
+    **{
+        f"light steps {n:+} %": (partial(_change_in_contact, change=partial(np.multiply, 1.0 + n / 100)),)
+        for n in (-40, -20, -10, 10, 20, 40)
+    },
+    "one light out": (_switch_off_light,),
+    **{f"wear, up to {n} levels": (partial(_wear, levels=n),) for n in (7, 14)},
+    "a scratch": (_scratch,),
+    **{f"outlier images, {n} %": (partial(_show_others, share=n / 100),) for n in (10, 30)},
+    "false contact of 1 frame": (partial(_show_contact, frames=1),),
+    "false contact of 10 frames": (partial(_show_contact, frames=10),),
+    "missed contact of 1 frame": (partial(_hide_contact, frames=1),),
+    "missed contact of 10 frames": (partial(_hide_contact, frames=10),),
+    **{f"first pose off {n} mm": (partial(_misstate_first_pose, length=n / 1e3),) for n in (5, 10, 20)},
+    **{f"first pose off {n} deg": (partial(_misstate_first_pose, degrees=n),) for n in (5, 10, 15)},
+    **{f"outline {n:+} %": (partial(_misstate_outline, share=n / 100),) for n in (-2, 2, 5)},
+    "extrinsics off 1 mm": (partial(_misplace_sensor, length=1e-3),),
+    "extrinsics off 2 deg": (partial(_misplace_sensor, degrees=2.0),),
+    **{f"moved untouched, {n} mm": (partial(_move_untouched, length=n / 1e3),) for n in (10, 20, 30)},
+    "moved untouched, 20 deg": (partial(_move_untouched, degrees=20.0),),
+    PUSHED_ASIDE: (_push_aside,),
 }
-"""All faults by their names in tables."""
+FAULTS |= {
+    pair: tuple(change for fault in faults for change in FAULTS[fault])
+    for pair, faults in {
+        "dropped 20 % and image late by 1": ("frames dropped, 20 %", "image late by 1 frames"),
+        "light drifts -20 % and outliers 10 %": ("light drifts -20 %", "outlier images, 10 %"),
+        "first pose off 10 mm and extrinsics 1 mm": ("first pose off 10 mm", "extrinsics off 1 mm"),
+        "outline +2 % and moved untouched 10 mm": ("outline +2 %", "moved untouched, 10 mm"),
+        "false contact of 1 frame and moved 20 mm": ("false contact of 1 frame", "moved untouched, 20 mm"),
+    }.items()
+}
+"""The changes of all faults by their names in tables; the same generator makes the same changes."""
+
+
+def with_fault(stream: Stream, fault: str, rng: Rng) -> Stream:
+    """Return a stream with a fault; the given one stays as it was."""
+    arrays = ("time", "arrival", "sensor_pose", "truth", "contact")
+    changed = replace(stream, images=list(stream.images), **{name: getattr(stream, name).copy() for name in arrays})
+    for change in FAULTS[fault]:
+        change(changed, rng)
+    return changed
 
 
 def applies(fault: str, stream: Stream) -> bool:
     """Return true if a fault can be tried: PUSHED_ASIDE if something else pushes the object, all others if not."""
     if not stream.shoved:
         return fault != PUSHED_ASIDE
-    return fault == PUSHED_ASIDE and any(stream.touching[frame] for frame in stream.shoved)
+    return fault == PUSHED_ASIDE and any(stream.contact[frame] for frame in stream.shoved)

@@ -6,11 +6,6 @@ from pathlib import Path, PurePosixPath
 from palpate.errors import FileError
 from palpate.io import detect_format
 
-NATIVE = (".mcap",)
-"""Endings of files that are recordings even if they are damaged."""
-TRAJECTORIES = ("tum", "estimates-csv")
-"""Formats without sensor poses."""
-
 
 def find_recordings(folder: Path, leave_out: Path | None = None) -> dict[str, Path]:
     """Return the recordings in a folder and its subfolders, sorted, by their paths relative to the folder.
@@ -46,5 +41,6 @@ def _is_recording(path: Path) -> bool:
     try:
         format = detect_format(path)
     except FileError:  # empty or damaged
-        return name.endswith((*NATIVE, ".json", ".json.gz"))
-    return name.endswith(NATIVE) if format is None else format not in TRAJECTORIES
+        return name.endswith((".mcap", ".json", ".json.gz"))
+    trajectories = ("tum", "estimates-csv")  # they have no sensor poses
+    return name.endswith(".mcap") if format is None else format not in trajectories

@@ -1,22 +1,63 @@
-"""The report page of a study: its tables and figures in one file that needs no other."""
+"""The report page of a study: tables and figures, in one style, in one file that needs no other."""
 
-import json
-import re
-from collections.abc import Iterator, Mapping, Sequence
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import whole_file
-from palpate.lab.study.figures import main_method, methods_of, study_figures
-from palpate.lab.study.results import ALL
-from palpate.lab.study.trial import Trial
+from palpate.geometry import se2
+from palpate.geometry.shapes import shape_from_dict
+from palpate.lab.study.results import ALL, FINALS
+from palpate.lab.study.study import Trial, flat
+from palpate.pipeline.metrics import inside_95, rotation_errors, translation_errors
 from palpate.viewer.page import picture_uri, rendered_page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Panels = list[tuple[str, list[Trial], list["Axes"]]]
+
+STYLE: Any = {"font.size": 9, "axes.titlesize": 10, "axes.grid": True, "grid.alpha": 0.25, "savefig.dpi": 110}
+# Colours that people with any colour vision tell apart (Okabe and Ito).
+COLOURS = {
+    "none": "#000000",
+    "learnt": "#0072B2",
+    "oracle": "#009E73",
+    "learnt-turn": "#E69F00",
+    "learnt-direction": "#CC79A7",
+}
+SENSOR = "#D55E00"
+OVER_TIME: dict[str, Callable[[Trial], Array]] = {
+    "error [mm]": lambda trial: np.maximum(1e3 * translation_errors(trial.pose, trial.truth), 0.1),
+    "error [deg]": lambda trial: np.maximum(np.degrees(np.abs(rotation_errors(trial.pose, trial.truth))), 0.05),
+    "in the 95 % region [%]": lambda trial: np.where(np.isnan(trial.nees), np.nan, 100.0 * inside_95(trial.nees)),
+    "step [ms]": lambda trial: trial.step_ms,
+}
+"""Quantities (N,) over time by their labels; on logarithmic axes small errors are drawn at 0.1 mm and 0.05 deg."""
+
+
+@dataclass(frozen=True)
+class StudyFigure:
+    """A figure and its words."""
+
+    name: str
+    """Of its file, without the ending."""
+    title: str
+    caption: str
+    png: bytes
 
 
 def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial]) -> None:
     """Write figures/*.png and report.html to a folder; `results` is the content of `results.json`."""
-    figures = study_figures(trials, results["recordings"])
+    figures = study_figures(trials)
     try:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -24,46 +65,202 @@ def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial])
     for figure in figures:
         with whole_file(folder / "figures" / f"{figure.name}.png", overwrite=True) as part:
             part.write_bytes(figure.png)
-    methods = methods_of(trials)
+    methods = _methods_of(trials)
     groups = [group for group in results["table"] if group != ALL]
+    by_group = {group: [trial.facts for trial in trials if trial.group == group] for group in groups}
     page = rendered_page(
         Path(__file__).with_name("report.html.j2"),
-        **{**results, "settings": dict(_flat(results["settings"]))},
+        **{**results, "settings": flat(results["settings"])},
         all=ALL,
         groups=[ALL, *groups] if len(groups) > 1 else groups,
-        methods=[str(method) for method in methods],
-        main=str(main_method(methods)) if methods else None,
+        methods=methods,
+        main=_main_method(methods) if methods else None,
         figures=[(figure, picture_uri(figure.png)) for figure in figures],
-        origins=_origins(results["recordings"]),
+        origins={group: facts[0]["source"] for group, facts in by_group.items()},
     )
     with whole_file(folder / "report.html", overwrite=True) as part:
         part.write_text(page, encoding="utf-8")
 
 
-def _origins(recordings: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the sources that the recordings of each group state; those that differ in numbers only stand once."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for facts in recordings.values():
-        groups.setdefault(facts["group"], []).append(facts)
-    return [
-        {
-            "group": group,
-            "recordings": len(members),
-            "minutes": sum(facts["seconds"] for facts in members) / 60.0,
-            "images": sum(facts["images"] for facts in members),
-            "truth": sum(facts["truth"] for facts in members),
-            "sources": list(
-                {re.sub(r"\d+", "0", facts["source"]): facts["source"] for facts in members[::-1]}.values()
-            )[::-1],
-        }
-        for group, members in sorted(groups.items())
-    ]
+def study_figures(trials: Sequence[Trial]) -> list[StudyFigure]:
+    """Return the figures of those trials that have ground truth."""
+    import matplotlib as mpl
+
+    scored = [trial for trial in trials if trial.summary["scored_frames"]]
+    with mpl.rc_context(STYLE):
+        return [_over_time(scored), _final_errors(scored), _trajectories(scored)] if scored else []
 
 
-def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield settings within settings as `noise.contact`."""
-    for name, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+def _over_time(trials: Sequence[Trial]) -> StudyFigure:
+    figure, panels = _grid(trials, len(OVER_TIME), sharey="row")
+    for _, some, axes in panels:
+        for axis, (label, quantity) in zip(axes, OVER_TIME.items(), strict=True):
+            axis.set(xlabel="time since the start [s]", ylabel=label)
+            is_share = label.endswith("[%]")
+            for method, of_method in _by_method(some):
+                time, values = _sampled(of_method, quantity)
+                if is_share:
+                    axis.plot(time, _over_trials(np.nanmean, values), **_line(method))
+                    continue
+                low, middle, high = (_over_trials(np.nanpercentile, values, q=q) for q in (25.0, 50.0, 75.0))
+                axis.fill_between(time, low, high, color=_line(method)["color"], alpha=0.12, lw=0)
+                axis.plot(time, middle, **_line(method))
+            if is_share:
+                axis.axhline(95.0, color="#666666", lw=0.8)
+                axis.set(ylim=(-3.0, 103.0))
+            else:
+                _make_logarithmic(axis, "y")
+    return _finished(
+        figure,
+        "over-time",
+        "Errors, coverage and time of a step",
+        "Error of the online estimate from the first contact on: median over the sequences of a group, shaded from the "
+        "first to the third quartile (the paper's Fig. 6). Below, the share of sequences whose true pose lies in the "
+        "region that should hold it with 95 % probability, and the time of `Tracker.update` while the study ran on all "
+        "its workers (Fig. 8). Lines end where fewer than half of the sequences go on.",
+    )
+
+
+def _final_errors(trials: Sequence[Trial]) -> StudyFigure:
+    figure, panels = _grid(trials, 2, sharex="row", sharey="row")
+    for _, some, axes in panels:
+        for axis, (name, least) in zip(axes, (("final_mm", 0.1), ("final_deg", 0.05)), strict=True):
+            by_method = dict(_by_method(some))
+            boxes = axis.boxplot(
+                [np.maximum([trial.summary[FINALS[name]] for trial in each], least) for each in by_method.values()],
+                whis=(5.0, 95.0),
+                orientation="horizontal",
+                widths=0.6,
+                patch_artist=True,
+            )
+            for method, box, line in zip(by_method, boxes["boxes"], boxes["medians"], strict=True):
+                colour = _line(method)["color"]
+                box.set(facecolor=f"{colour}38", edgecolor=colour)
+                line.set_color(colour)
+            axis.set_yticks(range(1, len(by_method) + 1), list(by_method))
+            axis.set(xlabel=f"final error [{name.removeprefix('final_')}]", ylim=(len(by_method) + 0.5, 0.5))
+            _make_logarithmic(axis, "x")
+    return _finished(
+        figure,
+        "final-errors",
+        "Final errors",
+        "Error at the last frame with ground truth. The line in a box is the median, the box holds the middle half of "
+        "the sequences, the whiskers 5 to 95 % of them, and dots are the others. The paper's Fig. 7.",
+    )
+
+
+def _trajectories(trials: Sequence[Trial]) -> StudyFigure:
+    figure, panels = _grid(trials, 2, with_all=False)
+    mm, deg = FINALS.values()
+    for _, some, axes in panels:
+        main = _main_method(_methods_of(some))
+        ranked = sorted((trial for trial in some if trial.method == main), key=lambda trial: trial.summary[mm])
+        for axis, trial, kind in zip(
+            axes, (ranked[(len(ranked) - 1) // 2], ranked[-1]), ("median", "worst"), strict=True
+        ):
+            _draw_trajectory(axis, trial)
+            errors = f"{trial.summary[mm]:.1f} mm, {trial.summary[deg]:.1f}°"
+            axis.set_title(f"{kind}: {trial.recording[-28:]}\n{errors}", fontsize=8)
+    return _finished(
+        figure,
+        "trajectories",
+        "Trajectories, true and estimated",
+        "From above, in each group the sequence with the median final error and the one with the largest, with "
+        f"outlines at the start, halfway and at the end. By {_main_method(_methods_of(trials))}, or the nearest "
+        "method that applies. The paper's Figs. 10 to 12.",
+    )
+
+
+def _draw_trajectory(axis: "Axes", trial: Trial) -> None:
+    known = np.flatnonzero(np.isfinite(trial.truth[:, 0]))
+    in_contact = np.where(trial.contact[:, None], trial.sensor_pose[:, :2], np.nan)
+    truth: dict[str, Any] = {"color": "#000000", "ls": "-", "label": "truth"}
+    estimate: dict[str, Any] = {"color": _line(trial.method)["color"], "ls": "--", "label": f"estimate, {trial.method}"}
+    axis.plot(*(1e3 * in_contact.T), color=SENSOR, lw=1.2, label="sensor in contact")
+    axis.plot(*(1e3 * trial.truth[:, :2].T), lw=2.0, **truth)
+    axis.plot(*(1e3 * trial.pose[: known[-1] + 1, :2].T), lw=1.2, **estimate)
+    outline = shape_from_dict(trial.facts["shape"]).outline(100)
+    for frame in known[[0, len(known) // 2, -1]]:
+        for pose, style in ((trial.truth[frame], truth), (trial.pose[frame], estimate)):
+            axis.fill(*(1e3 * se2.transform(pose, outline).T), fill=False, alpha=0.7, **style | {"label": None})
+    axis.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", adjustable="datalim")
+
+
+def _grid(trials: Sequence[Trial], rows: int, with_all: bool = True, **share: Any) -> tuple["Figure", Panels]:
+    """Return a figure and, for all groups together and for each group, its name, trials and axes, from above."""
+    from matplotlib.figure import Figure
+
+    names = sorted({trial.group for trial in trials})
+    names = [*([ALL] if with_all and len(names) > 1 else []), *names]
+    figure = Figure(figsize=(3.3 * max(len(names), 2), 2.7 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, len(names), squeeze=False, **share)
+    panels: Panels = []
+    for column, name in enumerate(names):
+        some = [trial for trial in trials if name in (ALL, trial.group)]
+        grid[0, column].set_title(f"{name} ({len({trial.recording for trial in some})})")
+        panels.append((name, some, list(grid[:, column])))
+    return figure, panels
+
+
+def _finished(figure: "Figure", name: str, title: str, caption: str) -> StudyFigure:
+    """Return a figure as PNG, with a legend of the lines drawn in its first panel."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper left", ncols=4, frameon=False)
+    with io.BytesIO() as file:
+        FigureCanvasAgg(figure).print_png(file)
+        return StudyFigure(name, title, caption, file.getvalue())
+
+
+def _methods_of(trials: Sequence[Trial]) -> list[str]:
+    return list(dict.fromkeys(trial.method for trial in trials))
+
+
+def _main_method(methods: Sequence[str]) -> str:
+    """Return the method to show where there is room for one: `learnt`, else the last one."""
+    return "learnt" if "learnt" in methods else methods[-1]
+
+
+def _by_method(trials: Sequence[Trial]) -> Iterator[tuple[str, list[Trial]]]:
+    for method in _methods_of(trials):
+        yield method, [trial for trial in trials if trial.method == method]
+
+
+def _line(method: str) -> dict[str, Any]:
+    return {"color": COLOURS[method], "lw": 1.6, "label": method}
+
+
+def _make_logarithmic(axes: "Axes", which: str) -> None:
+    """Make the x or y axis logarithmic, with 0.1 and 10 written on it and not powers of ten."""
+    from matplotlib.ticker import NullFormatter, StrMethodFormatter
+
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _sampled(trials: Sequence[Trial], quantity: Callable[[Trial], Array]) -> tuple[Array, Array]:
+    """Return instants (T,) [s] since the start and a quantity of each trial then, (S, T).
+
+    It is NaN before the first contact, at which the object rests where it was said to be, and after the end.
+    """
+    longest = max(trial.time[-1] - trial.time[0] for trial in trials)
+    instants = np.linspace(0.0, longest, 150)
+    rows = []
+    for trial in trials:
+        since = trial.time - trial.time[0]
+        frame = np.searchsorted(since, instants).clip(0, len(since) - 1)
+        is_there = (instants <= since[-1]) & (frame >= np.argmax(trial.contact))
+        rows.append(np.where(is_there, quantity(trial)[frame], np.nan))
+    return instants, np.array(rows)
+
+
+def _over_trials(middle: Callable[..., Array], values: Array, **options: float) -> Array:
+    """Return a mean or percentile (T,) of values (S, T) over trials; NaN where fewer than half have a value."""
+    found = np.full(values.shape[1], np.nan)
+    enough = np.isfinite(values).mean(axis=0) >= 0.5
+    found[enough] = middle(values[:, enough], axis=0, **options)
+    return found

@@ -4,20 +4,18 @@
 
     command     the command line
     settings    see `study.described`
-    study       palpate, folder, recordings, trials, kept, skipped, failed, broken, wall_s, workers, cores, lost_above
+    study       palpate, folder, recordings, trials, kept, skipped, failed, wall_s, workers, cores, lost_above
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
     lost        [{recording, method, final_mm, final_deg, final_inside_95}]
     skipped     [{recording, method, reason}]: methods that do not apply to a recording
     failed      [{recording, method, error}]: trials that ended in an error
-    broken      [{recording, error}]: recordings that cannot be read
 """
 
 import csv
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
@@ -27,27 +25,28 @@ from numpy.typing import ArrayLike
 
 import palpate
 from palpate.files import whole_file
-from palpate.lab.study.study import Study, described
-from palpate.lab.study.trial import Method, StudySettings, Trial
-from palpate.pipeline.metrics import AFTER, inside_95, since_contact
+from palpate.lab.study.study import Study, StudySettings, Trial, described
+from palpate.pipeline.metrics import inside_95, since_contact
 
 ALL = "all groups"
 LOST_ABOVE = {"mm": 50.0, "deg": 30.0}
 """A sequence is lost if its final error is above either."""
 FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation_error_deg"}
-RMSES = {"rmse_mm": "translation_rmse_mm", "rmse_deg": "rotation_rmse_deg"}
 """Columns of the table by their names in a trial's summary."""
 
 
 def results_of(study: Study, settings: StudySettings, folder: Path, workers: int, command: str) -> dict[str, Any]:
     """Return the content of `results.json`."""
+    lost = [trial for trial in study.trials if is_lost(trial)]
     return {
         "command": command,
         "settings": described(settings),
         "study": {
             "palpate": palpate.__version__,
             "folder": str(folder),
-            **study.counts(),
+            **{name: len(getattr(study, name)) for name in ("recordings", "trials", "skipped", "failed")},
+            "kept": study.kept,
+            "wall_s": study.wall_s,
             "workers": workers,
             "cores": os.cpu_count(),
             "lost_above": LOST_ABOVE,
@@ -57,29 +56,26 @@ def results_of(study: Study, settings: StudySettings, folder: Path, workers: int
         "lost": [
             {
                 "recording": trial.recording,
-                "method": str(trial.method),
+                "method": trial.method,
                 **{name: trial.summary[key] for name, key in FINALS.items()},
                 "final_inside_95": trial.summary.get("in_95_final"),
             }
-            for trial in study.trials
-            if is_lost(trial)
+            for trial in lost
         ],
-        "skipped": [{"recording": name, "method": str(m), "reason": why} for (name, m), why in study.skipped.items()],
-        "failed": [{"recording": name, "method": str(m), "error": why} for (name, m), why in study.failed.items()],
-        "broken": [{"recording": name, "error": error} for name, error in study.broken.items()],
+        "skipped": [{"recording": name, "method": m, "reason": why} for (name, m), why in study.skipped.items()],
+        "failed": [{"recording": name, "method": m, "error": why} for (name, m), why in study.failed.items()],
     }
 
 
-def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[str, Any]]:
+def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return a row for each group and method, and for all groups together.
 
     A row holds, of its `sequences` with ground truth:
-    final_mm, final_deg: {median, p75, worst} of the error at the last frame with truth;
-    rmse_mm, rmse_deg: median of the RMSE of a sequence;
+    final_mm, final_deg: {median, worst} of the error at the last frame with truth;
     nees: {median, mean} and inside_95: share in the 95 % region, both of all frames since the first contact;
     contact_inside_95, rest_inside_95, final_inside_95: share of frames in contact, at rest, and of the last ones;
     silently_wrong, silently_wrong_before_touch: mean of the share of such frames, see `metrics.summarise`;
-    knocks: their number, with `recovered` and error_after_knock_mm, see `errors_after_knock`;
+    knocks: their number, with recovery_contact_s and recovered_in_2s, see `recovered`;
     lost: their number;
     and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
     medians over sequences. Unknown values are None.
@@ -88,7 +84,7 @@ def table(trials: Sequence[Trial], methods: Sequence[Method]) -> dict[str, dict[
     for group in [*sorted({trial.group for trial in trials}), ALL] if trials else []:
         of_group = [trial for trial in trials if group in (trial.group, ALL)]
         by_method = {method: [trial for trial in of_group if trial.method == method] for method in methods}
-        found[group] = {str(method): _row(some) for method, some in by_method.items() if some}
+        found[group] = {method: _row(some) for method, some in by_method.items() if some}
     return found
 
 
@@ -123,39 +119,26 @@ def recovered(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]
     }
 
 
-def errors_after_knock(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """Return the median error [mm] over knocks by the seconds after a knock ("0.5"); None if it is unknown then."""
-    known = [errors for summary in summaries if (errors := summary.get("knock_error_mm"))]
-    return {
-        after: _of(median, [mm for errors in known for mm in errors[after] if mm is not None])
-        for after in (f"{seconds:g}" for seconds in AFTER)
-    }
-
-
-def flat(trial: Trial) -> dict[str, Any]:
-    """Return the row of a trial in `sequences.csv`: its summary without lists, and medians of those about knocks."""
-    row = {"recording": trial.recording, "group": trial.group, **asdict(trial.method), "lost": is_lost(trial)}
-    row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
-    row |= recovered([trial.summary])
-    row |= {f"error_after_knock_mm_{after}": mm for after, mm in errors_after_knock([trial.summary]).items()}
-    return row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()}
-
-
 def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Trial]) -> None:
-    """Write `results.json` and `sequences.csv`, each whole or not at all."""
+    """Write `results.json` and `sequences.csv`, the summaries of trials without lists, each whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     with whole_file(folder / "results.json", overwrite=True) as part:
         part.write_text(json.dumps(results, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    write_rows(folder / "sequences.csv", [flat(trial) for trial in trials])
+    rows = []
+    for trial in trials:
+        row = {"recording": trial.recording, "group": trial.group, "tactile": trial.method, "lost": is_lost(trial)}
+        row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
+        row |= recovered([trial.summary])
+        rows.append(row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()})
+    write_rows(folder / "sequences.csv", rows)
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write a CSV file, whole or not at all; a name that a spreadsheet would run as a formula gets an apostrophe."""
 
     def cell(value: Any) -> Any:
-        return (
-            f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r", "'")) else value
-        )
+        is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r", "'"))
+        return f"'{value}" if is_formula else value
 
     with (
         whole_file(path, overwrite=True) as part,
@@ -168,7 +151,6 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 def _row(trials: Sequence[Trial]) -> dict[str, Any]:
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
-    summaries = [trial.summary for trial in scored]
     since = [since_contact(trial.contact, trial.nees) for trial in trials]
     pooled = {
         "": [trial.nees[s] for trial, s in zip(trials, since, strict=True)],
@@ -179,22 +161,19 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
     nees = np.concatenate(pooled[""])
 
     def known(key: str) -> list[float]:
-        return [value for summary in summaries if (value := summary.get(key)) is not None]
+        return [value for trial in scored if (value := trial.summary.get(key)) is not None]
 
     judged = [trial.summary for trial in trials if trial.summary.get("ambiguous_share") is not None]
     ambiguous = [each["ambiguous_share"] * each["contact_frames"] for each in judged]
     return {
         "sequences": len(scored),
-        "unscored": len(trials) - len(scored),
-        **{name: _spread(known(key)) for name, key in FINALS.items()},
-        **{name: _of(median, known(key)) for name, key in RMSES.items()},
+        **{name: {"median": _of(median, known(key)), "worst": _of(max, known(key))} for name, key in FINALS.items()},
         "nees": {"median": _of(np.median, nees), "mean": _of(np.mean, nees)},
         **{f"{kind}inside_95": _of(np.mean, inside_95(np.concatenate(some))) for kind, some in pooled.items()},
         "silently_wrong": _of(fmean, known("silently_wrong_share")),
         "silently_wrong_before_touch": _of(fmean, known("silently_wrong_before_touch_share")),
         "knocks": sum(known("knocks")),
-        **recovered(summaries),
-        "error_after_knock_mm": errors_after_knock(summaries),
+        **recovered([trial.summary for trial in scored]),
         "lost": sum(map(is_lost, scored)),
         "ambiguous": sum(ambiguous) / sum(each["contact_frames"] for each in judged) if judged else None,
         "step_ms": {
@@ -204,10 +183,5 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def _of(middle: Any, values: Sequence[Any] | ArrayLike) -> float | None:
-    """Return a mean or median of values; None if there are none."""
+    """Return a mean, median or maximum of values; None if there are none."""
     return float(middle(values)) if np.size(values) else None
-
-
-def _spread(values: Sequence[float]) -> dict[str, float | None]:
-    shares = {"median": 50, "p75": 75, "worst": 100}
-    return {name: _of(lambda some, share=share: np.percentile(some, share), values) for name, share in shares.items()}
