@@ -99,10 +99,7 @@ def test_knocks_are_scored(evaluate):
     # The first pose is as given, and so near up to the second knock, a second before the end.
     assert (row["knocks"], row["recovery_contact_s"], row["recovered_in_2s"]) == (2, 0.0, None)
     assert "knocks" in out
-    by_recording = {each["recording"]: each for each in rows()}
-    assert [by_recording[name]["knocks"] for name in ("disc-1.mcap", "edges-1.mcap")] == ["0", "2"]
-    assert float(by_recording["edges-1.mcap"]["error_after_knock_mm_0.5"]) == row["error_after_knock_mm"]["0.5"]
-    assert by_recording["edges-1.mcap"]["error_after_knock_mm_3"] == ""
+    assert [each["knocks"] for each in rows()] == ["0", "2"]
 
 
 def test_recordings_are_found_in_subfolders_and_told_from_other_files(evaluate, shared_data):
@@ -116,7 +113,7 @@ def test_recordings_are_found_in_subfolders_and_told_from_other_files(evaluate, 
     Path("recordings/path.tum").write_text("0 0 0 0 0 0 0 1\n")
     assert evaluate("recordings", "--out", "recordings/out", "--tactile", "none")[0] == 0
     found = results("recordings/out")
-    assert list(found["recordings"]) == ["disc-1.mcap", "edges-1.mcap", "mit/a.json.gz"] and found["broken"] == []
+    assert list(found["recordings"]) == ["disc-1.mcap", "edges-1.mcap", "mit/a.json.gz"] and found["failed"] == []
     assert list(found["table"]) == ["disc", "edges", "mit", "all groups"]
 
 
@@ -126,24 +123,8 @@ def test_damaged_recordings_are_named_and_the_others_tracked(evaluate):
     code, out, err = evaluate("recordings", "--out", "out", *FAST, "--json")
     assert code == 3 and len(err.splitlines()) == 2
     assert err.startswith("palpate: recordings/bad.mcap: ")
-    assert [each["recording"] for each in json.loads(out)["broken"]] == ["bad.mcap", "empty.json"]
+    assert {each["recording"] for each in json.loads(out)["failed"]} == {"bad.mcap", "empty.json"}
     assert len(rows()) == 4
-
-
-@pytest.mark.parametrize("option", ["--first-pose", "--first-pose-sigma", "--first-pose-unknown"])
-def test_the_first_pose_reaches_the_tracker_and_the_report(evaluate, option):
-    write("recordings/blind-1.mcap", replace(pushed(20), object_pose=None))
-    words = {"--first-pose": "0 0 3", "--first-pose-sigma": "0.02 0.03 0.2", "--first-pose-unknown": ""}[option].split()
-    assert evaluate("recordings", "--out", "out", "--tactile", "none", option, *words)[0] == 0
-    settings = results()["settings"]
-    key = option[2:].replace("-", "_").replace("unknown", "of_all")
-    assert settings[key] == ([float(word) for word in words] or True)
-    # Without ground truth a recording needs a first pose, and is not scored.
-    blind = results()["table"].get("blind", {"none": None})["none"]
-    assert blind is None if option == "--first-pose-sigma" else blind["unscored"] == 1
-    (edges,) = [each for each in rows() if each["recording"] == "edges-1.mcap"]
-    # Its yaw is 3 rad at the start, and an unknown first pose has the yaw 0.
-    assert (float(edges["rotation_rmse_deg"]) > 90.0) == (option == "--first-pose-unknown")
 
 
 def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
@@ -157,14 +138,14 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
     assert "6 trials, 3 kept" in out
     assert sum(path.stat().st_mtime_ns == stamp for path, stamp in files.items()) == 3
     for option, value, sentence in (
-        ("--noise", "published", "out: was made with other settings (noise "),
-        ("--pressure", "0.03", "pressure was 'uniform', is 0.03"),
+        ("--noise", "published", "out: was made with other settings (noise."),
+        ("--pressure", "0.03", 'pressure was "uniform", is 0.03'),
         ("--hypotheses", "1", "hypotheses was 9, is 1"),
     ):
         code, _, err = evaluate("recordings", "--out", "out", *FAST, "--resume", option, value)
         assert code == 2 and sentence in err and err.count("\n") == 1
     write("recordings/disc-1.mcap", pushed(25))
-    assert "disc-1.mcap: has changed since" in evaluate("recordings", "--out", "out", *FAST, "--resume")[2]
+    assert "6 trials, 4 kept" in evaluate("recordings", "--out", "out", *FAST, "--resume")[1]  # it has changed since
 
 
 @pytest.mark.parametrize(
@@ -177,12 +158,10 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
         (("recordings", "--pressure", "-1"), "pressure is -1"),
         (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder"),
         (("recordings", "--model", "m", "--tactile", "none"), "--model m"),
-        (("recordings", "--first-pose-sigma", "0", "1", "1"), "first pose sigma"),
         (("recordings", "--calibration", "nowhere.npz"), "nowhere.npz: no such file"),
         (("recordings", "--hypotheses", "0"), "hypotheses is 0"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
         (("recordings", "--tactile", "learnt"), "no recording can be tracked by these methods"),
-        (("recordings", "--first-pose-unknown", "--first-pose", "1", "1", "1"), "cannot be combined with --first-pose"),
         (("recordings", "--faults", "--tactile", "none", "--resume"), "remove --tactile"),
         (("recordings", "--faults"), "disc-1.mcap: has no images"),
     ],

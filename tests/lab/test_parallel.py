@@ -1,6 +1,7 @@
 """Work on several processes and on a cluster, and workers that die."""
 
 import os
+from typing import Any
 
 import pytest
 
@@ -28,13 +29,13 @@ def cluster():
 
 
 def test_processes_and_a_cluster_find_the_same(cluster):
-    assert [sorted(spread(half_or_die, range(9), **way)) for way in ({}, {"workers": 2}, {"dask": cluster})] == [
-        [0.5 * number for number in range(9)]
-    ] * 3
+    ways: list[dict[str, Any]] = [{}, {"workers": 2}, {"dask": cluster}]
+    for way in ways:
+        assert sorted(spread(half_or_die, range(9), **way)) == [0.5 * number for number in range(9)]
 
 
 @pytest.mark.parametrize("place", ["here", "on a cluster"])
 def test_a_worker_that_dies_is_one_sentence(cluster, place):
-    way = {"workers": 2} if place == "here" else {"dask": cluster}
+    way: dict[str, Any] = {"workers": 2} if place == "here" else {"dask": cluster}
     with pytest.raises(SettingError, match="a process of the workers died, perhaps for lack of memory"):
         list(spread(half_or_die, [1, -1], **way))

@@ -71,8 +71,8 @@ def evaluate(
     files = find_recordings(folder, leave_out=out)
     with progress_bar("tracking", len(files) * len(ways)) as progress:
         study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
-    for (name, method), error in study.failed.items():
-        complain(f"{folder}/{name} by {method}: {error}")
+    for name, error in dict.fromkeys((name, error) for (name, _), error in study.failed.items()):
+        complain(f"{folder}/{name}: {error}")
     if study.skipped and not (study.trials or study.failed):
         (name, _), reason = next(iter(study.skipped.items()))
         raise SettingError(f"{folder}: no recording can be tracked by these methods; the first: {name} {reason}")

@@ -22,7 +22,7 @@ TOUCHING[4:10] = TOUCHING[20:50] = True
 @pytest.fixture
 def stream() -> Stream:
     """Sixty frames, 0.1 s apart; image and the sensor's x hold their number, the object stands at (1, 0)."""
-    number = np.arange(60)
+    number: Any = np.arange(60.0)
     poses = np.column_stack([1e-3 * number, 0.0 * number, 0.0 * number])
     truth = np.tile([1.0, 0.0, 0.0], (60, 1))
     images = [np.full((8, 6, 3), (k, 100 + k, 200), np.uint8) for k in range(60)]
@@ -189,7 +189,8 @@ def scored(monkeypatch):
         monkeypatch.setattr(fault_bench, "Tracker", Scripted)
         monkeypatch.setattr(Scripted, "script", script, raising=False)
         count = len(script)
-        time, poses, contact = 0.5 * np.arange(count), np.zeros((count, 3)), np.ones(count, np.bool_)
+        time: Any = 0.5 * np.arange(count)
+        poses, contact = np.zeros((count, 3)), np.ones(count, np.bool_)
         images = [np.zeros((8, 6, 3), np.uint8)] * count
         stream = Stream(time, time, poses, poses, contact, images, shape or Disc(0.1), DIGIT, poses[0], begin=begin)
         return run_stream(stream, TrackerSettings())
