@@ -12,16 +12,11 @@ NUMBERS = ("fiu", "numbers")
 INTEGERS = ("iu", "integers")
 FLAGS = ("b", "booleans")
 
-FARTHEST = 1e6
-"""[m] A position or a length beyond this is damage: the planet is not much larger."""
-LONGEST = 1e7
-"""[s] A recording of more than these four months is damage: a wrong clock, or a wrong unit."""
-SPAN = 5.0
-"""[m] Largest extent of a push; one of 10 mm in millimetres spans more."""
-TURNS = 4.0 * np.pi
-"""[rad] Angles beyond are probably in degrees."""
-METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
-"""[m] of each unit of lengths, the likeliest first."""
+FARTHEST = 1e6  # [m] a position or a length beyond this is damage: the planet is not much larger
+LONGEST = 1e7  # [s] a recording of more than these four months is damage: a wrong clock, or a wrong unit
+SPAN = 5.0  # [m] largest extent of a push; one of 10 mm in millimetres spans more
+TURNS = 4.0 * np.pi  # [rad] angles beyond are probably in degrees
+METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}  # [m] of each unit of lengths, the likeliest first
 _WORDS = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
 _SECONDS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 
@@ -53,9 +48,8 @@ def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool
 def check_increasing(time: NDArray[np.float64]) -> None:
     """Raise FileError unless times (N,) [s] are finite and strictly increasing."""
     check_rows("time", time, np.isfinite(time), "a finite number")
-    wrong = np.flatnonzero(np.diff(time) <= 0)
-    if len(wrong):
-        index = int(wrong[0]) + 1
+    if (np.diff(time) <= 0).any():
+        index = int(np.argmax(np.diff(time) <= 0)) + 1
         verb = "repeats" if time[index] == time[index - 1] else "runs backwards at"
         raise FileError(
             f"time: frame {index} {verb} {time[index]:.17g} s after {time[index - 1]:.17g} s, "

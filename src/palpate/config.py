@@ -25,22 +25,13 @@ Kernel = float | None
 """Scale of a Cauchy kernel [standard deviations]; None is a plain square."""
 
 Tactile = Literal["none", "oracle", "learnt", "learnt-turn", "learnt-direction"]
-"""Source of the touch measurements.
-
-- none: no touch measurements; pushing and geometry alone.
-- oracle: true turn of the sensor, from ground truth.
-- learnt: contact direction and turn from the touch model.
-- learnt-turn, learnt-direction: one of the two alone.
-"""
+"""Source of the touch measurements: none, the true turn of the sensor from ground truth (oracle), or contact direction
+and turn from the touch model (learnt), or one of the two alone."""
 TactileChoice = Literal["auto", Tactile]
 """auto is learnt if there are images that fit the touch model, else none."""
 
 SmootherName = Literal["fixed-lag", "batch"]
-"""Solver for the graph of a contact.
-
-- fixed-lag: Gauss-Newton on a sliding window; older steps are marginalised.
-- batch: the same with all steps of the contact.
-"""
+"""Solver for the graph of a contact: Gauss-Newton on a sliding window, or on all steps of the contact (batch)."""
 
 
 def _checked(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tuple[float, ...] | None:
@@ -64,8 +55,7 @@ class SensorPoseSettings:
     deviation: Sigmas = (1e-4, 1e-4, 1e-3)
     """Measured sensor pose [m, m, rad], body frame: a good robot's kinematics or motion capture."""
     calibration: Sigmas = (1e-3, 1e-3, 9e-3)
-    """Constant offset between sensor, world and outline [m, m, rad]. No measurement reveals it: it is added to the
-    reported covariance and used nowhere else."""
+    """Constant offset between sensor, world and outline [m, m, rad], which only the reported covariance includes."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +77,7 @@ class ContactSettings:
     deviation: float = 1e-3
     """Distance between sensor and outline in contact [m]: errors of outline, gel and mounting."""
     kernel: Kernel = 3.0
-    """Scale of the Cauchy kernel [standard deviations]; None is a plain square."""
+    """Scale of the Cauchy kernel [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +87,7 @@ class TouchSettings:
     share: float = 2.0
     """Factor on the variance that the touch model predicts, without the bias and scale that all directions share."""
     kernel: Kernel = 3.0
-    """Scale of the Cauchy kernel [standard deviations]: a single bad image must not bend the path; None is a plain
-    square."""
+    """Scale of the Cauchy kernel [standard deviations]: a single bad image must not bend the path."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +98,7 @@ class StickingSettings:
     still: float = 2e-5
     """Sliding in a step without sensor motion [m]."""
     share: float = 0.06
-    """Sliding as a share of the sensor's motion, inside the cone: 0.3 % is the median in simulation, but one contact in
-    hundreds creeps by more."""
+    """Sliding as a share of the sensor's motion, inside the cone: one simulated contact in hundreds creeps so much."""
     sliding_share: float = 2.0
     """The same at the cone's edge: slides are long and one-sided, so only a large value leaves them free."""
     margin: float = 0.04
@@ -118,7 +106,7 @@ class StickingSettings:
     width: float = 0.03
     """A third of the angle over which sticking turns into sliding [rad]."""
     kernel: Kernel = 2.0
-    """Scale of the Cauchy kernel on both rows together [standard deviations]; None is a plain square."""
+    """Scale of the Cauchy kernel on both rows together [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -129,11 +117,9 @@ class BalanceSettings:
     still: float = 2e-7
     """Imbalance in a step without sensor motion [m^2]."""
     share: float = 0.013
-    """Imbalance as a share of the sensor's motion times c: with the right c and centre of friction, the ellipsoid fits
-    simulated supports to 1 %."""
+    """Imbalance as a share of the sensor's motion times c: the ellipsoid fits simulated supports to 1 %."""
     load: float = 0.8
-    """Error of the load's place on several tips, as a share of the distance between the outermost: tenths of a
-    millimetre decide which tip bears how much."""
+    """Error of the load's place on several tips, as a share of the distance between the outermost."""
     kernel: Kernel = 2.0
     """Scale of the Cauchy kernel [standard deviations]; a disturbance breaks the balance."""
 
@@ -174,8 +160,7 @@ class Priors:
     grip: Normal = (0.4, 0.1)
     """Coulomb friction coefficient between sensor and object."""
     friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.003)
-    """Change of the last three from one contact to the next, and in each step, as shares of their standard deviation:
-    friction differs from place to place, and one contact may teach something wrong."""
+    """Change of the last three between contacts and in each step, as shares of their standard deviation."""
 
     @property
     def mean(self) -> Array:
@@ -209,8 +194,7 @@ class Priors:
 class NoiseSettings:
     """Standard deviations, shares and kernels of all factors, a group each; see the classes of the groups.
 
-    Numbers must be above 0 unless named in `zero_allowed`, and become floats. Defaults for touch and sliding are tuned
-    by `palpate tune` on simulated recordings; the others state their reasons.
+    Numbers become floats. Defaults for touch and sliding are tuned by `palpate tune` on simulated recordings.
     """
 
     sensor_pose: SensorPoseSettings = SensorPoseSettings()
@@ -251,8 +235,7 @@ PUBLISHED = NoiseSettings(
     friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),
     priors=Priors(_KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN),
 )
-"""Settings of the paper's experiments, from the authors' published code. Pushing hardly counts, so that a contradiction
-between it and touch does not show."""
+"""Settings of the paper's experiments, from the authors' published code; pushing hardly counts."""
 
 PRESETS = {"palpate": NoiseSettings(), "published": PUBLISHED}
 
@@ -262,17 +245,16 @@ class TrackerSettings:
     """Settings of a `Tracker`; raises SettingError on a value that is not allowed."""
 
     tactile: TactileChoice = "auto"
-    """Source of the touch measurements; auto is learnt if there are images that fit the touch model, else none."""
+    """Source of the touch measurements."""
     smoother: SmootherName = "fixed-lag"
     """Solver for the graph of a contact."""
     noise: NoiseSettings = NoiseSettings()
     """Noise of all factors."""
     pressure: str | float = "uniform"
-    """Distribution of the object's weight over the table: uniform, rim or corner, which give the friction radius c (the
-    largest torque of friction over its largest force), or c itself [m]."""
+    """Distribution of the object's weight over the table: uniform, rim or corner; or the friction radius c that follows
+    from it, the largest torque of friction over its largest force [m]."""
     hypotheses: int = 9
-    """Largest number of hypotheses kept while touch cannot tell which is right. A contact may begin with more for its
-    first frames; 1 keeps one always."""
+    """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
 
     def __post_init__(self) -> None:
         for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):

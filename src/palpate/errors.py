@@ -2,8 +2,7 @@
 
 import re
 
-# Control characters, those that turn the direction of writing, and halves of characters, which names of files hold
-# whose bytes are no text.
+# Control characters, those that turn the direction of writing, and halves of characters, from names that are no text.
 _UNPRINTABLE = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
@@ -33,10 +32,9 @@ class EstimationError(PalpateError):
 
 
 class FrameError(EstimationError):
-    """A frame cannot be used and is left out.
+    """A frame cannot be used and is left out: later estimates are the same as if it had not come.
 
-    Later estimates are the same to the last digit as if it had not come. One exception: if a pose is refused because it
-    jumps in a contact, what that frame's image showed of the gel is kept.
+    Only if a pose is refused because it jumps in a contact, what its image showed of the gel is kept.
     """
 
 

@@ -70,8 +70,8 @@ class InputGate:
     ) -> Frame:
         """Return a frame from `checked_frame` with its image in the profile's view, and contact as the image shows.
 
-        `clearance` is the predicted distance between sensor and object and its standard deviation [m]; the flags are
-        the needs of the touch reader. Raises FrameError if the frame cannot be used.
+        `clearance` is the predicted distance between sensor and object and its standard deviation [m]. Raises
+        FrameError if the frame cannot be used.
         """
         when, last = f"frame at {frame.time:.3f} s", self.last
         if last is not None and frame.time <= last.time:

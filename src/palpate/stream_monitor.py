@@ -96,7 +96,7 @@ class PoseMonitor:
         if not self._different or (goes_on and not repeats):
             self._different.append((time, pose))
         self._repeats = self._repeats + 1 if repeats and not is_elsewhere else 1
-        self.hidden = self._frozen(time) if in_contact and self._repeats >= _REPEATS else 0.0
+        self.hidden = self._frozen(time) if in_contact else 0.0
         self.has_drawn_back = self._farthest - self._advance > DRAWN_BACK
         return is_elsewhere
 

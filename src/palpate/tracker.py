@@ -40,8 +40,7 @@ from palpate.types.sensor import POINT, SensorProfile, known_sensor
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
-ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)
-"""First pose of an object that may be anywhere, and its standard deviations [m, m, rad]."""
+ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad] an object that may be anywhere
 _NO_FRAME = "no frame has been taken so far; there is one after the first update"
 
 
@@ -101,7 +100,6 @@ class Tracker:
 
     def _begin(self) -> None:
         self._touched_at = -math.inf  # [s] time of the last frame of contact
-        self._unread = ""  # reason why images are not read, if nobody asked for that
         self._times: list[float] = []
         self._contacts: list[bool] = []
 
@@ -179,8 +177,6 @@ class Tracker:
         if apart > SPAN + 3.0 * float(np.sqrt(np.diagonal(covariance)[:2].max())):
             logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
         self._touch.begin(frame.image)
-        if self._touch.tactile == "none" and self._touch.reason:
-            self._unread = f"touch says nothing, by the first frame: {self._touch.reason}"
 
     def _contact_step(self, frame: Frame) -> None:
         """Take a frame of contact; if its graph has no solution, begin another with it from the last pose."""
@@ -213,13 +209,12 @@ class Tracker:
         status, reason = estimate.status, gate.doubt or estimate.reason or gate.weakness
         if estimate.contact:
             self._touched_at = frame.time
-            reason = reason or (self._unread if frame.image is not None else "")
         if gate.hidden_motion:
             moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"
             status, reason = "faulty", f"the sensor's pose is frozen; {moved}"
         elif gate.touches_since_start:
-            known = "touch cannot measure before a release"
-            status, reason = "uncertain", f"in contact since before the untouched gel was known: {known}"
+            status = "uncertain"
+            reason = "in contact since before the untouched gel was known: touch cannot measure before a release"
         self._times.append(frame.time)
         self._contacts.append(estimate.contact)
         return replace(estimate, status=status, reason=reason, touch_age=frame.time - self._touched_at)

@@ -55,8 +55,6 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
     [
         ({"format": None}, "format is None, expected 'palpate-noise'"),
         ({"version": 2}, "version is 2, expected 3; make the file anew with palpate tune"),
-        ({"version": "3"}, "version is '3', expected 3"),
-        ({"noise": []}, "noise is [], expected an object of settings"),
         ({"noise": {"contcat": {}}}, "noise has no 'contcat'; known are sensor_pose, first_pose, contact, "),
         ({"noise": {"contact": {"deviaton": 1}}}, "noise contact has no 'deviaton'; known are deviation, kernel"),
         ({"noise": {"contact": 1e-3}}, "noise contact is 0.001, expected an object of settings"),

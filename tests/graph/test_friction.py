@@ -1,32 +1,30 @@
 """Friction learnt from pushes: the pressure distribution, the friction coefficient, and slides."""
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 from push_samples import (
+    SHAPES,
     contact_directions,
     frames,
     model_of,
     noisy,
     pushing_angles,
+    sensor,
     touching,
     with_settings,
 )
 from slide_samples import DEEPER, slid
 from smoother_samples import FELT, ROBUST, belief_at
 
-from palpate.config import NoiseSettings
-from palpate.filter.hypothesis_bank import HypothesisBank
+from palpate import ContactDirection, Frame, NoiseSettings, Tracker, TrackerSettings
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.factors import make_factors
-from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT, Variable
+from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT
 from palpate.graph.window import Window
 from palpate.lab.simulate.limit_surface import Steering, push
-from palpate.types.measurements import ContactDirection
 
 Array = np.ndarray
 MODEL = model_of("rectangle")
@@ -39,54 +37,31 @@ def directions(g: Array, seed: int) -> list[ContactDirection]:
     return [ContactDirection(one, FELT**2) for one in angle]
 
 
-def two_pushes(friction: Mapping[Variable, ArrayLike], steps: int = 80) -> tuple[Array, Array, Array]:
-    """Object and sensor poses, and contact: pushed above its centre, let go and pushed below it, always sticking."""
-    objects, sensors, first = [], [], np.zeros(3)
-    for y in (0.045, -0.045):
-        g = touching(MODEL, np.array([y])) + DEEPER
-        o, e = push(MODEL, first[None], g, steps, Steering(), friction=friction)
-        away = se2.compose(o[-1, 0], np.tile([-0.25, 0.0, 0.0], (10, 1)))
-        objects += [o[:, 0], np.tile(o[-1, 0], (10, 1))]
-        sensors += [e[:, 0], away]
-        first = o[-1, 0]
-    contact = np.tile(np.repeat([True, False], [steps + 1, 10]), 2)
-    return np.concatenate(objects), np.concatenate(sensors), contact
-
-
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("true", [(math.log(2.0), 0.15, -0.1), (math.log(0.7), -0.2, 0.15)], ids=["wider", "narrower"])
-def test_friction_is_learnt_from_one_contact_to_the_next(true, seed):
+def test_the_pressure_distribution_is_learnt_from_a_push(true, seed):
     friction = {FRICTION_RATIO: true[0], FRICTION_CENTER: true[1:]}
-    o, e, contact = two_pushes(friction)
-    e = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
-    said = iter(directions(se2.between(o, e)[contact], seed))
-    first = np.diag(np.square(HOLDING.first_pose.deviation))
-    bank = HypothesisBank(MODEL, HOLDING, "fixed-lag", o[0], first, most=1)
-    known = [bank.belief]
-    for frame in frames(o, e, contact):
-        if frame.contact:
-            bank.contact_step(frame.sensor_pose, [next(said)], frame.time)
-        else:
-            bank.end_contact()
-            bank.rest_step(frame.sensor_pose, (), frame.time)
-        known.append(bank.belief)
-    prior, first, resting, last = (known[k] for k in (0, 81, 91, -1))
-    # What is known rests with the object, and is a little less certain.
-    np.testing.assert_array_equal(resting.values, first.at_next_contact(HOLDING.priors).values)
-    np.testing.assert_array_equal(resting.covariance, first.at_next_contact(HOLDING.priors).covariance)
-    what = slice(IN_OBJECT[FRICTION_RATIO].start, IN_OBJECT[FRICTION_CENTER].stop)  # not the grip, which needs slides
-    error = [np.abs(each.values[0, what] - true) for each in (prior, first, last)]
-    deviation = [np.sqrt(np.diag(each.covariance[0])[3:])[what] for each in (prior, first, resting, last)]
-    # c^2 and the centre come closer than they were held to be, the centre by far, and are as well known as said.
-    assert (error[-1] < error[0]).all()
-    assert (error[-1][1:] < 0.6 * error[0][1:]).all()
-    assert (deviation[1] < deviation[0]).all()
-    assert (error[-1] < 3.0 * deviation[-1]).all()
-    # What each contact tells of the centre is more than what it may have changed by before.
-    assert (deviation[-1][1:] < 0.8 * deviation[2][1:]).all()
-    assert (deviation[-1][1:] < deviation[1][1:]).all()
-    off = se2.log(se2.between(last.pose[0], o[-1]))
-    assert off @ np.linalg.solve(last.pose_covariance[0], off) < 11.3  # 99 %
+    g = touching(MODEL, np.array([0.045])) + DEEPER
+    o, e = (poses[:, 0] for poses in push(MODEL, np.zeros((1, 3)), g, 80, Steering(), friction=friction))
+    belief, _, nees = followed(o, e, HOLDING, seed)
+    of_pressure = slice(IN_OBJECT[FRICTION_RATIO].start, IN_OBJECT[FRICTION_CENTER].stop)
+    deviation = np.sqrt(np.diag(belief.covariance[0])[3:])[of_pressure]
+    assert (deviation < HOLDING.priors.deviation[of_pressure]).all()
+    assert (np.abs(belief.values[0, of_pressure] - true) < 3.0 * deviation).all()
+    assert nees < 11.3  # 99 %
+
+
+def test_friction_learnt_in_a_contact_is_less_certain_in_the_next():
+    o, e = slid(-0.04, 0.8, 0.3, 60)
+    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], TrackerSettings("none", noise=ROBUST, hypotheses=1))
+    said = zip(frames(o, e), directions(se2.between(o, e), 0), strict=True)
+    learnt = [tracker.update(frame, [one]).friction for frame, one in said][-1]
+    resting = tracker.update(Frame(3.0, se2.compose(e[-1], [-0.2, 0.0, 0.0]), contact=False)).friction
+    prior, share = ROBUST.priors.grip, ROBUST.priors.friction_changes[0]
+    keeps = math.sqrt(1.0 - share**2)
+    assert learnt[1] < 0.8 * prior[1] and abs(learnt[0] - 0.3) < 3.0 * learnt[1]
+    assert resting[0] == pytest.approx(prior[0] + keeps * (learnt[0] - prior[0]))
+    assert resting[1] == pytest.approx(math.hypot(keeps * learnt[1], share * prior[1]))
 
 
 def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belief, float, float]:

@@ -70,20 +70,6 @@ def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
         assert not any(is_told(estimate) for estimate in found)
 
 
-def test_a_camera_that_is_late_and_says_so_contradicts_nothing():
-    o, e = pushed("rectangle", 60)
-    o, e = o[::3], e[::3]  # 3 mm a frame: eight frames late are 24 mm
-    given = frames(o, e)
-    late = [
-        dataclasses.replace(camera(o)[max(k - 8, 0)], time=given[max(k - 8, 0)].time if says else None)
-        for says in (True, False)
-        for k in range(len(o))
-    ]
-    says, does_not = late[: len(o)], late[len(o) :]
-    assert not any(is_told(estimate) for estimate in tracked(o, e, True, [says]))
-    assert is_told(tracked(o, e, True, [does_not])[-1])
-
-
 @pytest.mark.parametrize("rests", [5, 60])
 def test_an_object_that_a_hand_has_moved_is_followed(rests):
     o1, e1 = pushed("rectangle", 10)

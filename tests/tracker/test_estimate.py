@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
+from push_samples import SHAPES, frames, pushed, sensor
 from tracker_samples import settings, track
 
 from palpate import Estimate, Frame, Tracker
@@ -35,20 +35,11 @@ def test_ros_has_the_covariance_about_the_axes_of_the_header():
     assert np.count_nonzero(np.abs(six) > 1e-12) == 9
 
 
-def test_each_answer_goes_to_ros_like_the_estimate():
-    one = estimate()
-    for ours, wanted in zip(one.answers[0].to_ros(), one.to_ros(), strict=True):
-        assert np.array_equal(ours, wanted)
-
-
 def test_estimates_are_equal_by_value():
     one = estimate(contact_point=np.array([0.1, 0.2]))
     assert one == estimate(contact_point=np.array([0.1, 0.2]))
-    assert one != estimate(contact_point=np.array([0.1, 0.3]))
-    assert one != estimate() and estimate(sliding=math.nan) == estimate(sliding=math.nan)
-    assert one != 3 and one is not None
+    assert one != 3 and estimate(sliding=math.nan) == estimate(sliding=math.nan)
     other = dataclasses.replace(ANSWER, covariance=np.eye(3))
-    assert other == dataclasses.replace(other) != dataclasses.replace(other, weight=0.5)
     for field in dataclasses.fields(Estimate):
         changed = {"status": "strained", "reason": "why", "answers": (other,), "friction": (0.4, 0.2)}
         value = changed.get(field.name, np.full(3, 7.0))
@@ -83,14 +74,6 @@ def test_a_disc_is_touched_on_the_line_to_its_centre():
     assert found.contact_point is not None and found.contact_normal is not None
     np.testing.assert_allclose(found.contact_point, radius * way, atol=5e-4)
     np.testing.assert_allclose(found.contact_normal, way, atol=0.02)
-
-
-def test_the_age_of_a_touch():
-    o, e, contact = in_two_contacts("disc", 12)
-    _, found = track("disc", frames(o, e, contact, 5.0), o[0], settings("none"))
-    ages = [one.touch_age for one in found]
-    assert ages[:13] == [0.0] * 13 and ages[23:] == [0.0] * 13
-    np.testing.assert_allclose(ages[13:23], np.arange(1, 11) / 30, atol=1e-9)
 
 
 def test_a_push_inside_the_cone_holds():

@@ -222,19 +222,13 @@ def test_what_an_own_measurement_returns_is_checked(said, contact, caplog):
     np.testing.assert_allclose(found.pose, wanted[-1].pose, atol=1e-12)
 
 
-@pytest.mark.parametrize("pose", [(0, 0), (0, 0, np.nan), (0, 0, np.inf), None, "here"])
-def test_an_object_pose_that_is_none_is_refused_where_it_is_made(pose):
-    with pytest.raises(EstimationError, match=r"^object pose is .* must be three finite numbers"):
-        ObjectPose(pose, CAMERA)
-
-
-@pytest.mark.parametrize(
-    "covariance",
-    [np.eye(2), np.diag([1.0, 1.0, 0.0]), np.diag([1.0, -1.0, 1.0]), np.tri(3), np.full((3, 3), np.nan), "sure"],
-)
-def test_an_object_pose_with_a_covariance_that_is_none(covariance):
-    with pytest.raises(EstimationError, match=r"^object pose has covariance .*; it must be"):
-        ObjectPose(np.zeros(3), covariance)
+def test_an_object_pose_is_checked_where_it_is_made():
+    for pose in ((0, 0), (0, 0, np.nan), None, "here"):
+        with pytest.raises(EstimationError, match=r"^object pose is .* must be three finite numbers"):
+            ObjectPose(pose, CAMERA)  # pyright: ignore[reportArgumentType]
+    for covariance in (np.eye(2), np.diag([1.0, -1.0, 1.0]), np.tri(3), np.full((3, 3), np.nan), "sure"):
+        with pytest.raises(EstimationError, match=r"^object pose has covariance .*; it must be"):
+            ObjectPose(np.zeros(3), covariance)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("kind", [ContactDirection, ContactPlace, Turn])

@@ -183,21 +183,3 @@ def test_a_gap_in_time_ends_a_contact(smoother):
         assert len(tracker.smoothed()) == len(sequence)
         assert translation_errors(poses(found), o).max() < 1.5e-3  # the step across the gap is a rest of 1 mm
     assert compared == [2, 1]
-
-
-@pytest.mark.parametrize("smoother", SMOOTHERS)
-def test_smoothed_poses(smoother):
-    o, e, contact = in_two_contacts("rectangle", 45)
-    e = noisy(e, NoiseSettings().sensor_pose.deviation, np.random.default_rng(2))
-    seen = frames(o, e, contact)
-    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
-    for k, frame in enumerate(seen):
-        found = tracker.update(frame)
-        if k in (0, 10, 45, 50, 60):
-            assert len(tracker.smoothed()) == k + 1
-            np.testing.assert_allclose(tracker.smoothed().pose[-1], found.pose, atol=1e-12)
-    smoothed = tracker.smoothed()
-    assert smoothed.time.tolist() == [frame.time for frame in seen]
-    np.testing.assert_allclose(smoothed.pose, tracker.smoothed().pose)  # asking changes nothing
-    # In rest the pose is the last of the contact before.
-    np.testing.assert_allclose(smoothed.pose[46:56], np.tile(smoothed.pose[45], (10, 1)), atol=1e-12)

@@ -35,34 +35,22 @@ class OfNothing(Deep):
     on = ("detph",)
 
 
-class Late(Deep):
-    time: Any = "late"
-
-
 BAD: dict[str, tuple[Any, str]] = {
     "no frame": ({"time": 1.0}, "found dict in place of a frame"),
     "time of text": ({"time": "soon"}, "frame has time 'soon'; it must be a finite number"),
     "time before": ({"time": 0.1}, "times must increase"),
     "time that is nan": ({"time": np.nan}, r"^frame has time nan; it must be a finite number \[s\]$"),
-    "endless time": ({"time": np.inf}, "time inf; it must be a finite number"),
-    "time of more than floats hold": ({"time": 10**400}, "it must be a finite number"),
     "no pose": ({"sensor_pose": None}, "sensor pose None; it must be three finite numbers"),
-    "pose of text": ({"sensor_pose": "here"}, "sensor pose here; it must be three"),
     "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),
-    "pose that is nan": ({"sensor_pose": [0.0, np.nan, 1.0]}, "it must be three finite numbers"),
-    "pose far off": ({"sensor_pose": [1e200, 0.0, 1.0]}, "x and y up to 10000, theta up to 1e"),
     "pose 20 km off": ({"sensor_pose": [0.0, 2e4, 1.0]}, "x and y up to 10000"),
     "neither": ({"image": None, "contact": None}, "neither an image nor a contact flag"),
     "contact of text": ({"contact": "yes"}, "contact 'yes'; it must be True, False or None"),
-    "image as list": ({"image": [[[0, 0, 0]]]}, "image of type list; it must be an array of uint8"),
     "encoded image": ({"image": b"\xff\xd8\xff"}, "image of type bytes.*decode encoded images first"),
     "image of floats": ({"image": np.zeros((320, 240, 3))}, r"image of float64 \(320, 240, 3\); it must be an array"),
-    "grey image": ({"image": np.zeros((320, 240), np.uint8)}, r"image of uint8 \(320, 240\); it must be"),
     "turned image": ({"image": np.zeros((240, 320, 3), np.uint8)}, "turned by a quarter"),
     "one number": ({"measurements": 7}, "measurements of type int; they must be a list"),
     "pose as measurement": ({"measurements": [np.zeros(3)]}, "measurement of type ndarray; allowed are"),
     "measurement of nothing": ({"measurements": [OfNothing()]}, "variable 'detph' is not known; known are"),
-    "measurement of a time of text": ({"measurements": [Late()]}, "Late is of time 'late'; it must be a number"),
 }
 
 
@@ -83,13 +71,6 @@ def test_a_bad_frame_is_refused_in_one_sentence(name):
     assert tracker.smoothed().time.tolist() == [1.0]
     with pytest.raises(FrameError):
         tracker.update(dataclasses.replace(good, time=1.1), measurements=[None])  # pyright: ignore[reportArgumentType]
-
-
-def test_a_measurement_of_one_tip_for_a_sensor_with_two():
-    two = SensorProfile("fingers", 0.004, ((0.0, 0.02), (0.0, -0.02)))
-    tracker = Tracker(SHAPES["disc"], two, np.zeros(3))
-    with pytest.raises(FrameError, match="measurement ContactDirection, which is of one tip, and the sensor has 2"):
-        tracker.update(small_frame(), [ContactDirection(0.0, 1e-4)])
 
 
 class Tells:
@@ -145,10 +126,9 @@ def test_lists_are_taken_where_arrays_are():
     o, e = pushed("rectangle", 12)
     how = settings("oracle")
     seen = [ObjectPose([0.0, 0.0, 0.0], np.diag([1e-2, 1e-2, 1.0]).tolist())]  # pyright: ignore[reportArgumentType]
+    sigma = list(how.noise.first_pose.deviation)
     arrays = Tracker(SHAPES["rectangle"], sensor(), o[0], how)
-    lists = Tracker(
-        SHAPES["rectangle"], sensor(), tuple(o[0]), how, first_pose_sigma=list(how.noise.first_pose.deviation)
-    )
+    lists = Tracker(SHAPES["rectangle"], sensor(), tuple(o[0]), how, first_pose_sigma=sigma)
     for frame in frames(o, e):
         assert frame.object_pose is not None
         listed: Any = {"sensor_pose": frame.sensor_pose.tolist(), "object_pose": tuple(frame.object_pose)}

@@ -79,19 +79,6 @@ def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(r
     assert distance(frames[lifted - 1].object_pose, found[lifted - 1].pose) < 0.01  # pushed by several times that
 
 
-def test_a_reset_in_a_touch_that_was_not_felt_does_not_believe_its_gel(recording):
-    frames = late_frames(recording)
-    tracker = Tracker(recording.shape, recording.sensor, frames[0].object_pose)
-    for frame in frames[:30]:
-        tracker.update(frame)
-    assert tracker.background is not None
-    tracker.reset(frames[30].object_pose)
-    assert tracker.background is None
-    found = [tracker.update(frame) for frame in frames[30:60]]
-    assert not any(estimate.status == "tracking" for estimate in found)
-    assert found[-1].reason.startswith("in contact since before")
-
-
 def test_a_recording_that_begins_in_contact_is_compared_with_the_gel_after_it(recording):
     there_and_back = [*range(len(recording)), *range(len(recording) - 2, len(recording) - 22, -1)]  # to rest for longer
     whole, late = (of_frames(recording, there_and_back[first:]) for first in (0, begun_at(recording)))
@@ -173,22 +160,6 @@ def test_why_touch_is_learnt_or_not(recording):
         assert tracker.tactile == tactile and tracker.tactile_reason.startswith(reason)
     with pytest.raises(SettingError, match="reads images of one tip; sensor 'DIGIT' has several"):
         Tracker(recording.shape, dataclasses.replace(sensor, **two), np.zeros(3), TrackerSettings("learnt"))
-
-
-def test_the_reason_tells_in_contact_that_grey_images_are_not_read(recording):
-    unread = "touch says nothing, by the first frame: images are grey, and the touch model reads colours"
-    told = {}
-    for tactile in ("auto", "none"):
-        tracker = Tracker(recording.shape, recording.sensor, recording.object_pose[0], TrackerSettings(tactile))
-        told[tactile] = []
-        for index in range(int(np.argmax(recording.contact)) + 15):
-            frame = recording[index]
-            grey = np.repeat(frame.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-            estimate = tracker.update(dataclasses.replace(frame, image=grey))
-            told[tactile].append((estimate.contact, estimate.reason))
-    assert any(contact for contact, _ in told["auto"])
-    assert all((reason == unread) == contact for contact, reason in told["auto"])
-    assert all(reason != unread for _, reason in told["none"])  # as it was asked for
 
 
 def test_what_learnt_touch_needs(recording):

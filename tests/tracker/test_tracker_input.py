@@ -139,14 +139,9 @@ def test_a_tracker_that_is_reset_is_as_a_new_one(smoother):
         # The clock may begin anew, too.
         assert [used.update(frame) for frame in frames(o, e)] == [fresh.update(frame) for frame in frames(o, e)]
         assert len(used.smoothed()) == 21
-    used.reset(sigma=(1e-3, 1e-3, 1e-2))
     used.reset()  # to the pose and sigma that were given last
     surer = Tracker(SHAPES["rectangle"], sensor(), o[0], how, first_pose_sigma=(1e-3, 1e-3, 1e-2))
     assert used.update(small_frame()) == surer.update(small_frame())
-    used.reset(o[0])  # as well known as settings say
-    assert used.update(small_frame()) == Tracker(SHAPES["rectangle"], sensor(), o[0], how).update(small_frame())
-    used.reset()
-    assert used.update(small_frame()).pose.tolist() == o[0].tolist()
     with pytest.raises(SettingError, match="first pose is 'here'"):
         used.reset("here")
     with pytest.raises(SettingError, match="first pose sigma is"):

@@ -96,14 +96,9 @@ class HypothesisBank:
         """True if the object is being touched."""
         return self._window is not None
 
-    @property
-    def belief(self) -> Belief:
-        """Belief of the best hypothesis, one row."""
-        return self._rows.belief.take([0])
-
     def clearance(self, sensor_pose: Array) -> tuple[float, float]:
         """Return the distance of a sensor pose (3,) from the object and its standard deviation [m]."""
-        gap, deviation = self._monitor.clearance(self.belief, sensor_pose)
+        gap, deviation = self._monitor.clearance(self._rows.belief, sensor_pose)
         return float(gap[0]), float(deviation[0])
 
     def path(self) -> Array:
