@@ -310,14 +310,8 @@ class HypothesisBank:
         window.disturb(new, steps, _SLIDES, _SPREAD)
         log_prior = np.repeat(rows.log_prior[row] - LOG_UNLIKELY, len(new))
         added = branched(rows.take([row]), window.belief().take(new), log_prior)
-        ignored = added.ignored_motion.copy()
-        ignored[:, ignored.shape[1] - steps :] = True
-        added = replace(
-            added,
-            squares=np.zeros_like(added.squares),
-            disturbed_steps_left=np.full(len(new), AHEAD),
-            ignored_motion=ignored,
-        )
+        added.ignored_motion[:, added.ignored_motion.shape[1] - steps :] = True
+        added.squares[:], added.disturbed_steps_left[:] = 0.0, AHEAD
         self._rows = rows.joined(added)
         self._rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
         self._drop_lost(window)
@@ -335,8 +329,7 @@ class HypothesisBank:
                 kept, weights = [*kept, *group[order]], [*weights, *weight]
             else:
                 kept, weights = [*kept, *group], [*weights, *np.ones(len(group))]
-        if kept != list(range(len(is_mirror))):
-            self._take(kept)
+        self._take(kept)
         rows, count = self._rows, np.count_nonzero(self._rows.is_mirror)
         is_single = np.where(rows.is_mirror, count, len(kept) - count) == 1
         self._rows = replace(
