@@ -119,8 +119,6 @@ def tune(
 ) -> int:
     """Learn noise settings from recordings with ground truth; a fourth of them is held out to judge the result.
 
-    Each folder of recordings is a kind, and all kinds count the same.
-
     Example: palpate tune recordings --out noise.json --workers 2
 
     Args:
@@ -137,9 +135,8 @@ def tune(
     from palpate.config import TrackerSettings, noise_of, write_noise
     from palpate.files import held_folder
     from palpate.lab.study.recordings import find_recordings
-    from palpate.lab.tune.parameters import check_parameters
     from palpate.lab.tune.recorded_touch import record_touch_of_files
-    from palpate.lab.tune.tuning import held_out
+    from palpate.lab.tune.tuning import check_parameters, is_held_out
     from palpate.lab.tune.tuning import tune as tune_settings
 
     begin = time.perf_counter()
@@ -158,15 +155,14 @@ def tune(
             recorded, left_out = record_touch_of_files(files, touch.tactile, model, work.workers, progress, unit)
         for error in left_out.values():
             complain(f"left out: {error}")
-        is_out = dict(zip(recorded, held_out([each.kind for each in recorded.values()]), strict=True))
         about = {
             "tactile": touch.tactile,
             "model": model and model.hash,
             "calibration": unit and unit.hash,
             "smoother": smoother,
             "start": start,
-            "recordings": [name for name in recorded if not is_out[name]],
-            "held_out": [name for name in recorded if is_out[name]],
+            "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
+            "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
             "sources": {name: each.recording.source for name, each in recorded.items()},
         }
 

@@ -15,7 +15,6 @@ from palpate.config import NoiseSettings, Tactile, TactileChoice, TrackerSetting
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
-from palpate.lab.study.recordings import group_of
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.pipeline.truth import trusted_truth
@@ -51,8 +50,6 @@ class RecordedTouch:
     """Measurements of each frame, empty out of contact; None for a mode of touch without images."""
     tactile: Tactile | None = None
     """Mode of touch; None is that of the settings it is tracked with."""
-    kind: str = ""
-    """Kind of recording; all kinds count the same."""
     correction: DirectionCorrection = UNCORRECTED
     """Correction of contact directions, from the unit's calibration."""
 
@@ -67,8 +64,7 @@ def record_touch_of_files(
 ) -> tuple[dict[str, RecordedTouch], dict[str, str]]:
     """Record the touch of recordings by name; returns them, and the error of each that cannot be used.
 
-    `progress` is called with the number done. `calibration` is that of the sensor unit of all recordings. Raises
-    FileError if none can be used.
+    Raises FileError if none can be used.
     """
     results: dict[str, RecordedTouch | str] = {}
     do = partial(_record_file, tactile=tactile, model=model, calibration=calibration)
@@ -139,8 +135,7 @@ def _record_file(
 ) -> tuple[str, RecordedTouch | str]:
     name, path = item
     try:
-        recorded = record_touch(load_recording(path), tactile, model, calibration)
-        return name, replace(recorded, kind=group_of(name))
+        return name, record_touch(load_recording(path), tactile, model, calibration)
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
 

@@ -3,18 +3,17 @@
 The score of a frame is `(NEES + log det covariance) / 2`, which is least where the estimate is right and the covariance
 is that of its errors. NEES is damped to `a log(1 + NEES / b)`, so that one push that is lost for good does not outweigh
 a thousand good frames. The score of a recording is the mean over its frames of contact and the value at its end, half
-each; kinds of recordings count the same, however many recordings there are of each. A kind whose 95 % region holds less
-than 88 % of the true poses, and less than at the start, adds a penalty.
+each.
 
 An evaluation tracks all recordings anew. COBYQA models the score by a quadratic in a trust region and needs few
 evaluations; it works on logarithms, since noise is a matter of factors.
 """
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,31 +21,53 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.lab.parallel import spread
-from palpate.lab.tune.parameters import TUNABLE, check_parameters, value_of, with_value
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
 from palpate.pipeline.track import quiet
+from palpate.touch.pipeline import MEASURE_DIRECTION, MEASURE_TURN
 
 Array = NDArray[np.float64]
+WORST = 50.0
+"""Score of a recording that the estimator gives up, and the largest of any [nats]."""
 
 
-@dataclass(frozen=True)
-class Objective:
-    """Constants of the score."""
+class Tunable(NamedTuple):
+    """Range of a setting that can be tuned."""
 
-    damping: float = 10.0
-    """NEES b beyond which it is damped: 2 % of Gaussian errors are."""
-    slope: float = 14.43338537605379
-    """a, with which the true covariance of Gaussian errors scores best; it follows from b."""
-    worst: float = 50.0
-    """Score of a recording that the estimator gives up, and the largest of any [nats]."""
-    coverage: float = 0.88
-    """Share of true poses that the 95 % region of each kind should hold; that of few pushes is not always 95 %."""
-    penalty: float = 20.0
-    """For a coverage lower by 1 [nats]."""
+    lowest: float
+    highest: float
+    by_default: bool = False
+    """Tuned if nothing else is asked for."""
+    components: tuple[int, ...] = ()
+    """Components of a tuple that are scaled together; the setting's value is the first of them."""
+    only_in: tuple[str, ...] = ()
+    """Modes of touch in which it matters; empty are all."""
 
 
-OBJECTIVE = Objective()
+TUNABLE = {
+    "sensor_pose.deviation": Tunable(1e-6, 1e-2, components=(0, 1, 2)),
+    "first_pose.rest": Tunable(1e-8, 1e-2, components=(0, 1, 2)),
+    "contact.deviation": Tunable(1e-5, 1e-2),
+    "direction.share": Tunable(1e-2, 100.0, by_default=True, only_in=MEASURE_DIRECTION),
+    "place.share": Tunable(1e-2, 100.0),
+    "turn.share": Tunable(1e-2, 1000.0, by_default=True, only_in=(*MEASURE_TURN, "oracle")),
+    "sticking.share": Tunable(1e-3, 10.0, by_default=True),
+    "sticking.sliding_share": Tunable(1e-3, 100.0, by_default=True),
+    "sticking.margin": Tunable(1e-3, 0.5, by_default=True),
+    "sticking.kernel": Tunable(0.1, 100.0, by_default=True),
+    "balance.share": Tunable(1e-3, 10.0, by_default=True),
+    "balance.load": Tunable(1e-2, 10.0),
+    "friction_cone.share": Tunable(1e-3, 10.0, by_default=True),
+    "priors.direction_bias": Tunable(1e-4, 0.1, components=(1,)),
+    "priors.direction_scale": Tunable(1e-4, 0.5, components=(1,)),
+    "priors.depth": Tunable(1e-5, 1e-2, components=(1,)),
+    "priors.outline_scale": Tunable(1e-4, 0.5, components=(1,)),
+    "priors.friction_ratio": Tunable(0.01, 2.0, by_default=True, components=(1,)),
+    "priors.friction_center": Tunable(0.01, 1.0, by_default=True, components=(1,)),
+    "priors.grip": Tunable(0.01, 1.0, by_default=True, components=(1,)),
+}
+"""By default nothing is tuned that the robot knows (`sensor_pose`) or that a simulation knows too well (`contact`,
+`priors.depth`)."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +76,7 @@ class Judgement:
 
     recordings: int
     score: float
-    """Without the penalty [nats]."""
+    """[nats]"""
     translation_rmse_mm: float | None
     """Median over recordings; None if all are given up."""
     rotation_rmse_deg: float | None
@@ -64,8 +85,6 @@ class Judgement:
     """Share of true poses in the 95 % region since the first contact."""
     given_up: int
     """Recordings in which the estimator could not go on."""
-    kinds: dict[str, "Judgement"] = field(default_factory=dict)
-    """The same for each kind of recording, if there are several."""
 
 
 @dataclass(frozen=True)
@@ -98,17 +117,16 @@ def tune(
 ) -> Tuning:
     """Tune the parameters (see `check_parameters`), starting from these settings; the same input gives the same result.
 
-    `progress` is called after each evaluation. Every fourth recording of a kind is held out, see `held_out`. Raises
-    SettingError on wrong parameters and without recordings.
+    `progress` is called after each evaluation. Every fourth recording is held out. Raises SettingError on wrong
+    parameters and without recordings.
     """
     from scipy.optimize import minimize
 
     names = check_parameters(settings, parameters, evaluations)
     if not recordings:
         raise SettingError("there are no recordings to tune on")
-    is_out = held_out([recorded.kind for recorded in recordings])
-    learning = [recorded for recorded, out in zip(recordings, is_out, strict=True) if not out]
-    judging = [recorded for recorded, out in zip(recordings, is_out, strict=True) if out]
+    learning = [recorded for index, recorded in enumerate(recordings) if not is_held_out(index)]
+    judging = [recorded for index, recorded in enumerate(recordings) if is_held_out(index)]
     before = judge(learning, settings, workers)
     start = np.array([value_of(settings, name) for name in names])
     best = Tuning(settings, _values(names, settings, settings), before, before, 1)
@@ -125,12 +143,12 @@ def tune(
         if best.evaluations == evaluations:
             raise _Spent
         found = judge(learning, tried, workers)
-        if penalised(found, before) < penalised(best.after, before):
+        if found.score < best.after.score:
             best = replace(best, settings=tried, values=_values(names, settings, tried), after=found)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
-        return penalised(found, before)
+        return found.score
 
     bounds = np.log([(TUNABLE[name].lowest, TUNABLE[name].highest) for name in names])
     first = np.clip(np.log(np.maximum(start, 1e-300)), *bounds.T)
@@ -142,33 +160,24 @@ def tune(
     return best
 
 
-def held_out(kinds: Sequence[str]) -> list[bool]:
-    """Return true for recordings that are judged and not tuned on: every fourth of each kind."""
-    seen: Counter[str] = Counter()
-    found: list[bool] = []
-    for kind in kinds:
-        seen[kind] += 1
-        found.append(seen[kind] % 4 == 0)
-    return found
+def is_held_out(index: int) -> bool:
+    """Return true for the recordings, by number, that are judged and not tuned on: every fourth."""
+    return index % 4 == 3
 
 
 def judge(recordings: Sequence[RecordedTouch], settings: TrackerSettings, workers: int = 1) -> Judgement:
     """Track all recordings in so many processes, and score them."""
     by_index = dict(spread(partial(_scored, settings=settings), list(enumerate(recordings)), workers))
     scores = [by_index[index] for index in range(len(recordings))]  # in their order, on which sums depend
-    by_kind: dict[str, list[_Scores | None]] = {}
-    for recorded, each in zip(recordings, scores, strict=True):
-        by_kind.setdefault(recorded.kind, []).append(each)
-    kinds = {kind: _judgement(some) for kind, some in by_kind.items()}
-    score = float(np.mean([kind.score for kind in kinds.values()]))
-    return replace(_judgement(scores), score=score, kinds=kinds if len(kinds) > 1 else {})
-
-
-def penalised(found: Judgement, before: Judgement) -> float:
-    """Return the score plus the penalty for coverage that is lower than it should be, and than at the start."""
-    pairs = [(found.kinds[kind], before.kinds[kind]) for kind in found.kinds] or [(found, before)]
-    lacking = [max(min(OBJECTIVE.coverage, old.inside_95 or 0.0) - (new.inside_95 or 0.0), 0.0) for new, old in pairs]
-    return found.score + OBJECTIVE.penalty * float(np.mean(lacking))
+    done = [each for each in scores if each is not None]
+    return Judgement(
+        recordings=len(scores),
+        score=float(np.mean([WORST if each is None else each.score for each in scores])),
+        translation_rmse_mm=1e3 * float(np.median([each.translation for each in done])) if done else None,
+        rotation_rmse_deg=float(np.degrees(np.median([each.rotation for each in done]))) if done else None,
+        inside_95=float(np.mean(np.concatenate([each.inside for each in done]))) if done else None,
+        given_up=len(scores) - len(done),
+    )
 
 
 def negative_log_likelihood(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
@@ -183,11 +192,11 @@ def negative_log_likelihood(pose: ArrayLike, covariance: ArrayLike, truth: Array
 
 def damped(squared: ArrayLike) -> Array:
     """Return damped NEES (...)."""
-    return OBJECTIVE.slope * np.log1p(np.asarray(squared, dtype=np.float64) / OBJECTIVE.damping)
+    # Beyond 10 it is damped, as 2 % of Gaussian errors are. With this slope their true covariance scores best.
+    return 14.43338537605379 * np.log1p(np.asarray(squared, dtype=np.float64) / 10.0)
 
 
-@dataclass(frozen=True)
-class _Scores:
+class _Scores(NamedTuple):
     """One tracked recording: score, RMSE [m] and [rad], true poses inside of their regions."""
 
     score: float
@@ -210,21 +219,56 @@ def _scored(job: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[
     score = 0.5 * (scores[known & contact].mean() + scores[known][-1])
     inside = inside_95(nees(online.pose, covariance, truth)[known & np.maximum.accumulate(contact)])
     translation, rotation = rms(translation_errors(online.pose, truth)), rms(rotation_errors(online.pose, truth))
-    return index, _Scores(min(float(score), OBJECTIVE.worst), translation or 0.0, rotation or 0.0, inside)
-
-
-def _judgement(scores: Sequence[_Scores | None]) -> Judgement:
-    done = [each for each in scores if each is not None]
-    score = float(np.mean([OBJECTIVE.worst if each is None else each.score for each in scores]))
-    return Judgement(
-        recordings=len(scores),
-        score=score,
-        translation_rmse_mm=1e3 * float(np.median([each.translation for each in done])) if done else None,
-        rotation_rmse_deg=float(np.degrees(np.median([each.rotation for each in done]))) if done else None,
-        inside_95=float(np.mean(np.concatenate([each.inside for each in done]))) if done else None,
-        given_up=len(scores) - len(done),
-    )
+    return index, _Scores(min(float(score), WORST), translation or 0.0, rotation or 0.0, inside)
 
 
 def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
     return {name: (value_of(start, name), value_of(now, name)) for name in names}
+
+
+def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evaluations: int = 1) -> tuple[str, ...]:
+    """Return the parameters to tune: these, or by default those that matter with this touch and are not off.
+
+    Raises SettingError on a parameter that is unknown or off, and on fewer than 1 evaluations.
+    """
+    if evaluations < 1:
+        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
+    for name in names:
+        value_of(settings, name)
+    modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
+    return tuple(dict.fromkeys(names)) or tuple(
+        name
+        for name, tunable in TUNABLE.items()
+        if tunable.by_default and modes & set(tunable.only_in or modes) and _setting(settings, name) is not None
+    )
+
+
+def value_of(settings: TrackerSettings, name: str) -> float:
+    """Return the value of a parameter; SettingError if it is unknown or off."""
+    if name not in TUNABLE:
+        raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(TUNABLE)}")
+    value = _setting(settings, name)
+    if value is None:
+        raise SettingError(f"parameter {name!r} is off in the settings that tuning starts from; it stays so")
+    components = TUNABLE[name].components
+    return float(value[components[0]] if components else value)
+
+
+def with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSettings:
+    """Return settings with another value of a parameter, rounded to four digits."""
+
+    def rounded(number: float) -> float:
+        return float(f"{number:.4g}")
+
+    new: Any = rounded(value)
+    if components := TUNABLE[name].components:
+        old, factor = _setting(settings, name), value / value_of(settings, name)
+        new = tuple(rounded(number * factor) if k in components else number for k, number in enumerate(old))
+    group, setting = name.split(".")
+    changed = replace(getattr(settings.noise, group), **{setting: new})
+    return replace(settings, noise=replace(settings.noise, **{group: changed}))
+
+
+def _setting(settings: TrackerSettings, name: str) -> Any:
+    group, setting = name.split(".")
+    return getattr(getattr(settings.noise, group), setting)
