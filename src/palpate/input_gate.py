@@ -146,12 +146,12 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         limits = f"x and y up to {_FARTHEST_POSE[0]:g}, theta up to {_FARTHEST_POSE[2]:g}"
         allowed = f"three finite numbers x [m], y [m], theta [rad], {limits}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
-    image, wanted = frame.image, "an array of uint8 (height, width, 3): rows, columns, red green blue"
+    image, allowed = frame.image, "an array of uint8 (height, width, 3): rows, columns, red green blue"
     if not isinstance(image, np.ndarray | None):
-        encoded = "; decode encoded images first" if isinstance(image, bytes | bytearray) else ""
-        raise FrameError(f"{when} has an image of type {type(image).__name__}; it must be {wanted}{encoded}")
+        kind = type(image).__name__
+        raise FrameError(f"{when} has an image of type {kind}; it must be {allowed}; decode encoded images first")
     if image is not None and (image.dtype != np.uint8 or image.ndim != 3):
-        raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {wanted}")
+        raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {allowed}")
     return replace(
         frame,
         time=float(frame.time),

@@ -61,8 +61,3 @@ def test_a_bad_tracker_setting_is_named_with_what_is_allowed(settings, message):
     with pytest.raises(SettingError) as caught:
         TrackerSettings(**settings)
     assert message in str(caught.value)
-
-
-def test_numpy_numbers_of_tracker_settings_become_plain():
-    settings = TrackerSettings(pressure=np.float32(0.03), hypotheses=np.int64(3))  # pyright: ignore[reportArgumentType]
-    assert (type(settings.pressure), type(settings.hypotheses)) == (float, int)

@@ -65,17 +65,6 @@ def test_the_contact_is_where_the_tip_touches_the_side(turn):
     assert np.hypot(*found.contact_normal) == pytest.approx(1.0)
 
 
-def test_a_disc_is_touched_on_the_line_to_its_centre():
-    tracker = Tracker(SHAPES["disc"], sensor(), np.zeros(3), settings("none"))
-    radius = 0.044 if np.isclose(SHAPES["disc"].area, np.pi * 0.044**2) else 0.088
-    angle = 2.0
-    way = np.array([math.cos(angle), math.sin(angle)])
-    found = tracker.update(Frame(0.0, np.array([*(radius * way), angle - np.pi]), contact=True))
-    assert found.contact_point is not None and found.contact_normal is not None
-    np.testing.assert_allclose(found.contact_point, radius * way, atol=5e-4)
-    np.testing.assert_allclose(found.contact_normal, way, atol=0.02)
-
-
 def test_a_push_inside_the_cone_holds():
     o, e = pushed("rectangle", 30)
     _, found = track("rectangle", frames(o, e), o[0], settings("oracle"))

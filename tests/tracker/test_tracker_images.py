@@ -132,15 +132,6 @@ def test_every_way_to_feel_tracks(recording, blind, tactile):
     assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained"}
 
 
-def test_touch_is_learnt_where_there_are_images_that_fit(recording, learnt):
-    chosen, named = learnt, track(recording, TrackerSettings(tactile="learnt"))
-    assert (chosen.settings, chosen.model and chosen.model.hash) == (named.settings, named.model and named.model.hash)
-    assert chosen.summary["tactile_reason"] == "images fit the touch model of the DIGIT"
-    assert "tactile_reason" not in named.summary
-    np.testing.assert_array_equal(chosen.online.pose, named.online.pose)
-    np.testing.assert_array_equal(chosen.online.covariance, named.online.covariance)
-
-
 def test_why_touch_is_learnt_or_not(recording):
     first, sensor = recording[0], recording.sensor
     grey = np.repeat(first.image.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)

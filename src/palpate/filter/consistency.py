@@ -121,7 +121,7 @@ class ConsistencyMonitor:
             return rows
         belief = rows.belief
         known = belief.pose_covariance + self._calibration + self.covariance_of_motion(moved)
-        worst, worst_apart = np.zeros(len(belief)), np.zeros(len(belief))
+        worst = worst_apart = np.zeros(len(belief))
         for pose, one in zip(expected, measured, strict=True):
             off = se2.log(se2.between(pose, one.pose))
             inverse = np.linalg.pinv(known + one.covariance, hermitian=True)  # a solution may have diverged
@@ -247,9 +247,11 @@ def true_directions(step: Step, belief: Belief, sign: Array) -> list[tuple[Array
 
     `sign` (B,) is -1 where touch images are taken as mirrored.
     """
-    signs = [sign if index < step.from_touch else np.ones_like(sign) for index in range(len(step.measurements))]
-    pairs = zip(step.measurements, signs, strict=True)
-    return [(true_angle(one, belief, s), one.variance) for one, s in pairs if isinstance(one, ContactDirection)]
+    return [
+        (true_angle(one, belief, sign if index < step.from_touch else np.ones_like(sign)), one.variance)
+        for index, one in enumerate(step.measurements)
+        if isinstance(one, ContactDirection)
+    ]
 
 
 def _with_frame(rows: Hypotheses, kind: int, apart: Array, deviations: Array) -> Hypotheses:

@@ -74,7 +74,8 @@ def _begun(
     as_expected = row.log_prior + max(np.logaddexp.reduce(as_left), -_IMPOSSIBLE)
     if not is_rough(displaced, model):
         return branched(row, displaced, as_expected)
-    if len(likely) and not is_displaced and is_uncertain(displaced.pose_covariance[0]):  # for one graph to find it
+    is_too_far = is_uncertain(displaced.pose_covariance[0])  # for one graph to find it
+    if is_too_far and len(likely) and not is_displaced:
         return places
     return branched(row, rest, as_expected).joined(places)
 
