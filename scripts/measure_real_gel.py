@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from palpate import DIGIT, Calibration
 from palpate.lab.train.scores import coverage
-from palpate.touch.background import Image, background_of
-from palpate.touch.press_calibration import Presses, learn_from_presses
-from palpate.touch.press_files import read_image
+from palpate.touch.background import background_of
+from palpate.touch.cells import Image
+from palpate.touch.press_calibration import Presses, learn_from_presses, read_image
 from palpate.touch.touch_model import difference, reduced, shipped_model
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[s
     error = direction - true
     slope, intercept = np.polyfit(true, direction, 1)
     inside = coverage(error, variance * model.settings.spread["direction"].scale)
-    turns = calibration.direction.turn(changes(np.array([look.turn[0] for look in looks if look.turn])))
+    turns = changes(np.array([look.turn[0] for look in looks if look.turn])) / calibration.direction.scale
     return {
         "n": len(images),
         "correlation": float(np.corrcoef(true, direction)[0, 1]),

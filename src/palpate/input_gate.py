@@ -12,7 +12,8 @@ from palpate.errors import FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, detector_for, view_of
+from palpate.touch.calibration import Calibration
+from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import GREY, lacks_colours
 from palpate.types.measurements import (
     ContactDirection,
@@ -36,7 +37,7 @@ class InputGate:
     def __init__(self, sensor: SensorProfile, calibration: Calibration | None, deviation: Sequence[float]) -> None:
         """Take the standard deviations of the sensor's measured pose (3,) [m, m, rad]."""
         self._sensor, self._deviation = sensor, math.hypot(*deviation[:2]) / math.sqrt(2.0)
-        self._detector, self._view = detector_for(sensor, calibration), view_of(calibration)
+        self._detector = ContactDetector(sensor, calibration)
         self._begin()
 
     def reset(self) -> None:
@@ -80,11 +81,11 @@ class InputGate:
         image, contact, touches_since_start = frame.image, bool(frame.contact), False
         if image is not None:
             try:
-                image = self._detector.read(self._view.of(image))
-                if reads_images and needs_colours and last is None and lacks_colours(image, None):
+                image = self._detector.read(image)
+                if reads_images and needs_colours and last is None and lacks_colours(image):
                     raise SettingError(GREY)
                 contact = self._detector.update(image)
-            except (SettingError, IndexError) as error:  # the latter for an image without three channels
+            except SettingError as error:
                 raise FrameError(f"{when}: {error}") from error
             if clearance is not None:
                 touches_since_start = self._touches_since_start(*clearance, contact)

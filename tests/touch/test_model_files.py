@@ -43,7 +43,7 @@ def test_settings_with_a_right_hash_are_checked(model, settings):
 
 @pytest.mark.parametrize("network", [b"\x08\x07garbage", b"", (SHIPPED_OF["GelSight Mini"] / NETWORK).read_bytes()])
 def test_another_network_is_refused(model, network):
-    with pytest.raises(FileError, match=r"touch\.onnx: (is no network|is empty|takes and gives)"):
+    with pytest.raises(FileError, match=r"touch\.onnx: (is no network|is empty)"):
         TouchModel(model(network)).read(np.zeros((32, 128, 3), np.float32))
 
 

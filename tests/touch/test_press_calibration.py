@@ -31,10 +31,15 @@ from palpate.lab.simulate.gel import ball_overlap, render, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.lab.train.presses_of import presses_of
 from palpate.touch.background import background_of
-from palpate.touch.calibration import UNCORRECTED, DirectionCorrection
-from palpate.touch.camera_view import AS_IT_IS, CameraView, views
-from palpate.touch.press_calibration import Presses, PressFit, imprint_angle, learn_from_presses
-from palpate.touch.press_files import read_image, read_presses
+from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, CameraView, DirectionCorrection, views
+from palpate.touch.press_calibration import (
+    Presses,
+    PressFit,
+    imprint_angle,
+    learn_from_presses,
+    read_image,
+    read_presses,
+)
 from palpate.touch.touch_model import shipped_model
 from palpate.types.images import encode_image
 
@@ -93,8 +98,8 @@ def test_a_view_undoes_what_a_camera_does():
     for view in (*MOUNTED, CameraView(1, True, (2, 0, 1)), CameraView(3, False, (1, 2, 0))):
         np.testing.assert_array_equal(view.of(as_camera(image, view)), image)
     assert str(CameraView(1, True, (2, 1, 0))) == "turned by 90 degrees, mirrored, channels BGR"
-    assert {view.quarter_turns for view in views(image, 320, 240)} == {0, 2}
-    assert len(set(views(image[:240], 240, 240))) == 48
+    assert {view.quarter_turns for view in views(image.shape, 320, 240)} == {0, 2}
+    assert len(set(views((240, 240), 240, 240))) == 48
 
 
 @pytest.mark.parametrize("view", MOUNTED, ids=str)
@@ -229,7 +234,7 @@ def write(folder: Path, presses: Presses, untouched: Array) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("in_order", [False, True])
-def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presses, run_palpate, in_order):
+def test_the_command_finds_a_mirrored_camera(tmp_path, unit, presses, run_palpate, in_order):
     view, out = CameraView(0, True), tmp_path / "unit.npz"
     words = *write(tmp_path, of_camera(presses, view, in_order), as_camera(unit.no_contact, view)), "--out", out
     code, said, _ = run_palpate(*words)
@@ -237,7 +242,6 @@ def test_the_command_finds_a_mirrored_camera_and_draws_it(tmp_path, unit, presse
     assert code == 0 and "noise unknown from a single image" in said
     assert ("directions are off by" in said) != in_order
     assert ("presses in the wrong order" if in_order else "angles of the wrong sign") in said
-    assert (tmp_path / "unit.png").stat().st_size > 10_000
     calibration = load_calibration(out)
     assert calibration.is_view_known and not calibration.view.keeps_left_and_right
     info = json.loads(run_palpate("info", out, "--json")[1])

@@ -27,7 +27,7 @@ from palpate.geometry.shapes import Disc, Rectangle
 from palpate.lab.simulate.gel import render
 from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.calibration import DirectionCorrection
-from palpate.touch.pipeline import TouchReader, choose
+from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import (
     COLUMNS,
     ROWS,
@@ -227,7 +227,7 @@ def test_the_oracle_measures_the_true_turn():
 def test_bad_input_is_named():
     with pytest.raises(EstimationError, match=r"frame at 0\.100 s has no image"):
         reader().read(Frame(0.1, np.zeros(3)), None)
-    with pytest.raises(SettingError, match="'GelSight Mini' has images of 240 x 320 px; the touch model is of 'DIGIT'"):
+    with pytest.raises(SettingError, match="has images of 240 x 320 px, and the touch model is of 'DIGIT'"):
         TouchReader("learnt", GELSIGHT_MINI, StandIn("direction", "turn"))
     for kind in (ContactDirection, Turn):
         for angle, variance in ((np.nan, 1.0), (0.1, 0.0), (0.1, -1.0), (0.1, np.nan), (0.1, np.inf)):
@@ -258,10 +258,9 @@ def mini_readings(shape: Any, front: float, tilt: float, y: float, depth: float)
 def test_the_model_of_the_mini_is_chosen_by_its_name_and_reads_places_and_tilts():
     model = shipped_model("GelSight Mini")
     assert model.settings.sensor == "GelSight Mini" and shipped_model("my finger").folder == SHIPPED
-    assert choose(MINIS[0].no_contact, GELSIGHT_MINI, None) == (
-        "learnt",
-        "images fit the touch model of the GelSight Mini",
-    )
+    chosen = TouchReader("auto", GELSIGHT_MINI)
+    chosen.begin(MINIS[0].no_contact)
+    assert (chosen.tactile, chosen.reason) == ("learnt", "images fit the touch model of the GelSight Mini")
     places = [
         np.mean([reading.place[0] for reading in mini_readings(Disc(0.05), -0.05, 0.0, y, 5e-4) if reading.place])
         for y in (-0.005, 0.0, 0.005)

@@ -43,7 +43,7 @@ def calibrate(
     Example: palpate calibrate --presses presses.csv --untouched still.png --out unit.npz
 
     Args:
-        out: File of the calibration. The figure of presses goes beside it (.png).
+        out: File of the calibration.
         presses: Five or more presses: a CSV of images (column file) at known contact angles (column angle_deg) or, with
             the column file alone, by hand in order from -y to +y, which finds left and right only; or a recording of
             presses on an object with known outline and poses, or on a disc that stays anywhere.
@@ -61,15 +61,13 @@ def calibrate(
         raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
     if model is not None and presses is None:
         raise SettingError("calibrate: --model is only used with --presses")
-    if presses is not None and out.suffix.lower() == ".png":
-        raise SettingError(f"--out {out}: is the name of the figure of presses; use a name that ends in .npz")
     check_new(out, force)
     paths = [path for path in (file, None if is_table else presses) if path is not None]
     recordings = {path: formats.load_recording(path) for path in paths}
     profile, rest = _sensor_of(recordings, sensor), None if file is None else recordings[file]
     if presses is not None:
         given = presses if is_table else recordings[presses]
-        calibration, numbers, found = _by_presses(presses, given, rest, untouched, profile, model, out, force)
+        calibration, numbers, found = _by_presses(presses, given, rest, untouched, profile, model)
     elif rest is not None:
         calibration, numbers, found = _by_recording(rest)
     else:
@@ -88,7 +86,8 @@ def calibrate(
 
 def _by_recording(recording: "Recording") -> Result:
     """Calibrate by the frames of a recording without contact."""
-    from palpate.touch.calibration import Calibration, calibrate, untouched_frames
+    from palpate.touch.calibration import Calibration
+    from palpate.touch.press_calibration import calibrate, untouched_frames
 
     with progress_bar("calibrating", len(untouched_frames(recording))) as progress:
         background, frames = calibrate(recording, progress)
@@ -97,16 +96,16 @@ def _by_recording(recording: "Recording") -> Result:
 
 def _by_images(untouched: tuple[Path, ...], sensor: "SensorProfile | None") -> Result:
     """Calibrate by images of the untouched gel, of the size of a sensor's if one is named."""
-    from palpate.touch.background import background_of_stills
+    from palpate.touch.background import background_of
     from palpate.touch.calibration import Calibration, misfit
-    from palpate.touch.press_files import read_image
+    from palpate.touch.press_calibration import read_image
 
     images = [read_image(each, grey=True) for each in untouched]
     sizes = [f"{image.shape[0]} x {image.shape[1]} px" for image in images]
     for each, size in zip(untouched, sizes, strict=True):
         if size != sizes[0]:
             raise FileError(f"{each}: is an image of {size}, and {untouched[0]} of {sizes[0]}")
-    calibration = Calibration(background_of_stills(images), file=untouched[0])
+    calibration = Calibration(background_of(images), file=untouched[0])
     if sensor is not None and (wrong := misfit(calibration, sensor)):
         raise FileError(wrong)
     return calibration, {"images": len(images)}, f"from {len(images)} image{'s' * (len(images) > 1)}"
@@ -119,22 +118,15 @@ def _by_presses(
     untouched: tuple[Path, ...],
     sensor: "SensorProfile",
     model: Path | None,
-    out: Path,
-    force: bool,
 ) -> Result:
-    """Calibrate by presses, of a table or a recording, and the untouched gel; draw a figure of the fit beside `out`."""
-    from palpate.files import in_file, whole_file
+    """Calibrate by presses, of a table or a recording, and the untouched gel."""
+    from palpate.files import in_file
     from palpate.lab.train.presses_of import presses_of
-    from palpate.touch.background import is_grey
-    from palpate.touch.calibration import untouched_images
+    from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
-    from palpate.touch.press_calibration import learn_from_presses
-    from palpate.touch.press_figure import press_figure
-    from palpate.touch.press_files import read_image, read_presses
+    from palpate.touch.press_calibration import learn_from_presses, read_image, read_presses, untouched_images
     from palpate.touch.touch_model import TouchModel, shipped_model
 
-    figure = out.with_suffix(".png")
-    check_new(figure, force)
     may_be_grey = model is not None  # a model of the user's own
     still = [read_image(each, may_be_grey) for each in untouched] if rest is None else list(untouched_images(rest))
     given = read_presses(presses, may_be_grey, in_order=True) if isinstance(presses, Path) else presses_of(presses)
@@ -143,8 +135,6 @@ def _by_presses(
             raise FileError(f"{name}: {GREY}")
     with in_file(path):
         fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
-    with whole_file(figure, overwrite=force) as part:
-        press_figure(given, fit).savefig(part, dpi=110, format="png")
     view, direction = fit.calibration.view, fit.calibration.direction
     offset, scatter, known = math.degrees(direction.offset), math.degrees(fit.scatter), given.is_measured
     numbers = {
@@ -154,11 +144,10 @@ def _by_presses(
         "offset_deg": offset if known else None,
         "scale": direction.scale if known else None,
         "scatter_deg": scatter,
-        "picture": str(figure),
     }
     error = f"are off by {offset:+.2f} degrees and {direction.scale - 1.0:+.1%}, and scatter" if known else "scatter"
     lines = [
-        f"images read {view}; {len(given.images)} presses: directions {error} by {scatter:.2f} degrees; see {figure}",
+        f"images read {view}; {len(given.images)} presses: directions {error} by {scatter:.2f} degrees",
         "Presses find left and right only; up and down, and the order of colours of an unusual unit, may be wrong.",
     ]
     if not view.keeps_left_and_right:

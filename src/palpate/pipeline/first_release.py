@@ -11,18 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.touch.background import (
-    UNLIKE,
-    Background,
-    Image,
-    background_of,
-    first_frames,
-    has_markers,
-    is_dark,
-    without_markers,
-)
+from palpate.touch.background import UNLIKE, Background, background_of, first_frames, has_markers, without_markers
 from palpate.touch.calibration import Calibration
-from palpate.touch.cells import Levels, cells_of, share_unlike
+from palpate.touch.cells import Image, Levels, cells_of, compare, is_dark
 from palpate.touch.contact_detector import START
 from palpate.types.recording import Recording
 
@@ -99,7 +90,7 @@ def first_release(recording: Recording) -> Release | None:
 
 def _is_steady(looks: Sequence[Levels]) -> bool:
     """Return True if half a second is not black and nothing moves on the gel."""
-    return not any(is_dark(cells) or share_unlike(cells, looks[0], UNLIKE) > START for cells in looks)
+    return not any(is_dark(cells) or compare(cells, looks[0], UNLIKE)[0] > START for cells in looks)
 
 
 def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
@@ -111,7 +102,7 @@ def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
 
 
 def _is_unlike(cells: Levels, others: Levels) -> bool:
-    return share_unlike(cells, others, _APART) > START
+    return compare(cells, others, _APART)[0] > START
 
 
 def _plainer(moments: Levels) -> Array:

@@ -1,10 +1,11 @@
-"""Calibration of one sensor unit: untouched gel, camera view and errors of directions, and its file (`.npz`)."""
+"""Calibration of one sensor unit: its untouched gel, camera view and errors of directions, in a file (`.npz`)."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import permutations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +13,108 @@ from numpy.typing import NDArray
 from palpate.checks import FLAGS, INTEGERS, NUMBERS, checked_array
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, read_arrays, whole_file
-from palpate.touch.background import Background, Image, background_of
-from palpate.touch.camera_view import AS_IT_IS, CameraView
-from palpate.touch.cells import Levels
-from palpate.touch.contact_detector import START, ContactDetector
-from palpate.types.recording import Recording
-from palpate.types.sensor import SensorProfile
+from palpate.touch.background import Background
+from palpate.touch.cells import Levels, area_means
+from palpate.types.sensor import DIGIT, SensorProfile
+
+Level = TypeVar("Level", np.uint8, np.float32)
 
 VERSION = 4
-NEEDED = 30
-"""Frames without contact that a calibration needs: from one second a deviation is known to 13 %."""
-MARGIN = 2
-"""Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Steps that turn a camera's images, rotated, mirrored or with exchanged channels, into those of the profile."""
+
+    quarter_turns: int = 0
+    """Rotation, done first, in counter-clockwise quarter turns, 0 to 3."""
+    mirrored: bool = False
+    """Exchange left and right, done second."""
+    channels: tuple[int, int, int] = (0, 1, 2)
+    """The camera's channels that are red, green and blue."""
+
+    @property
+    def keeps_left_and_right(self) -> bool:
+        """The right side of a camera's image is the right side of the profile's."""
+        return (self.quarter_turns, self.mirrored) in ((0, False), (2, True))
+
+    def of(self, image: NDArray[Level]) -> NDArray[Level]:
+        """Return a camera's image (height, width, 3), or its cells, in the profile's view."""
+        if self == AS_IT_IS:
+            return image
+        turned = np.rot90(image, self.quarter_turns)
+        return np.ascontiguousarray((turned[:, ::-1] if self.mirrored else turned)[..., self.channels])
+
+    def __str__(self) -> str:
+        turned = f"turned by {90 * self.quarter_turns} degrees" if self.quarter_turns else ""
+        order = "".join("RGB"[channel] for channel in self.channels)
+        channels = "" if order == "RGB" else f"channels {order}"
+        return ", ".join(filter(None, (turned, "mirrored" * self.mirrored, channels))) or "as they come"
+
+
+AS_IT_IS = CameraView()
+
+
+def views(size: tuple[int, ...], height: int, width: int) -> Iterator[CameraView]:
+    """Yield the views in which an image of a size, rows and columns first, has another one, the simplest first."""
+    for red, green, blue in permutations(range(3)):
+        for mirrored in (False, True):
+            for quarter_turns in range(4):
+                if (size[:2] if quarter_turns % 2 == 0 else size[1::-1]) == (height, width):
+                    yield CameraView(quarter_turns, mirrored, (red, green, blue))
+
+
+def check_view(cells: Levels, untouched: Levels, name: str) -> None:
+    """Raise SettingError if cells (rows, columns, 3) fit those of the untouched gel, called `name`, far better rotated.
+
+    Most of the gel looks untouched whatever touches it, so medians over the image tell.
+    """
+
+    def misfit(view: CameraView) -> float:
+        seen = view.of(cells)
+        light = np.median(seen / np.maximum(untouched, 1.0), axis=(0, 1))
+        return float(np.median(np.abs(seen - light * untouched)))
+
+    off = {view: misfit(view) for view in views(cells.shape, *untouched.shape[:2])}
+    best = min(off, key=off.__getitem__)
+    # For images in the right view the ratio is at most 0.7, in contact and in another light, and for those of other
+    # units below 3 but for one in 300; in a wrong view 97 in 100 are above. A symmetric gel fits equally well, but for
+    # rounding to a grey level.
+    if off[AS_IT_IS] > 3.0 * (off[best] + 1.0):
+        raise SettingError(
+            f"image: lies otherwise than {name}: it fits {best}, {off[best]:.1f} grey levels off in the median and not "
+            f"{off[AS_IT_IS]:.1f}"
+        )
+
+
+_USUAL = {DIGIT.name: (0, 2, 1)}
+"""Channels from left to right, by profile: as on 16 of 17 published DIGITs."""
+
+
+def unusual_colours(untouched: NDArray[np.uint8], sensor: SensorProfile) -> str:
+    """Return a question if the lights of an untouched gel are not where those of most units are, otherwise "".
+
+    Units differ, so this refuses nothing. Each light makes one side of the gel glow: the side of a channel is the
+    growth of its share from the middle to the right.
+    """
+    usual = _USUAL.get(sensor.name)
+    if usual is None:
+        return ""
+    cells = area_means(untouched, 32, 24).astype(np.float64) + 10.0  # in the dark colours are noise
+    share = cells / cells.sum(axis=2, keepdims=True)
+    share /= share.mean(axis=(0, 1))
+    x = (2.0 * np.arange(24)[:, None] + 1.0) / 24 - 1.0
+    side = (share * x).mean(axis=(0, 1)) / (x**2).mean()
+    span = float(np.ptp(side))
+    # Nothing to say of a gel that hardly has colours, or if two channels differ by less than a tenth of the span.
+    if span < 0.1 or max(side[usual[0]] - side.min(), side.max() - side[usual[-1]]) < 0.1 * span:
+        return ""
+    names, order = ("red", "green", "blue"), np.argsort(side)
+    return (
+        f"the gel is {names[order[0]]} at the left and {names[order[-1]]} at the right, and most units are "
+        f"{names[usual[0]]} at the left and {names[usual[-1]]} at the right: are channels exchanged, or "
+        "images rotated or mirrored? `palpate calibrate --presses` tells"
+    )
 
 
 @dataclass(frozen=True)
@@ -42,20 +133,12 @@ class DirectionCorrection:
     scale_sigma: float | None = None
     """Standard deviation of the scale; None likewise."""
 
-    def true(self, measured: float) -> float:
-        """Return the true angle [rad] of a measured one."""
-        return self.turn(measured - self.offset)
+    def true(self, measured: Any) -> Any:
+        """Return the true angles (...) [rad] of measured ones."""
+        return (measured - self.offset) / self.scale
 
-    def turn(self, measured: Any) -> Any:
-        """Return the true turns (...) [rad] of measured ones."""
-        return measured / self.scale
-
-    def variance(self, measured: Any) -> Any:
-        """Return the variances (...) [rad^2] of true angles or turns from those of measured ones."""
-        return measured / self.scale**2
-
-    def measured(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the measured angles (N,) [rad] of true ones."""
+    def measured(self, true: Any) -> Any:
+        """Return the measured angles (...) [rad] of true ones."""
         return self.offset + self.scale * true
 
 
@@ -111,67 +194,12 @@ def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
     expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
     if found == expected or not sensor.image_height:
         return ""
-    turns = calibration.view.quarter_turns
-    name = calibration.file or "the calibration"
+    name, turns = calibration.file or "the calibration", calibration.view.quarter_turns
     turned = f", turned by {90 * turns} degrees as it says," if turns % 2 else ""
     return (
         f"{name}: is of images of {found[0]} x {found[1]} px; those of sensor {sensor.name!r}{turned} "
         f"have {expected[0]} x {expected[1]}"
     )
-
-
-def detector_for(sensor: SensorProfile, calibration: Calibration | None = None) -> ContactDetector:
-    """Return the contact detector of a sensor, for images in the profile's view.
-
-    Raises SettingError if the calibration has images of another size.
-    """
-    size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
-    if calibration is None:
-        return ContactDetector(None, size, sensor.rate)
-    if wrong := misfit(calibration, sensor):
-        raise SettingError(wrong)
-    doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
-    return ContactDetector(calibration.background, size, sensor.rate, doubted)
-
-
-def calibrate(recording: Recording, progress: Callable[[int], None] | None = None) -> tuple[Background, int]:
-    """Return the background of a recording's frames without contact, and their number.
-
-    Contact flags select them; without flags it is all frames. `progress` is called with the number of frames done.
-    Raises FileError without images, with fewer than NEEDED such frames, or if a touch that begins or ends shows.
-    """
-    return background_of(untouched_images(recording, progress)), len(untouched_frames(recording))
-
-
-def untouched_frames(recording: Recording) -> NDArray[np.int64]:
-    """Return the indices of the frames more than MARGIN frames away from a contact."""
-    if recording.contact is None:
-        return np.arange(len(recording))
-    near = np.convolve(recording.contact, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN]  # contacts within the margin
-    return np.flatnonzero(near < 0.5)
-
-
-def untouched_images(recording: Recording, progress: Callable[[int], None] | None = None) -> Iterator[Image]:
-    """Yield the images of a recording's frames without contact; see `calibrate`."""
-    name = recording.file or "recording"
-    if recording.image is None:
-        raise FileError(f"{name}: has no images, a calibration needs touch images")
-    frames = untouched_frames(recording)
-    if len(frames) < NEEDED:
-        found = f"found {len(frames)} frames more than {MARGIN} away from a contact"
-        raise FileError(f"{name}: {found}, a calibration needs {NEEDED}")
-    detector = detector_for(recording.sensor)
-    for done, index in enumerate(frames.tolist(), 1):
-        image = recording[index].image
-        assert image is not None
-        if detector.update(detector.read(image)):
-            raise FileError(
-                f"{name}: frame {index} is off the first ones in {detector.share:.1%} of its values, as if touched; "
-                f"allowed is {START:.0%}: calibrate on frames without contact"
-            )
-        yield image
-        if progress is not None:
-            progress(done)
 
 
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
@@ -202,34 +230,30 @@ def load_calibration(path: Path | str) -> Calibration:
         mean = _levels("mean", arrays["mean"], ("N", "N", 3))
         background = Background(mean, _levels("deviation", arrays["deviation"], mean.shape))
         background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
-        view, direction = _view(arrays["view"]), _direction(arrays["direction"])
-        is_view_known = bool(checked_array("view_known", arrays["view_known"], FLAGS, ()))
+        turns, mirrored, *channels = checked_array("view", arrays["view"], NUMBERS, (5,)).tolist()
+        if turns not in range(4) or mirrored not in (0, 1) or sorted(channels) != [0, 1, 2]:
+            found = arrays["view"].tolist()
+            raise FileError(f"view: found {found}, expected quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2")
+        red, green, blue = map(int, channels)
+        offset, scale, *sigmas = checked_array("direction", arrays["direction"], NUMBERS, (4,)).astype(float).tolist()
+        if not (np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)):
+            found = arrays["direction"].tolist()
+            raise FileError(f"direction: found {found}, expected an offset, a scale above 0 and sigmas above 0")
+        return Calibration(
+            background,
+            CameraView(int(turns), bool(mirrored), (red, green, blue)),
+            DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas)),
+            bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
+            path,
+        )
     except KeyError as error:
         raise FileError(f"{path}: is no calibration of palpate calibrate, {error} is missing") from error
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
-    return Calibration(background, view, direction, is_view_known, path)
 
 
 def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...]) -> Levels:
     levels = checked_array(name, value, NUMBERS, shape)
-    if levels.dtype != np.float32:
-        raise FileError(f"{name}: found values of type {levels.dtype}, expected float32")
-    if not levels.size or not ((levels >= 0.0) & (levels <= 255.0)).all():
-        raise FileError(f"{name}: found no values, or some that are not grey levels from 0 to 255")
+    if levels.dtype != np.float32 or not levels.size or not ((levels >= 0.0) & (levels <= 255.0)).all():
+        raise FileError(f"{name}: found {levels.dtype}, or values that are not grey levels from 0 to 255, in float32")
     return levels
-
-
-def _view(value: NDArray[Any]) -> CameraView:
-    turns, mirrored, *channels = checked_array("view", value, NUMBERS, (5,)).tolist()
-    if turns not in range(4) or mirrored not in (0, 1) or sorted(channels) != [0, 1, 2]:
-        raise FileError(f"view: found {value.tolist()}, expected quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2")
-    red, green, blue = (int(channel) for channel in channels)
-    return CameraView(int(turns), bool(mirrored), (red, green, blue))
-
-
-def _direction(value: NDArray[Any]) -> DirectionCorrection:
-    offset, scale, *sigmas = checked_array("direction", value, NUMBERS, (4,)).astype(float).tolist()
-    if not (np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)):
-        raise FileError(f"direction: found {value.tolist()}, expected an offset, a scale above 0 and sigmas above 0")
-    return DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas))

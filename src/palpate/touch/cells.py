@@ -1,4 +1,4 @@
-"""Cells of an image, and the light in them relative to the untouched gel's.
+"""Images: checks, their cells, and the light in them relative to the untouched gel's.
 
 A cell is the mean over an area of an image, 30 across its shorter side. Cells have less noise than pixels, so a touch
 of 0.1 mm shows, and the gel spreads every touch over more than a cell of 0.6 mm.
@@ -9,17 +9,47 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.errors import SettingError
 from palpate.graph.compiled import Records, compiled, compiled_to_sum
 
+Image = NDArray[np.uint8]
 Levels = NDArray[np.float32]
 Light = NDArray[np.float64]
 """(channels, 3): relative brightness in the middle of an image, and its change to the right and to the lower border."""
 
+SPARSE = 8  # every eighth pixel is looked at for colours and for whether two images are the same
 _ACROSS = 30  # cells over the shorter side
-_SAMPLES, _MEDIAN = 3, 5  # samples across a cell; samples of a median, which removes lines of half a cell
 _OUTLIER = 2.0  # [grey levels] off the light's plane, from which a cell hardly counts
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the plane, and the change of light that ends them
 _DIMMEST, _BRIGHTEST = 0.3, 3.0  # relative brightness
+
+
+def check_image(image: Image, height: int, width: int) -> None:
+    """Raise SettingError unless an image is uint8 (height, width, 3)."""
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != (height, width, 3):
+        is_array = isinstance(image, np.ndarray)
+        found = f"{image.dtype} {image.shape}" if is_array else type(image).__name__
+        turned = ", turned by a quarter" if is_array and image.shape == (width, height, 3) != (height, width, 3) else ""
+        expected = f"uint8 ({height}, {width}, 3): rows, columns, red green blue"
+        raise SettingError(f"image: found {found}{turned}; expected {expected}")
+
+
+def is_dark(image: Image | Levels) -> bool:
+    """Return true if light or camera are not on yet: a mean below 5 grey levels."""
+    return float(image.mean()) < 5.0
+
+
+def is_flat(image: Image | Levels) -> bool:
+    """Return true if an image has one level within 4, as black and saturated ones have."""
+    return float(np.ptp(image[::SPARSE, ::SPARSE])) < 4.0
+
+
+def is_grey(image: Image | Levels) -> bool:
+    """Return true if all channels of an image (height, width, 3) are equal, also in a black one."""
+    if image.ndim != 3:
+        return False
+    sparse = image[::SPARSE, ::SPARSE]
+    return bool((sparse == sparse[..., :1]).all())
 
 
 def cell_width(height: int, width: int) -> float:
@@ -27,13 +57,13 @@ def cell_width(height: int, width: int) -> float:
     return max(min(height, width) / _ACROSS, 1.0)
 
 
-def cells_of(image: NDArray[np.uint8] | Levels) -> Levels:
+def cells_of(image: Image | Levels) -> Levels:
     """Return the cells (rows, columns, 3) of an image (height, width, 3)."""
     pixels = cell_width(*image.shape[:2])
     return area_means(image, round(image.shape[0] / pixels), round(image.shape[1] / pixels))
 
 
-def wide_cells_of(image: NDArray[np.uint8]) -> Levels:
+def wide_cells_of(image: Image) -> Levels:
     """Return the cells of an image (height, width, 3) without what is thinner than half a cell, such as a scratch.
 
     Images of few pixels stay as they are.
@@ -42,15 +72,15 @@ def wide_cells_of(image: NDArray[np.uint8]) -> Levels:
 
     height, width = image.shape[:2]
     pixels = cell_width(height, width)
-    sample = pixels / _SAMPLES
+    sample = pixels / 3  # a median over five of these removes lines of half a cell
     if sample < 1.0:
         return cells_of(image)
     samples = np.rint(area_means(image, round(height / sample), round(width / sample))).astype(np.uint8)
-    thick = np.asarray(cv2.medianBlur(samples, _MEDIAN), np.uint8)
+    thick = np.asarray(cv2.medianBlur(samples, 5), np.uint8)
     return area_means(thick, round(height / pixels), round(width / pixels))
 
 
-def area_means(image: NDArray[np.uint8] | Levels, rows: int, columns: int) -> Levels:
+def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
     """Return the means (rows, columns, 3) of an image (height, width, 3) over areas of equal size.
 
     The result is that of OpenCV's INTER_AREA, in half the time.
@@ -61,29 +91,26 @@ def area_means(image: NDArray[np.uint8] | Levels, rows: int, columns: int) -> Le
     return out
 
 
-def light_of(cells: Levels, untouched: Levels) -> Light:
-    """Return the light in cells (rows, columns, 3) relative to that in the untouched gel's.
+def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> tuple[float, Light]:
+    """Return the share of values of cells (rows, columns, 3) that are off the untouched gel's in this light, and it.
 
-    A plane over the image is fitted robustly to each channel, so a touch of less than half of the pad does not matter.
+    The light relative to the untouched gel's is a plane over the image, fitted robustly to each channel, so a touch of
+    less than half of the pad does not matter.
     """
-    return _planes(cells, untouched)
+    light = _planes(cells, untouched)
+    return float((np.abs(cells - _lit(untouched, light)) > tolerance).mean()), light
 
 
-def lit(untouched: Levels, light: Light) -> Levels:
-    """Return the untouched gel (height, width, 3), of any resolution, in another light."""
+def in_light_of(image: Levels, untouched: Levels, columns: int) -> Levels:
+    """Return the untouched gel (rows, width, 3) in the light of an image of that size, found in so many columns."""
+    rows = image.shape[0]
+    return _lit(untouched, _planes(area_means(image, rows, columns), area_means(untouched, rows, columns)))
+
+
+def _lit(untouched: Levels, light: Light) -> Levels:
     out = np.empty(untouched.shape, np.float32)
     _put_lit(untouched, light, out)
     return out
-
-
-def share_off(cells: Levels, untouched: Levels, light: Light, tolerance: Levels | np.float32) -> float:
-    """Return the share of values that differ from the untouched gel's in this light by more than a tolerance."""
-    return float((np.abs(cells - lit(untouched, light)) > tolerance).mean())
-
-
-def share_unlike(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
-    """Return the same in the light of the image."""
-    return share_off(cells, untouched, light_of(cells, untouched), tolerance)
 
 
 @compiled
@@ -91,6 +118,12 @@ def _put_area_means(lines: Records, channels: int, out: Records) -> None:
     height, length = lines.shape
     rows, columns = out.shape[0], out.shape[1]
     down, across = height / rows, length / channels / columns
+    shares = np.zeros((columns, int(across) + 2), np.float32)  # of each pixel in its column
+    for column in range(columns):
+        left, right = column * across, (column + 1) * across
+        for x in range(int(left), min(math.ceil(right - 1e-9), length // channels)):
+            share = (min(x + 1.0, right) - max(float(x), left)) / (down * across)
+            shares[column, x - int(left)] = np.float32(share)
     line = np.empty(length, np.float32)
     for row in range(rows):
         top, bottom = row * down, (row + 1) * down
@@ -100,13 +133,12 @@ def _put_area_means(lines: Records, channels: int, out: Records) -> None:
             for i in range(length):  # one long loop, which the compiler turns into vector instructions
                 line[i] += share * np.float32(lines[y, i])
         for column in range(columns):
-            left, right = column * across, (column + 1) * across
-            first, end = int(left), min(math.ceil(right - 1e-9), length // channels)
+            first = int(column * across)
+            end = min(math.ceil((column + 1) * across - 1e-9), length // channels)
             for channel in range(channels):
                 total = np.float32(0.0)
                 for x in range(first, end):
-                    share = np.float32((min(x + 1.0, right) - max(float(x), left)) / (down * across))
-                    total += share * line[channels * x + channel]
+                    total += shares[column, x - first] * line[channels * x + channel]
                 out[row, column, channel] = total
 
 
@@ -125,7 +157,7 @@ def _put_lit(untouched: Records, light: Light, out: Levels) -> None:
 
 @compiled_to_sum
 def _planes(cells: Records, untouched: Records) -> Records:
-    """Fit `light_of` by reweighted least squares."""
+    """Fit the light in cells relative to the untouched gel's by reweighted least squares."""
     rows, columns, channels = cells.shape
     planes = np.zeros((channels, 3))
     for channel in range(channels):

@@ -5,24 +5,23 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.touch.background import (
+from palpate.touch.background import Background, SteadyImages, first_frames, has_markers, without_markers
+from palpate.touch.calibration import AS_IT_IS, Calibration, check_view, misfit, view_of
+from palpate.touch.cells import (
     SPARSE,
-    AnyImage,
-    Background,
     Image,
-    SteadyImages,
-    check_colours,
+    Levels,
+    Light,
+    area_means,
+    cells_of,
     check_image,
-    first_frames,
-    has_markers,
+    compare,
     is_flat,
-    without_markers,
+    wide_cells_of,
 )
-from palpate.touch.camera_view import check_view
-from palpate.touch.cells import Levels, area_means, cells_of, light_of, share_off, share_unlike, wide_cells_of
+from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
 
@@ -53,41 +52,38 @@ class ContactDetector:
     Cells of an image are compared with those of the untouched gel in the image's light, so a light that fades or
     wanders during a touch leaves none behind. While nothing touches, the background follows the images.
 
-    Without a background the first half second of steady images is taken as untouched, and the answer is no until
-    then. A background that is doubted, as it may be of another unit, is trusted once an image looks like it.
+    Without a calibration the first half second of steady images is taken as untouched, and the answer is no until
+    then. A calibration that is not sure, as it may be of another unit, is trusted once an image looks like it.
     """
 
-    def __init__(
-        self,
-        background: Background | None = None,
-        size: tuple[int, int] | None = None,
-        rate: float = 30.0,
-        doubted: str = "",
-    ) -> None:
-        """Take the untouched gel, rows and columns of the images and their rate [Hz].
-
-        Without a size the first image's is taken. `doubted` is the name of a background that is doubted.
-        """
+    def __init__(self, sensor: SensorProfile, calibration: Calibration | None = None) -> None:
+        """Take the sensor's profile; raises SettingError if the calibration has images of another size."""
+        if calibration is not None and (wrong := misfit(calibration, sensor)):
+            raise SettingError(wrong)
         # Compile or load these now, not at a robot's first image.
         area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
         area_means(np.zeros((1, 1, 3), np.float32), 1, 1)
-        share_unlike(np.ones((2, 2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.float32(1.0))
-        self.background = background
+        compare(np.ones((2, 2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.float32(1.0))
+        self.background: Background | None = None
         """The untouched gel as known now; None while the first images are collected."""
         self.share = 0.0
         """Share of the last image's values that differ significantly from the untouched gel, 0 to 1."""
-        self.light: NDArray[np.float64] = np.ones(3)
+        self.light = np.ones(3)
         """Brightness of each channel in the middle of the last image, relative to the untouched gel."""
-        self._first, self._image_size = SteadyImages(rate), size
-        self._doubted, self._doubted_images, self._patience = doubted, 0, first_frames(rate)
+        self._size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
+        self._first, self._patience = SteadyImages(sensor.rate), first_frames(sensor.rate)
+        self._view = view_of(calibration)
+        self._doubted, self._doubted_images = "", 0
         self._is_view_checked = self._touched = self._has_markers = False
         self._untouched_images = 0
-        self._recent: deque[tuple[float, Levels]] = deque(maxlen=first_frames(rate))  # shares and cells of this touch
+        self._recent: deque[tuple[float, Levels]] = deque(maxlen=self._patience)  # shares and cells of this touch
         self._sparse: Image | None = None  # of the last image
         self._repeats, self._is_noisy = 0, False
-        if background is not None:
-            self._has_markers = has_markers(background.mean)
-            self._use(replace(background, mean=self.read(background.mean)))
+        if calibration is not None:
+            gel = calibration.background
+            self._doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
+            self._has_markers = has_markers(gel.mean)
+            self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
 
     @property
     def doubt(self) -> str:
@@ -99,10 +95,12 @@ class ContactDetector:
             "first one, that was another unit or a touched gel, or the gel has changed"
         )
 
-    def read(self, image: AnyImage) -> AnyImage:
-        """Return an image (height, width, 3) as `update` takes it: without markers if the untouched gel has some."""
-        if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.float32):
+    def read(self, image: Image) -> Image:
+        """Return a camera's image as `update` takes it: in the profile's view, without markers."""
+        if image.ndim != 3 or image.shape[2] != 3:
             return image  # `update` refuses it
+        if self._view != AS_IT_IS:
+            image = self._view.of(image)
         if self.background is None and self._first.is_empty:
             self._has_markers = has_markers(image)
         return without_markers(image) if self._has_markers else image
@@ -118,34 +116,26 @@ class ContactDetector:
             return False
         check_image(image, *self.background.mean.shape[:2])
         cells = cells_of(image)
-        if not self._is_view_checked:
-            self._check_view(image, cells, self.background)
-            self._is_view_checked = True
-        light = light_of(cells, self._cells)
-        is_blind = is_flat(image) and not is_flat(self.background.mean)
-        share = 1.0 if is_blind else self._significant_share(image, cells, light)
-        if share > (_NO_GEL_IN_DOUBT if self._doubted else _NO_GEL):
-            self._check_view(image, cells, self.background)
-            known = "what was seen in the first half second or is in the calibration: is"
-            if self._doubted:
-                known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
-            raise SettingError(
-                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is {known} the camera "
-                "covered, turned, or its light out?"
-            )
+        share, light = self._significant_share(image, cells)
+        most = _NO_GEL_IN_DOUBT if self._doubted else _NO_GEL
+        if share > most or not self._is_view_checked:
+            self._check_gel(image, cells, share, most)
         self._check_not_repeated(image)
         self.share, self.light = share, light[:, 0]
         self._touched = share > (END if self._touched else START)
-        self._update_doubt()
-        if self._touched and self._is_residual_imprint(share, cells):
-            self._touched, self.share = False, 0.0
-            self._use(replace(self.background, mean=image.astype(np.float32)))
+        if self._doubted:
+            self._update_doubt()
+        if self._touched:
+            self._recent.append((share, cells))
+            if self._is_residual_imprint(share, cells):
+                self._touched, self.share = False, 0.0
+                self._use(replace(self.background, mean=image.astype(np.float32)))
         if not self._touched:
             self._recent.clear()
         if self.share <= END:
             self._untouched_images += 1
             if self._untouched_images % _EVERY == 0:
-                self._use(_followed(self.background, image, _EVERY / _MEMORY))
+                self._use(self.background.followed(image, _EVERY / _MEMORY))
         return self._touched
 
     def forget(self) -> None:
@@ -153,26 +143,47 @@ class ContactDetector:
         self.background, self._touched, self._doubted = None, False, ""
         self._first.forget()
 
-    def _is_residual_imprint(self, share: float, cells: Levels) -> bool:
-        self._recent.append((share, cells))
-        if len(self._recent) <= _IMPRINT_IMAGES or share >= _MOST_IMPRINT:
-            return False
-        shares = np.array([each for each, _ in self._recent])
-        if shares[-_IMPRINT_IMAGES:].max() >= min(_IMPRINT_PART * shares.max(), _MOST_IMPRINT):
-            return False
-        return share_unlike(cells, self._recent[-_IMPRINT_IMAGES][1], self._tolerance) <= END
+    def _collect(self, image: Image) -> None:
+        size = self._size or np.atleast_2d(image).shape[:2]
+        check_image(image, *size)
+        self._size = size
+        found = self._first.add(image)
+        if found is not None:
+            self._use(found)
+            self._is_view_checked = True
 
-    def _update_doubt(self) -> None:
-        if not self._touched:
-            self._doubted = ""
-        if self._doubted:
-            self._doubted_images += 1
-            if self._doubted_images == self._patience:
-                logger.warning("%s", self.doubt)
+    def _use(self, background: Background) -> None:
+        self.background = background
+        self._cells, self._wide_cells = cells_of(background.mean), None
+        self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
+        self._is_flat = is_flat(background.mean)
 
-    def _check_view(self, image: Image, cells: Levels, background: Background) -> None:
-        check_colours(image, background)
+    def _significant_share(self, image: Image, cells: Levels) -> tuple[float, Light]:
+        share, light = compare(cells, self._cells, self._tolerance)
+        if is_flat(image) and not self._is_flat:
+            return 1.0, light
+        if share <= END:
+            return share, light
+        if self._wide_cells is None:  # most frames do without
+            assert self.background is not None
+            self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
+        wide, _ = compare(wide_cells_of(image), self._wide_cells, self._tolerance)
+        return (wide if wide < _THIN * share else share), light
+
+    def _check_gel(self, image: Image, cells: Levels, share: float, most: float) -> None:
+        """Raise SettingError if an image lies in another view or shows no gel."""
+        assert self.background is not None
+        self.background.check_colours(image)
         check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
+        self._is_view_checked = True
+        if share > most:
+            known = "what was seen in the first half second or is in the calibration: is"
+            if self._doubted:
+                known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
+            raise SettingError(
+                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is {known} the camera "
+                "covered, turned, or its light out?"
+            )
 
     def _check_not_repeated(self, image: Image) -> None:
         sparse = image[::SPARSE, ::SPARSE].copy()
@@ -186,35 +197,17 @@ class ContactDetector:
                 "before: the camera stands still"
             )
 
-    def _collect(self, image: Image) -> None:
-        size = self._image_size or np.atleast_2d(image).shape[:2]
-        check_image(image, *size)
-        self._image_size = size
-        found = self._first.add(image)
-        if found is not None:
-            self._use(found)
-            self._is_view_checked = True
+    def _update_doubt(self) -> None:
+        self._doubted_images += 1
+        if not self._touched:
+            self._doubted = ""
+        elif self._doubted_images == self._patience:
+            logger.warning("%s", self.doubt)
 
-    def _use(self, background: Background) -> None:
-        self.background = background
-        self._cells, self._wide_cells = cells_of(background.mean), None
-        self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
-
-    def _significant_share(self, image: Image, cells: Levels, light: NDArray[np.float64]) -> float:
-        share = share_off(cells, self._cells, light, self._tolerance)
-        if share <= END:
-            return share
-        if self._wide_cells is None:  # most frames do without
-            assert self.background is not None
-            self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
-        wide = share_unlike(wide_cells_of(image), self._wide_cells, self._tolerance)
-        return wide if wide < _THIN * share else share
-
-
-def _followed(background: Background, image: Image, part: float) -> Background:
-    """Return the statistics updated with this image, which has the weight `part`; the past has the rest."""
-    change = image.astype(np.float32) - background.mean
-    mean = np.asarray(background.mean + part * change, np.float32)
-    # Variance of a mixture: that within the past, and that between the past and the image.
-    variance = (1.0 - part) * (np.square(background.deviation) + part * np.square(change))
-    return Background(mean, np.sqrt(variance, dtype=np.float32), background.noise)
+    def _is_residual_imprint(self, share: float, cells: Levels) -> bool:
+        if len(self._recent) <= _IMPRINT_IMAGES or share >= _MOST_IMPRINT:
+            return False
+        shares = np.array([each for each, _ in self._recent])
+        if shares[-_IMPRINT_IMAGES:].max() >= min(_IMPRINT_PART * shares.max(), _MOST_IMPRINT):
+            return False
+        return compare(cells, self._recent[-_IMPRINT_IMAGES][1], self._tolerance)[0] <= END

@@ -1,4 +1,4 @@
-"""Calibration by presses: the camera view and the errors of contact directions of one sensor unit.
+"""Making a calibration: the untouched gel from a recording, and from presses the camera view and errors of directions.
 
 A ball, rod or edge is pressed on the gel at angles known from the robot or the place. The model is asked in every view
 of the right size; in the right one, measured angles lie on a line over the true ones. Of presses by hand the order from
@@ -7,22 +7,31 @@ shows the view, and none of the errors.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.touch.background import Image, background_of_stills
-from palpate.touch.calibration import Calibration, DirectionCorrection
-from palpate.touch.camera_view import CameraView, unusual_colours, views
-from palpate.touch.contact_detector import ContactDetector
+from palpate.files import csv_rows, existing_file, read_text
+from palpate.touch.background import Background, background_of
+from palpate.touch.calibration import Calibration, CameraView, DirectionCorrection, unusual_colours, views
+from palpate.touch.cells import Image, is_grey
+from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference, reduced
+from palpate.types.images import image_size
+from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 
+NEEDED = 30
+"""Frames without contact that a calibration needs: from one second a deviation is known to 13 %."""
+MARGIN = 2
+"""Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""
 FEWEST = 5  # presses that show a line and its scatter
 SPREAD = np.radians(8.0)  # [rad] between least and greatest angle: less does not tell the scale, or left from right
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
@@ -31,6 +40,45 @@ _OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that o
 _UNUSUAL = -math.log(5 * 16)  # log odds of a view with unusual colours: 1 DIGIT of 17, in 5 other orders
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
+
+
+def calibrate(recording: Recording, progress: Callable[[int], None] | None = None) -> tuple[Background, int]:
+    """Return the background of a recording's frames without contact, and their number; see `untouched_images`."""
+    return background_of(untouched_images(recording, progress)), len(untouched_frames(recording))
+
+
+def untouched_frames(recording: Recording) -> NDArray[np.int64]:
+    """Return the indices of the frames more than MARGIN frames away from a contact; without flags, all."""
+    if recording.contact is None:
+        return np.arange(len(recording))
+    near = np.convolve(recording.contact, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN]  # contacts within the margin
+    return np.flatnonzero(near < 0.5)
+
+
+def untouched_images(recording: Recording, progress: Callable[[int], None] | None = None) -> Iterator[Image]:
+    """Yield the images of a recording's frames without contact; `progress` is called with the number of them.
+
+    Raises FileError without images, with fewer than NEEDED such frames, or if a touch that begins or ends shows.
+    """
+    name = recording.file or "recording"
+    if recording.image is None:
+        raise FileError(f"{name}: has no images, a calibration needs touch images")
+    frames = untouched_frames(recording)
+    if len(frames) < NEEDED:
+        found = f"found {len(frames)} frames more than {MARGIN} away from a contact"
+        raise FileError(f"{name}: {found}, a calibration needs {NEEDED}")
+    detector = ContactDetector(recording.sensor)
+    for done, index in enumerate(frames.tolist(), 1):
+        image = recording[index].image
+        assert image is not None
+        if detector.update(detector.read(image)):
+            raise FileError(
+                f"{name}: frame {index} is off the first ones in {detector.share:.1%} of its values, as if touched; "
+                f"allowed is {START:.0%}: calibrate on frames without contact"
+            )
+        yield image
+        if progress is not None:
+            progress(done)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +97,51 @@ class Presses:
     def is_measured(self) -> bool:
         """Angles are known, and not the order alone."""
         return bool(np.isfinite(self.angle).all())
+
+
+def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Presses:
+    """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
+
+    Grey images are allowed only with `grey`, a table without angles, of presses in order, only with `in_order`.
+    """
+    columns, *lines = csv_rows(read_text(path), path) or [[]]
+    rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
+    has_angles = "angle_deg" in columns
+    if not rows or "file" not in columns or not (has_angles or in_order):
+        found = ", ".join(columns) if rows else "no rows"
+        raise FileError(f"{path}: found {found}; expected a CSV with columns file and angle_deg")
+    angles, images = np.full(len(rows), np.nan), []
+    for index, row in enumerate(rows):
+        name, angle = row.get("file", ""), row.get("angle_deg", "")
+        if has_angles:
+            with suppress(ValueError):
+                angles[index] = float(angle)
+            if not abs(angles[index]) <= 90.0:
+                raise FileError(f"{path}: row {index + 1}: angle_deg is {angle!r}; expected -90 to 90 degrees")
+        if not name.isprintable() or not name:
+            raise FileError(f"{path}: row {index + 1}: file is {name!r}; expected the name of an image")
+        images.append(read_image(path.parent / name, grey))
+    return Presses(tuple(images), np.radians(angles), tuple(row["file"] for row in rows))
+
+
+def read_image(path: Path, grey: bool = False) -> Image:
+    """Return an image file as (height, width, 3) RGB; raises FileError if it is none, or grey without `grey`."""
+    import cv2
+
+    data = existing_file(path).read_bytes()
+    try:
+        known = image_size(data)
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
+    if image is None or image.dtype != np.uint8:
+        raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
+    if image.ndim != 3:
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    found = np.ascontiguousarray(image[..., 2::-1], np.uint8)
+    if not grey and is_grey(found):
+        raise FileError(f"{path}: is a grey image; touch images are in colours")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +192,7 @@ def learn_from_presses(
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
     check_alike(presses, untouched)
-    candidates = list(views(untouched[0], height, width))
+    candidates = list(views(untouched[0].shape, height, width))
     if not candidates:
         found = "images of {} x {} px".format(*untouched[0].shape)
         raise FileError(f"{found} are not those of {sensor.name!r}, {height} x {width} px, in any turn")
@@ -109,7 +202,7 @@ def learn_from_presses(
     log_likelihood, fit = max(fits, key=lambda each: each[0])
     if not presses.is_measured:
         if log_likelihood == -math.inf:
-            _check_touched(fit, presses)  # one that shows nothing is in no order either
+            _check_touched(fit, presses, sensor)  # one that shows nothing is in no order either
             raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
         check_spread(fit.angle)
     over, worst = ("the given angles", WORST) if presses.is_measured else ("the places of the imprints", 2.0 * WORST)
@@ -119,7 +212,7 @@ def learn_from_presses(
             f"allowed are {np.degrees(worst):.0f}: are {over} right, and is the untouched gel of this unit, and "
             "untouched?"
         )
-    _check_touched(fit, presses)
+    _check_touched(fit, presses, sensor)
     return fit
 
 
@@ -127,7 +220,7 @@ def _fit(
     view: CameraView, presses: Presses, untouched: Sequence[Image], sensor: SensorProfile, model: TouchModel
 ) -> tuple[float, PressFit]:
     """Return the log likelihood of the presses in a view, and the calibration that follows."""
-    background = background_of_stills([view.of(image) for image in untouched])
+    background = background_of(view.of(image) for image in untouched)
     mean = reduced(background.mean)
     seen = [difference(view.of(image), mean) for image in presses.images]
     measured, variance = np.array([model.read(each).direction for each in seen]).T
@@ -167,8 +260,8 @@ def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:
     return math.asin(float(strength @ column / strength.sum()) * sensor.half_width / sensor.radius)
 
 
-def _check_touched(fit: PressFit, presses: Presses) -> None:
+def _check_touched(fit: PressFit, presses: Presses, sensor: SensorProfile) -> None:
     for name, image in zip(presses.names, presses.images, strict=True):
-        detector = ContactDetector(fit.calibration.background)
-        if not detector.update(detector.read(fit.calibration.view.of(image))):
+        detector = ContactDetector(sensor, replace(fit.calibration, is_sure=True))
+        if not detector.update(detector.read(image)):
             raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_json, whole_file
-from palpate.touch.cells import area_means, light_of, lit
+from palpate.touch.cells import area_means, in_light_of
 
 Difference = NDArray[np.float32]
 
@@ -41,22 +41,21 @@ SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
 """Models that come with palpate, by sensor profile."""
 
 
-def reduced(image: NDArray[np.uint8] | Difference) -> NDArray[np.float32]:
+def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
     """Return an image or a background's mean (height, width, 3) as (ROWS, COLUMNS, 3) [grey levels]."""
     means = area_means(image, ROWS, COLUMNS)
     return np.rint(means) if image.dtype == np.uint8 else means  # rounded as in training
 
 
-def difference(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
+def difference(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
     """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean."""
     return (reduced(image) - reduced_mean) / np.float32(_LEVELS)
 
 
-def difference_in_light(image: NDArray[np.uint8], reduced_mean: NDArray[np.float32]) -> Difference:
+def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
     """Return the same with the background in the light of the image, which may have changed."""
     seen = reduced(image)
-    cells, untouched = (area_means(each, ROWS, _LIGHT_COLUMNS) for each in (seen, reduced_mean))
-    return (seen - lit(reduced_mean, light_of(cells, untouched))) / np.float32(_LEVELS)
+    return (seen - in_light_of(seen, reduced_mean, _LIGHT_COLUMNS)) / np.float32(_LEVELS)
 
 
 @dataclass(frozen=True)
@@ -129,41 +128,30 @@ class TouchModel:
         """Return the reading of a difference (ROWS, COLUMNS, 3)."""
         batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
         path, outputs = self.folder / NETWORK, list(self.settings.spread)
-        self._session = self._session or self._open(path)
         try:
+            if self._session is None:
+                self._session = session(self.network)
+                given = {each.name for each in self._session.get_outputs()}
+                if given != set(outputs):
+                    raise ValueError(f"gives {sorted(given)}, expected {sorted(outputs)}")
             found = dict(zip(outputs, self._session.run(outputs, {"difference": batch}), strict=True))
         except Exception as error:  # a damaged network raises many kinds
-            raise FileError(f"{path}: cannot be run ({one_line(error)})") from error
+            raise FileError(f"{path}: is no network that can be run ({one_line(error)})") from error
         for name, values in found.items():
             if np.shape(values) != (1, 2):
                 raise FileError(f"{path}: gives {name} of shape {np.shape(values)}, expected (1, 2)")
-        place = _gaussian(found["place"]) if "place" in found else None
-        return TouchReading(
-            _gaussian(found["direction"]),
-            _gaussian(found["turn"]) if "turn" in found else None,
-            place and (1e-2 * place[0], 1e-4 * place[1]),
-        )
+        with np.errstate(over="ignore"):  # a foreign network may give any log variance
+            means = {name: (float(one[0, 0]), float(np.exp(np.float64(one[0, 1])))) for name, one in found.items()}
+        place = means.get("place")
+        return TouchReading(means["direction"], means.get("turn"), place and (1e-2 * place[0], 1e-4 * place[1]))
 
-    def _open(self, path: Path) -> Any:
-        expected = {"difference"}, set(self.settings.spread)
-        try:
-            found = session(self.network)
-            arrays = {each.name for each in found.get_inputs()}, {each.name for each in found.get_outputs()}
-        except Exception as error:  # damaged bytes raise many kinds
-            raise FileError(f"{path}: is no network that can be run ({one_line(error)})") from error
-        if arrays != expected:
-            raise FileError(f"{path}: takes and gives {arrays}, expected {expected}")
-        return found
+
+_opened = cache(TouchModel)
 
 
 def shipped_model(sensor: str = "DIGIT") -> TouchModel:
     """Return the model that comes with palpate for a sensor profile, by default the DIGIT's; opened once."""
     return _opened(SHIPPED_OF.get(sensor, SHIPPED))
-
-
-@cache
-def _opened(folder: Path) -> TouchModel:
-    return TouchModel(folder)
 
 
 def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
@@ -211,16 +199,8 @@ def _settings(path: Path, plain: Mapping[str, Any]) -> ModelSettings:
         numbers = [number for each in spread.values() for number in (each.scale, each.together)]
         numbers += [settings.image_height, settings.image_width]
         in_range = all(isinstance(number, int | float) and 0.0 < number < FARTHEST for number in numbers)
-        if set(spread) not in map(set, OUTPUTS) or not in_range:
-            raise TypeError("spread or image size is no set of numbers above 0")
-        if not isinstance(settings.sensor, str):
-            raise TypeError("sensor is no name")
+        if set(spread) not in map(set, OUTPUTS) or not in_range or not isinstance(settings.sensor, str):
+            raise TypeError("sensor is no name, or spread or image size no set of numbers above 0")
         return settings
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise FileError(f"{path}: settings do not fit this version ({error})") from error
-
-
-def _gaussian(output: NDArray[np.float32]) -> tuple[float, float]:
-    """Return mean and variance of an output (1, 2)."""
-    with np.errstate(over="ignore"):  # a foreign network may give any log variance
-        return float(output[0, 0]), float(np.exp(np.float64(output[0, 1])))

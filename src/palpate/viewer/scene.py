@@ -17,7 +17,8 @@ from palpate.pipeline.first_release import first_release
 from palpate.pipeline.run_folder import read_answers
 from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, detector_for, load_calibration, turned_as, view_of
+from palpate.touch.calibration import Calibration, load_calibration, turned_as
+from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.touch_model import difference_in_light, reduced
 from palpate.types.estimate import Answers, Status, Trajectory
 from palpate.types.recording import Recording
@@ -105,13 +106,13 @@ def touch_images(recording: Recording, calibration: Calibration | None) -> Itera
 
     The difference is taken as tracking takes it, from the gel before the contact; it is None while that is unknown.
     """
-    detector, view = detector_for(turned_as(recording.sensor, calibration), calibration), view_of(calibration)
+    detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
     untouched = detector.background
     for index in range(len(recording)):
         image = recording[index].image
         if image is None:
             raise SettingError("the recording has no images to show")
-        image = detector.read(view.of(image))
+        image = detector.read(image)
         if not detector.update(image):
             untouched = detector.background
         yield image, None if untouched is None else difference_image(image, untouched)

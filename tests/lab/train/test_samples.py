@@ -13,8 +13,7 @@ from palpate.geometry.shapes import Ellipse, Polygon, Shape
 from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, DirectionCorrection
-from palpate.touch.camera_view import CameraView
+from palpate.touch.calibration import Calibration, CameraView, DirectionCorrection
 from palpate.touch.touch_model import COLUMNS, KINDS, ROWS
 from palpate.types.images import encode_image
 from palpate.types.sensor import DIGIT

@@ -12,8 +12,7 @@ from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.tune.recorded_touch import RecordedTouch, record_touch, track_recorded
 from palpate.pipeline.track import Run, track
 from palpate.touch.background import background_of
-from palpate.touch.calibration import Calibration, DirectionCorrection
-from palpate.touch.camera_view import CameraView
+from palpate.touch.calibration import Calibration, CameraView, DirectionCorrection
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from palpate.geometry import se2
 from palpate.io import load_recording
 from palpate.lab.train.samples import geometry_of
-from palpate.touch.background import Background, Image, background_of, check_image
+from palpate.touch.background import Background, background_of
+from palpate.touch.cells import Image, check_image
 from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording
 

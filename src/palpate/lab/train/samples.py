@@ -15,8 +15,9 @@ from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
-from palpate.touch.background import AnyImage, Background, Image, background_of, has_markers, without_markers
+from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
+from palpate.touch.cells import Image
 from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile

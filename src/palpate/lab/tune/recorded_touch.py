@@ -18,15 +18,8 @@ from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.pipeline.truth import trusted_truth
-from palpate.touch.calibration import (
-    UNCORRECTED,
-    Calibration,
-    DirectionCorrection,
-    correction_of,
-    detector_for,
-    turned_as,
-    view_of,
-)
+from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, correction_of, turned_as
+from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, with_correction
@@ -161,14 +154,14 @@ def _measured(
     if calibration is None:
         release = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
         calibration = release and release.calibration
-    sensor, view = turned_as(recording.sensor, calibration), view_of(calibration)
-    detector = detector_for(sensor, calibration)
+    sensor = turned_as(recording.sensor, calibration)
+    detector = ContactDetector(sensor, calibration)
 
     touch = TouchReader(tactile, sensor, model, calibration)
     touching = False
     for frame in recording:
         assert frame.image is not None
-        image = detector.read(view.of(frame.image))
+        image = detector.read(frame.image)
         was_touching, touching = touching, detector.update(image)
         if was_touching and not touching:
             touch.end_contact()
