@@ -27,9 +27,12 @@ class Source:
     """A recording or a bag, played in real time."""
 
     def open(
-        self, bag: Bag, start: Start, calibration: "Calibration | None"
+        self, stack: ExitStack, bag: Bag, start: Start, calibration: "Calibration | None"
     ) -> "tuple[Sources, Recording, tuple[Any, Any]]":
-        """Return the sources, a recording that says what is tracked, and the first pose with its sigma."""
+        """Return the sources, a recording that says what is tracked, and the first pose with its sigma.
+
+        `stack` closes the sources.
+        """
         import numpy as np
 
         from palpate.config import NoiseSettings
@@ -53,7 +56,7 @@ class Source:
         if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit):
             raise SettingError("--camera: of the options for bags, only --shape and --shape-unit can be used")
         shape = load_shape(bag.shape, bag.shape_unit)
-        sources = camera_sources(self.camera, self.poses, DIGIT, calibration)
+        sources = stack.enter_context(camera_sources(self.camera, self.poses, DIGIT, calibration))
         return sources, Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",)), (first, sigma)
 
 
@@ -101,10 +104,8 @@ def live(
     model, unit = touch.load(touch.tactile)
     name = source.replay.name if source.replay else f"camera {source.camera}"
     with ExitStack() as stack:
-        unused = stack.enter_context(ExitStack())
         with busy("looking for images and poses"):
-            sources, scene, (first, sigma) = source.open(bag, start, unit)
-            unused.callback(sources.close)
+            sources, scene, (first, sigma) = source.open(stack, bag, start, unit)
         settings = TrackerSettings(touch.tactile)
         tracker = Tracker(scene.shape, sources.sensor, first, settings, model, unit, first_pose_sigma=sigma)
         listen = watch = None
@@ -117,7 +118,6 @@ def live(
         stop = stack.enter_context(stop_on_signals())
         state = LiveState(complain)
         stack.enter_context(live_table(f"palpate live: {name}", state))
-        unused.pop_all()  # from here on the session's threads close the sources
         track_live(tracker, sources, state, stop, listen or (lambda item: None), watch, seconds)
     report(json, "live", state.summary())
     if record and not json:

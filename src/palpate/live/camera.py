@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,22 +35,19 @@ class Camera:
 
     def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
         """Yield each image with the time of its arrival and, as text, notes for the user; ends at the event."""
-        try:
-            for _ in range(5):  # old ones, in the driver's buffer
-                self._read()
-            while not stop.is_set():
-                if image := self._read():
-                    yield image
-                    continue
-                lost = self._clock.now()
-                yield "the camera is lost, and is opened again as soon as it is there"
-                self.close()
-                while not stop.wait(0.5):
-                    if self._open():
-                        yield f"the camera is back after {self._clock.now() - lost:.1f} s"
-                        break
-        finally:
+        for _ in range(5):  # old ones, in the driver's buffer
+            self._read()
+        while not stop.is_set():
+            if image := self._read():
+                yield image
+                continue
+            lost = self._clock.now()
+            yield "the camera is lost, and is opened again as soon as it is there"
             self.close()
+            while not stop.wait(0.5):
+                if self._open():
+                    yield f"the camera is back after {self._clock.now() - lost:.1f} s"
+                    break
 
     def close(self) -> None:
         """Release the camera."""
@@ -94,16 +91,15 @@ class Camera:
         return None
 
 
-def camera_sources(name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None) -> Sources:
-    """Open a camera (number, path or serial) and a source of poses. Raises SettingError if one of them is missing."""
-    size, clock, path = size_of_images(sensor, calibration), Clock(), camera_path(name)
-    with ExitStack() as opened:
-        camera = Camera(path, size, clock)
-        opened.callback(camera.close)
-        source, close_source = pose_source(poses, clock)
-        opened.callback(close_source)
-        close = opened.pop_all().close
-    return Sources(camera.images, source, clock, replace(sensor, rate=camera.rate), size, close)
+@contextmanager
+def camera_sources(name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None) -> Iterator[Sources]:
+    """Open a camera (number, path or serial) and a source of poses while the block runs.
+
+    Raises SettingError if one of them is missing.
+    """
+    size, clock = size_of_images(sensor, calibration), Clock()
+    with closing(Camera(camera_path(name), size, clock)) as camera, pose_source(poses, clock) as source:
+        yield Sources(camera.images, source, clock, replace(sensor, rate=camera.rate), size)
 
 
 def camera_path(name: str) -> Path:

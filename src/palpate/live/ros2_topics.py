@@ -4,8 +4,8 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from queue import Empty, SimpleQueue
@@ -149,17 +149,11 @@ class Ros2Poses:
         return checked_pose(time, placed[0], self._clock.now())
 
 
-def ros2_poses(topic: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
-    """Return the sensor poses of a topic, by a node of their own, and a function that closes it."""
-    ros = Ros2Node("palpate_live")
-
-    def poses(stop: threading.Event) -> Iterator[TimedPose | Refused | str]:
-        try:
-            yield from Ros2Poses(ros, topic, clock).poses(stop)
-        finally:
-            ros.close()
-
-    return poses, ros.close
+@contextmanager
+def ros2_poses(topic: str, clock: Clock) -> Iterator[PoseSource]:
+    """Open the sensor poses of a topic, by a node of their own, while the block runs."""
+    with closing(Ros2Node("palpate_live")) as ros:
+        yield Ros2Poses(ros, topic, clock).poses
 
 
 @cache

@@ -18,6 +18,7 @@ import numpy as np
 
 from palpate.errors import FrameError
 from palpate.live.sources import STALLED, PoseTrack, Refused, SensorPlace, Sources, TimedPose, TouchImage
+from palpate.pipeline.metrics import PERCENTILES, percentiles
 from palpate.touch.background import Background
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
@@ -101,10 +102,8 @@ class LiveState:
 
     def latency_ms(self, last: int = 0) -> dict[str, float | None]:
         """Return percentiles of the time from image to estimate [ms], of all estimates or the last ones."""
-        values, names = np.array(self._latencies[-last:]), ("p50", "p95", "p99", "max")
-        if not len(values):
-            return dict.fromkeys(names)
-        return dict(zip(names, np.percentile(values, (50, 95, 99, 100)).tolist(), strict=True))
+        values = self._latencies[-last:]
+        return {**percentiles(values)} if values else dict.fromkeys(PERCENTILES)
 
     def summary(self) -> dict[str, Any]:
         """Return all counts as plain data for JSON."""
@@ -231,7 +230,7 @@ def _threads(
     finally:
         stop.set()
         for thread in threads:
-            thread.join(2.0)  # one that waits for something that never comes is left behind
+            thread.join(3.0)  # longer than a camera waits; one whose poses never come is left behind
 
 
 @contextmanager

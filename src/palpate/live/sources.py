@@ -12,8 +12,9 @@ import time
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
@@ -103,8 +104,6 @@ class Sources:
     """The sensor, with the measured rate of its images."""
     size: Size
     """Size of the images as they arrive, before a calibration turns them."""
-    close: Callable[[], None] = lambda: None
-    """Closes sources that no session reads; a session's threads close them at its end."""
 
     @property
     def recorded_sensor(self) -> SensorProfile:
@@ -198,44 +197,43 @@ def replayed(recording: Recording) -> Sources:
     return Sources(play_images, play_poses, clock, sensor, (sensor.image_height, sensor.image_width))
 
 
-def pose_source(name: str, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
-    """Return the source udp:PORT, ros2:TOPIC or an entry point of OWN_POSES, and a function that closes it."""
+def pose_source(name: str, clock: Clock) -> AbstractContextManager[PoseSource]:
+    """Open the source udp:PORT, ros2:TOPIC or an entry point of OWN_POSES while the block runs."""
     kind, _, where = name.partition(":")
     if kind == "ros2":
         from palpate.live.ros2_topics import ros2_poses
 
         return ros2_poses(where, clock)
     if kind != "udp":
-        return own_poses(name, clock), lambda: None
+        return nullcontext(own_poses(name, clock))
     if not (where.isdecimal() and 0 < int(where) < 65536):
         raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
     return udp_poses(int(where), clock)
 
 
-def udp_poses(port: int, clock: Clock) -> tuple[PoseSource, Callable[[], None]]:
-    """Return sensor poses as JSON by UDP from this machine, {"time": s since 1970, "pose": [x, y, theta]}, and `close`.
+@contextmanager
+def udp_poses(port: int, clock: Clock) -> Iterator[PoseSource]:
+    """Listen for sensor poses as JSON by UDP from this machine, {"time": s since 1970, "pose": [x, y, theta]}.
 
     A pose without a time gets that of its arrival. Raises SettingError if the port is in use.
     """
-    listening = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        listening.bind(("127.0.0.1", port))
-    except OSError as error:
-        listening.close()
-        raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        try:
+            listening.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
+        yield partial(_received, listening, clock)
 
-    def poses(stop: threading.Event) -> Iterator[TimedPose | Refused]:
-        with listening:
-            listening.setblocking(False)
-            with suppress(BlockingIOError):
-                while True:  # drop what arrived before the session
-                    listening.recv(65536)
-            listening.settimeout(0.1)
-            while not stop.is_set():
-                with suppress(TimeoutError):
-                    yield _pose_in_packet(listening.recv(65536), clock.now())
 
-    return poses, listening.close
+def _received(listening: socket.socket, clock: Clock, stop: threading.Event) -> Iterator[TimedPose | Refused]:
+    listening.setblocking(False)
+    with suppress(BlockingIOError):
+        while True:  # drop what arrived before the session
+            listening.recv(65536)
+    listening.settimeout(0.1)
+    while not stop.is_set():
+        with suppress(TimeoutError):
+            yield _pose_in_packet(listening.recv(65536), clock.now())
 
 
 def _pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:

@@ -29,18 +29,17 @@ def table_of(title: str, state: LiveState) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, show_header=False)
     table.add_column(style="dim")
     table.add_column(min_width=60, overflow="fold")
-    last, rate, counts = state.last, state.rate, state.counts
+    rate, counts = state.rate, state.counts
     seen = f"{counts['tracked']} tracked, {counts['dropped']} dropped, {counts['without_pose']} without a pose"
-    table.add_row("images", f"{'-' if rate is None else f'{rate:.1f}'} Hz; {seen}")
-    latency = contact = status = pose = age = "-"
-    if last:
-        one, recent = last.estimate, state.latency_ms(600)
-        latency = f"{recent['p50']:.1f} ms, 99 %: {recent['p99']:.1f} ms"
-        contact = "yes" if one.contact else "no"
-        status = f"{one.status}{one.reason and f': {one.reason}'}"
-        pose = pose_words(one.pose, world_sigma(one.pose, one.covariance))
-        age = f"{1e3 * last.place.age:.0f} ms before the image"
-    for name, words in (("latency", latency), ("contact", contact), ("status", status), ("object", pose)):
+    rows = {"images": f"{'-' if rate is None else f'{rate:.1f}'} Hz; {seen}"}
+    rows |= dict.fromkeys(("latency", "contact", "status", "object"), "-")
+    rows["sensor poses"] = f"{counts['refused_poses']} refused"
+    if state.last:
+        one, recent = state.last.estimate, state.latency_ms(600)
+        rows["latency"] = f"{recent['p50']:.1f} ms, 99 %: {recent['p99']:.1f} ms"
+        rows["contact"] = "yes" if one.contact else "no"
+        rows["status"] = f"{one.status}{one.reason and f': {one.reason}'}"
+        rows["object"] = pose_words(one.pose, world_sigma(one.pose, one.covariance))
+    for name, words in rows.items():
         table.add_row(name, words)
-    table.add_row("sensor pose", f"{age}; {counts['refused_poses']} refused")
     return table
