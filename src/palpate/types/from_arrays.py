@@ -77,7 +77,7 @@ def recording_from_arrays(
     shifted = f", images shifted by {time_offset:+g} s" if time_offset else ""
     frames = {"sensor_pose": f"as given, interpolated; {flat}{shifted}"}
     object_pose = None
-    if truth is not None:
+    if truth is not None and not np.isnan(np.asarray(truth[1], np.float64)).all():  # unknown throughout: no truth
         seen = _placed("object_poses", "object_time", truth, time, may_be_unknown=True)
         object_pose = np.full((len(time), 3), np.nan)
         object_pose[seen.known] = planar(
@@ -171,7 +171,7 @@ def _placed(
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
     is_known = np.isfinite(numbers[:, 0])
-    if not (may_be_unknown and is_known.any()):
+    if not may_be_unknown:
         check_rows(name, numbers, is_known, "finite numbers")
     order = np.argsort(known_at, kind="stable")
     # Between a known pose and an unknown one nothing is known.
