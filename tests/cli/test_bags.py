@@ -37,16 +37,8 @@ def test_options_have_the_defaults_of_the_library(run_palpate):
 
 def test_info_lists_topics_and_what_would_be_read(succeeds, json_of):
     out = succeeds("info", "push.bag")
-    (image,) = [line.split() for line in out.splitlines() if "sensor_msgs/msg/CompressedImage" in line]
-    assert image[1:8] == [
-        "/digit/image/compressed",
-        "sensor_msgs/msg/CompressedImage",
-        "ros1",
-        "24",
-        "30",
-        "0",
-        "0.0333",
-    ]
+    (image,) = [" ".join(line.split()) for line in out.splitlines() if "sensor_msgs/msg/CompressedImage" in line]
+    assert "/digit/image/compressed sensor_msgs/msg/CompressedImage ros1 24 30 0 0.0333" in image
     assert "palpate track push.bag --shape NAME|FILE --first-pose X Y THETA" in out
     found = json_of("info", "push.bag")
     assert (found["format"], found["cut"], found["images"]) == ("bag", False, "/digit/image/compressed")
@@ -106,7 +98,7 @@ def test_messages_of_a_run_contain_all_answers(succeeds):
 def test_bad_input_is_one_line(fails, words, message):
     Path("box.csv").write_text("0 0\n90 0\n90 60\n0 60\n")
     assert message in fails(*words)
-    assert not Path("runs").exists() and not Path("a.mcap").exists()
+    assert not list(Path().glob("runs/*")) and not Path("a.mcap").exists()
 
 
 def test_convert_makes_a_recording_of_a_bag(succeeds):

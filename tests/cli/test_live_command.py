@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -24,19 +25,10 @@ import palpate
 REPLAY = ("live", "--tactile", "none", "--replay", "push.mcap")
 OBJECT = ("--shape", "rectangle", "--first-pose", "0.3", "0.05", "0")
 RUBBISH = [
-    b"",
-    b"\xff\xfe\x00",
-    b"[" * 60000,
-    b'{"pose": [1, 2]}',
-    b'{"pose": "abc"}',
-    b'{"pose": [1, 2, NaN]}',
-    b'{"pose": [1, 2, 1e999]}',
-    b'{"time": Infinity, "pose": [1, 2, 3]}',
-    b'{"time": {}, "pose": [1, 2, 3]}',
+    *(b"", b"\xff\xfe\x00", b"[" * 60000, b"[1, 2, 3]", b'{"position": [1, 2, 3]}', b'{"pose": [1, 2]}'),
+    *(b'{"pose": "abc"}', b'{"pose": [1, 2, NaN]}', b'{"pose": [1, 2, 1e999]}', b'{"pose": [1, 2, null]}'),
+    *(b'{"time": Infinity, "pose": [1, 2, 3]}', b'{"time": {}, "pose": [1, 2, 3]}'),
     b'{"time": 12.0, "pose": [1, 2, 3]}',
-    b'{"pose": [1, 2, null]}',
-    b"[1, 2, 3]",
-    b'{"position": [1, 2, 3]}',
 ]
 
 
@@ -71,15 +63,6 @@ def same_frames(name: str, count: int | None = None) -> None:
     assert (found.shape, found.sensor) == (push.shape, push.sensor)
 
 
-def messages(name: str) -> dict[str, list[Any]]:
-    """The messages of a recording by topic, as another program decodes them."""
-    found: dict[str, list[Any]] = {}
-    with Path(name).open("rb") as file:
-        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            found.setdefault(channel.topic, []).append(message)
-    return found
-
-
 def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     begin = time.monotonic()
     code, out, err = run_palpate(*REPLAY, "--record", "live.mcap", "--json")
@@ -92,12 +75,14 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     assert found["rate_hz"] == pytest.approx(60.0)
     assert 0.0 < found["latency_ms"]["p50"] <= found["latency_ms"]["p99"] <= found["latency_ms"]["max"]
     same_frames("live.mcap", FRAMES)
-    topics = messages("live.mcap")
+    topics: dict[str, list[Any]] = {}  # as another program decodes them
+    with Path("live.mcap").open("rb") as file:
+        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            topics.setdefault(channel.topic, []).append(message)
     poses, diagnoses = topics["/palpate/object_pose"], topics["/palpate/diagnostics"]
     assert len(poses) == len(diagnoses) == found["tracked"] and len(topics["/sensor/pose"]) == FRAMES
     values = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
-    assert all(float(one["latency [ms]"]) > 0.0 for one in values)
-    assert any(one["sensor pose age [ms]"] == "0.0" for one in values)  # not all on a busy machine
+    assert all(float(one["latency [ms]"]) > 0.0 and "sensor pose age [ms]" in one for one in values)
     assert {one.status[0].message for one in diagnoses} == set(found["statuses"])
     code, out, _ = run_palpate("track", "live.mcap", "--first-pose", "0.3", "0.05", "0", "--json")
     assert code == 0 and json.loads(out)["frames"] == FRAMES
@@ -187,12 +172,7 @@ def test_camera_and_poses_are_lost_and_come_back(camera, run_palpate):
         code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--seconds", "5", "--json")
     found = json.loads(out)
     assert code == 0 and camera.opened == camera.released == 2
-    for words in (
-        "the camera is lost",
-        "the camera is back after",
-        "poses have stalled: none for 0.",
-        "poses come, after",
-    ):
+    for words in ("camera is lost", "camera is back after", "poses have stalled: none for 0.", "poses come, after"):
         assert err.count(words) == 1
     assert found["without_pose"] > 0
     assert found["images"] == found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"]
@@ -245,17 +225,14 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
     assert "'udp:x'; allowed are ports" in fails(*camera_words("udp:x"))
     assert "allowed are udp:PORT, ros2:TOPIC or an entry point of palpate.poses" in fails(*camera_words("other"))
     assert "ROS 2 topics need rclpy" in fails(*camera_words("ros2:/robot/pose"))
-    with sending(lambda n: b"", port := free_port()):
-        import socket
-
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            taken.bind(("127.0.0.1", port))
-            assert f"cannot listen on port {port} of 127.0.0.1" in fails(*camera_words(f"udp:{port}"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", port := free_port()))
+        assert f"cannot listen on port {port} of 127.0.0.1" in fails(*camera_words(f"udp:{port}"))
     assert camera.opened == camera.released
 
 
 def install(module: str, code: str, monkeypatch: Any) -> None:
-    """Install a package of a user's own, as if by pip, with one entry point named like its module."""
+    """Install a user's package with one entry point, named like its module."""
     Path(f"{module}.py").write_text(code)
     info = Path(f"{module}-1.0.dist-info")
     info.mkdir()
@@ -265,7 +242,7 @@ def install(module: str, code: str, monkeypatch: Any) -> None:
     monkeypatch.delitem(sys.modules, module, raising=False)
 
 
-def test_poses_of_an_entry_point(camera, run_palpate, fails, monkeypatch):
+def test_poses_of_an_entry_point(camera, run_palpate, monkeypatch):
     example = Path(__file__).parents[2] / "examples/own_package/my_robot_poses.py"
     install("own_poses", example.read_text(), monkeypatch)
     code, out, _ = run_palpate(*camera_words("own_poses"), "--record", "live.mcap", "--seconds", "1", "--json")
@@ -277,6 +254,4 @@ def test_poses_of_an_entry_point(camera, run_palpate, fails, monkeypatch):
     code, out, err = run_palpate(*camera_words("bad_poses"))
     assert (code, out) == (2, "") and "a sensor pose is refused, 1 so far: 7 is not time, x, y, theta" in err
     assert "entry point bad_poses of palpate.poses, bad_poses:poses, ended with KeyError: 'robot'" in err
-    install("broken", "raise ImportError('no driver')", monkeypatch)
-    assert "cannot be loaded: ImportError: no driver" in fails(*camera_words("broken"))
     assert camera.opened == camera.released

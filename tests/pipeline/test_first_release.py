@@ -63,7 +63,3 @@ def test_the_gel_is_taken_from_the_first_moment_without_contact(touch):
 )
 def test_nothing_is_found_where_none_is_needed_or_none_is_there(touches):
     assert first_release(recording(touches)) is None
-
-
-def test_a_recording_without_images():
-    assert first_release(dataclasses.replace(recording(REST), image=None, contact=np.zeros(40, np.bool_))) is None

@@ -12,7 +12,6 @@ from palpate.types.estimate import Trajectory
 
 TRUTH = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
 POSE = np.array([[0.003, 0.004, 0.1], [0.0, 0.0, -0.1], [0.0, 0.012, 0.2], [9.0, 9.0, 1.0]])
-HOW: Any = {"tactile": "none", "smoother": "batch", "wall_s": 1.5}
 
 
 def test_errors():
@@ -70,36 +69,28 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
     contact = np.array([False, True, True, True, False, False, True])
     trajectory = Trajectory(np.arange(7.0), pose, covariance, contact, status)
 
-    def summary(trajectory: Trajectory, knocked: Any = None) -> dict[str, Any]:
-        return metrics.summarise(trajectory, np.zeros((7, 3)), np.ones(7), **HOW, knocked=knocked)
-
-    # Of the six since the first contact the 1st, 4th and 5th.
-    found = summary(trajectory)
+    # Of the six since the first contact the 1st, 4th and 5th. Knocked in contact and then without: nothing could show
+    # it at the 4th and 5th.
+    found = metrics.summarise(trajectory, np.zeros((7, 3)), np.isin(np.arange(7), (3, 4)), np.ones(7))
     assert (found["in_95_share"], found["in_95_contact_share"], found["in_95_rest_share"]) == (1 / 6, 1 / 4, 0.0)
     assert found["in_95_final"]
-    assert (found["silently_wrong_share"], found["silently_wrong_before_touch_share"]) == (0.5, None)
-    # Knocked in contact and then without: nothing could show it at the 4th and 5th.
-    assert summary(trajectory, np.isin(np.arange(7), (3, 4)))["silently_wrong_before_touch_share"] == pytest.approx(
-        1 / 3
-    )
-    assert summary(replace(trajectory, status=None))["silently_wrong_share"] is None
-    assert summary(replace(trajectory, covariance=None))["in_95_share"] is None
+    assert (found["silently_wrong_share"], found["silently_wrong_before_touch_share"]) == (0.5, pytest.approx(1 / 3))
 
 
 def test_ambiguous_is_a_share_of_the_frames_in_contact():
     contact = np.array([True, True, True, True, False])
     status = ("ambiguous", "tracking", "ambiguous", "ambiguous", "ambiguous")
-    trajectory = Trajectory(np.arange(5.0), np.zeros((5, 3)), contact=contact, status=status)
-    assert metrics.summarise(trajectory, None, np.ones(5), **HOW)["ambiguous_share"] == 0.75
-    for lacking in ({"status": None}, {"contact": None}, {"contact": np.zeros(5, np.bool_)}):
-        assert metrics.summarise(replace(trajectory, **lacking), None, np.ones(5), **HOW)["ambiguous_share"] is None
+    trajectory = Trajectory(np.arange(5.0), np.zeros((5, 3)), np.array([np.eye(3)] * 5), contact, status)
+    for touched, share in ((contact, 0.75), (np.zeros(5, np.bool_), None)):
+        given = replace(trajectory, contact=touched)
+        assert metrics.summarise(given, np.zeros((5, 3)), ~contact, np.ones(5))["ambiguous_share"] == share
 
 
 def test_the_summary_scores_frames_with_truth():
     status = ("resting", "tracking", "tracking", "resting")
     contact = np.array([False, True, True, False])
     trajectory = Trajectory(np.arange(4) / 10, POSE, np.array([np.eye(3)] * 4), contact, status)
-    found = metrics.summarise(trajectory, TRUTH, np.ones(4), **HOW)
+    found = metrics.summarise(trajectory, TRUTH, np.zeros(4, np.bool_), np.ones(4), tactile="none")
     assert found["translation_rmse_mm"] == pytest.approx(np.sqrt((5**2 + 0 + 12**2) / 3))
     assert found["rotation_rmse_deg"] == pytest.approx(np.degrees(np.sqrt((0.1**2 + 0.1**2 + 0.2**2) / 3)))
     # The last frame has no truth; the one before is 12 mm and 0.2 rad off.
@@ -107,18 +98,18 @@ def test_the_summary_scores_frames_with_truth():
     assert found["final_rotation_error_deg"] == pytest.approx(np.degrees(0.2))
     assert (found["final_pose"], found["scored_frames"], found["contact_frames"]) == ([9.0, 9.0, 1.0], 3, 2)
     assert found["statuses"] == {"resting": 2, "tracking": 2}
-    blind = metrics.summarise(trajectory, None, np.ones(4), **HOW)
-    assert list(blind) == list(found) and blind["scored_frames"] == 0
+    blind = metrics.summarise(trajectory, 0.0 * TRUTH[3:], np.zeros(4, np.bool_), np.ones(4), tactile="none")
+    assert list(blind) == list(found) and (blind["scored_frames"], blind["tactile"]) == (0, "none")
     scores = [key for key in blind if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))]
-    assert {blind[key] for key in scores if key != "ambiguous_share"} == {None}
+    assert {blind[key] for key in scores if not key.startswith(("ambiguous", "knock"))} == {None}
 
 
 def recovery(error: Any, knocks: list[int], rotation: Any = None, without: list[int] | None = None) -> dict[str, Any]:
     """Return the recovery from knocks in 40 frames at 10 Hz, in contact but for the frames `without`."""
     contact, knocked = np.ones(40, np.bool_), np.zeros(40, np.bool_)
     contact[without or []], knocked[knocks] = False, True
-    trajectory = Trajectory(np.arange(40) / 10, np.zeros((40, 3)), contact=contact)
-    found = metrics.recovery(trajectory, error, np.zeros(40) if rotation is None else rotation, knocked)
+    rotation = np.zeros(40) if rotation is None else rotation
+    found = metrics.recovery(np.arange(40) / 10, contact, error, rotation, knocked)
     return {key.removeprefix("knock_"): value for key, value in found.items()}
 
 
@@ -172,8 +163,20 @@ def test_recovery_counts_time_in_contact():
 def test_without_knocks_and_between_a_knock_and_the_next_touch():
     none = recovery(errors(), [])
     assert (none["knocks"], none["recovery_s"], none["error_mm"]["0.5"]) == (0, [], [])
-    trajectory = Trajectory(np.arange(40) / 10, np.zeros((40, 3)))
-    assert set(metrics.recovery(trajectory, errors(), np.zeros(40), None).values()) == {None}
     knocked = np.array([0, 1, 1, 0, 0, 0, 1, 0, 0], np.bool_)
     contact = np.array([1, 1, 0, 0, 1, 1, 1, 1, 0], np.bool_)
     np.testing.assert_array_equal(metrics.before_next_touch(knocked, contact), [0, 0, 1, 1, 0, 0, 0, 0, 0])
+
+
+def test_sigma_is_along_the_axes_of_the_world():
+    # The object looks along +y: 1 mm along its x are 1 mm along the world's y, 3 mm along its y along the world's x.
+    quarter = [0.1, 0.2, np.pi / 2]
+    assert metrics.world_sigma(quarter, np.diag([1e-6, 9e-6, 4e-4])) == pytest.approx([3e-3, 1e-3, 0.02])
+    # Turned by 30 degrees: 1/4 of the one variance and 3/4 of the other.
+    found = metrics.world_sigma([0.0, 0.0, np.pi / 6], np.diag([4e-6, 0.0, 0.0]))
+    assert found == pytest.approx([np.sqrt(3e-6), 1e-3, 0.0])
+
+
+def test_a_pose_in_words():
+    said = metrics.pose_words([-0.0626, 0.10956, np.pi / 6], [0.0026, 0.00199, np.radians(0.96)])
+    assert said == "x -62.6 ± 2.6 mm, y 109.6 ± 2.0 mm, yaw 30.0 ± 1.0°"

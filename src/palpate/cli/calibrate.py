@@ -52,7 +52,9 @@ def calibrate(
         model: Folder of the touch model that reads the presses.
     """
     from palpate import io as formats
-    from palpate.touch.calibration import write_calibration
+    from palpate.touch.calibration import Calibration, write_calibration
+    from palpate.touch.press_calibration import calibrate as by_recording
+    from palpate.touch.press_calibration import untouched_frames
 
     is_table = presses is not None and presses.suffix.lower() == ".csv"
     if presses is not None and file is None and not untouched and not is_table:
@@ -69,7 +71,10 @@ def calibrate(
         given = presses if is_table else recordings[presses]
         calibration, numbers, found = _by_presses(presses, given, rest, untouched, profile, model)
     elif rest is not None:
-        calibration, numbers, found = _by_recording(rest)
+        with progress_bar("calibrating", len(untouched_frames(rest))) as progress:
+            background, frames = by_recording(rest, progress)
+        calibration, numbers = Calibration(background), {"frames": frames}
+        found = f"from {frames} frames without contact"
     else:
         calibration, numbers, found = _by_images(untouched, profile if sensor else None)
     write_calibration(calibration, out, overwrite=force)
@@ -84,16 +89,6 @@ def calibrate(
     return 0
 
 
-def _by_recording(recording: "Recording") -> Result:
-    """Calibrate by the frames of a recording without contact."""
-    from palpate.touch.calibration import Calibration
-    from palpate.touch.press_calibration import calibrate, untouched_frames
-
-    with progress_bar("calibrating", len(untouched_frames(recording))) as progress:
-        background, frames = calibrate(recording, progress)
-    return Calibration(background), {"frames": frames}, f"from {frames} frames without contact"
-
-
 def _by_images(untouched: tuple[Path, ...], sensor: "SensorProfile | None") -> Result:
     """Calibrate by images of the untouched gel, of the size of a sensor's if one is named."""
     from palpate.touch.background import background_of
@@ -101,10 +96,10 @@ def _by_images(untouched: tuple[Path, ...], sensor: "SensorProfile | None") -> R
     from palpate.touch.press_calibration import read_image
 
     images = [read_image(each, grey=True) for each in untouched]
-    sizes = [f"{image.shape[0]} x {image.shape[1]} px" for image in images]
-    for each, size in zip(untouched, sizes, strict=True):
-        if size != sizes[0]:
-            raise FileError(f"{each}: is an image of {size}, and {untouched[0]} of {sizes[0]}")
+    size, *others = (f"{image.shape[0]} x {image.shape[1]} px" for image in images)
+    for each, other in zip(untouched[1:], others, strict=True):
+        if other != size:
+            raise FileError(f"{each}: is an image of {other}, and {untouched[0]} of {size}")
     calibration = Calibration(background_of(images), file=untouched[0])
     if sensor is not None and (wrong := misfit(calibration, sensor)):
         raise FileError(wrong)

@@ -9,24 +9,11 @@ import tyro
 
 from palpate import __version__
 from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
-from palpate.cli.options import (
-    NOISE,
-    Json,
-    RecordingsFolder,
-    Smoother,
-    Touch,
-    Workers,
-    arg,
-    check_torch,
-    positional,
-)
+from palpate.cli.options import NOISE, Json, RecordingsFolder, Smoother, Touch, arg, check_torch, positional
 from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.lab.tune.tuning import Tuning
-
-SCORES = ("before", "after", "held_out_before", "held_out_after")
-"""Recordings tuned on and held out, before and after, in the file of a tuning."""
 
 
 def train(
@@ -114,7 +101,7 @@ def tune(
     parameters: Annotated[tuple[str, ...], arg("NAME...", "those that count with this touch")] = (),
     start: Annotated[str, arg(NOISE)] = "palpate",
     evaluations: Annotated[int, arg("N")] = 100,
-    work: Workers = Workers(),
+    workers: Annotated[int, arg("N")] = 1,
     json: Json = False,
 ) -> int:
     """Learn noise settings from recordings with ground truth; a fourth of them is held out to judge the result.
@@ -122,15 +109,12 @@ def tune(
     Example: palpate tune recordings --out noise.json --workers 2
 
     Args:
-        folder: Folder of recordings in any known format; folders in it are searched too.
         out: File of the settings (.json), for --noise of other commands.
         touch: Measurements of touch; auto is learnt where there are images, else oracle.
-        smoother: Solver of the graph.
         parameters: Settings to learn, such as contact.deviation.
         start: Settings to start from; the file of a tuning continues it.
         evaluations: Number of times that all recordings are tracked.
-        work: Processes that share the work.
-        json: Print one JSON object.
+        workers: Processes that share the work.
     """
     from palpate.config import TrackerSettings, noise_of, write_noise
     from palpate.files import held_folder
@@ -140,8 +124,6 @@ def tune(
     from palpate.lab.tune.tuning import tune as tune_settings
 
     begin = time.perf_counter()
-    if work.dask:
-        raise SettingError("--dask: tuning runs on this machine; use --workers")
     settings = TrackerSettings(tactile=touch.tactile, smoother=smoother, noise=noise_of(start))
     check_parameters(settings, parameters, evaluations)
     model, unit = touch.load(touch.tactile)
@@ -152,7 +134,7 @@ def tune(
     with held_folder(out.parent, out.name):
         files = find_recordings(folder)
         with progress_bar("reading touch", len(files)) as progress:
-            recorded, left_out = record_touch_of_files(files, touch.tactile, model, work.workers, progress, unit)
+            recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit)
         for error in left_out.values():
             complain(f"left out: {error}")
         about = {
@@ -171,7 +153,7 @@ def tune(
             write_noise(tuning.settings.noise, out, about | _found(tuning), overwrite=True)
 
         with progress_bar("tuning", evaluations) as show:
-            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, work.workers, keep)
+            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, workers, keep)
         tuned = about | _found(tuning)
         write_noise(tuning.settings.noise, out, tuned, overwrite=True)
     tuned |= {"wall_s": time.perf_counter() - begin}
@@ -180,18 +162,27 @@ def tune(
         print_json({"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing})
     else:
         print_rows("settings", tuned["parameters"])
-        scores = {name.replace("_", " "): tuned[name] for name in SCORES if tuned[name]}
+        scores = {name.replace("_", " "): each for name, each in _scores(tuning).items() if each}
         print_rows("scores: a negative log likelihood, lower is better; medians of RMSE", scores)
         print_line(f"settings: {out}   {tuning.evaluations} evaluations, {tuned['wall_s']:.0f} s")
     return 3 if left_out else 0
 
 
+def _scores(tuning: "Tuning") -> dict[str, Any]:
+    before, after = tuning.held_out or (None, None)
+    return {
+        "before": asdict(tuning.before),
+        "after": asdict(tuning.after),
+        "held_out_before": before and asdict(before),
+        "held_out_after": after and asdict(after),
+    }
+
+
 def _found(tuning: "Tuning") -> dict[str, Any]:
     """Return a tuning as plain data."""
-    judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
     return {
         "palpate": __version__,
         "evaluations": tuning.evaluations,
         "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-        **{name: each and asdict(each) for name, each in zip(SCORES, judged, strict=True)},
+        **_scores(tuning),
     }

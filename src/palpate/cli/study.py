@@ -47,14 +47,9 @@ def evaluate(
     Example: palpate evaluate recordings --out report --workers 2
 
     Args:
-        folder: Folder of recordings in any known format; folders in it are searched too.
         out: Folder of the report.
-        methods: Ways to track.
-        estimator: The estimator.
-        work: Processes that share the work.
         resume: Continue a study: keep the trials that exist.
         faults: Track by learnt touch with one fault of sensors or prior knowledge after the other.
-        json: Print one JSON object.
     """
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.study.report import write_report
@@ -134,7 +129,6 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
             "final_deg": row["final_deg"]["median"],
             "worst_deg": row["final_deg"]["worst"],
             "in 95 %, contact_share": row["contact_inside_95"],
-            "in 95 %, rest_share": row["rest_inside_95"],
             "in 95 %, end_share": row["final_inside_95"],
             "silently_wrong_share": row["silently_wrong"],
             "ambiguous_share": row["ambiguous"],
@@ -159,17 +153,15 @@ def _evaluate_faults(folder: Path, out: Path, model: Path | None, workers: int, 
     from palpate.lab.study.recordings import find_recordings
     from palpate.touch.touch_model import TouchModel
 
-    files = find_recordings(folder, leave_out=out)
-    touch_model, table = TouchModel(model) if model else None, out / "faults.csv"
+    files, touch_model = find_recordings(folder, leave_out=out), TouchModel(model) if model else None
+    table = out / "faults.csv"
     with held_folder(out):
         if table.exists():
             raise FileError(f"{table}: already exists; name another folder")
         with progress_bar("tracking", len(files)) as progress:
             runs = run_faults(files, model=touch_model, workers=workers, progress=progress)
         if not runs:
-            raise SettingError(
-                f"{folder}: in all recordings the object is shoved, and never while the sensor touches it"
-            )
+            raise SettingError(f"{folder}: in all recordings the object is shoved, and never while touched")
         write_table(out, runs)
     rows = rows_of(runs)
     plain = [{key: None if value != value else value for key, value in asdict(row).items()} for row in rows]

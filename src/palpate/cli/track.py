@@ -29,6 +29,13 @@ SCORES = {
     "silently wrong_share": "silently_wrong_share",
 }
 """Name and unit of a score in tables, and its key in `summary.json`."""
+KNOCKS = {
+    "knocks": "knocks",
+    "recovered after_s": "knock_recovery_s",
+    "recovered after, in contact_s": "knock_recovery_contact_s",
+    "silently wrong before a touch_share": "silently_wrong_before_touch_share",
+}
+"""The same of recordings with knocks."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +54,9 @@ class Output:
         """Return the folder of each file's run. Raises SettingError if two would be the same."""
         if len(files) == 1 and self.out is not None:
             return [self.out]
-        folders = [(self.out or Path("runs")) / stem_of(file) for file in files]
-        if len(set(folders)) < len(folders):
-            twice = next(folder for folder in folders if folders.count(folder) > 1)
+        stems = ((file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name for file in files)
+        folders = [(self.out or Path("runs")) / stem for stem in stems]
+        if twice := next((folder for folder in folders if folders.count(folder) > 1), None):
             raise SettingError(f"several files would go to {twice}; track them one by one, each with its --out")
         return folders
 
@@ -62,7 +69,7 @@ class Output:
         if self.html:
             from palpate.viewer.page import write_page
 
-            write_page(run, _name(run.recording), folder / PAGE)
+            write_page(run, run.recording.file.name if run.recording.file else "recording", folder / PAGE)
 
 
 def track(
@@ -93,6 +100,7 @@ def track(
     settings = estimator.settings(touch.tactile)
     first_pose, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
+    known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
 
     def track_file(file: Path, folder: Path) -> dict[str, Any]:
         with new_run(folder, output.force) as part:
@@ -100,7 +108,6 @@ def track(
                 found = bag.read(file)
                 recording, plane = (found, None) if isinstance(found, Recording) else (found.recording, found.plane)
             with progress_bar(file.name, len(recording)) as progress:
-                known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
                 run = track_recording(recording, settings, first_pose, **known, progress=progress)
             output.write(run, part, plane)
         return run.summary
@@ -168,23 +175,18 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
     if "unusual_colours" in summary:
         print_line(summary["unusual_colours"])
-    knocks = {
-        "knocks": summary["knocks"],
-        "recovered after_s": summary["knock_recovery_s"],
-        "recovered after, in contact_s": summary["knock_recovery_contact_s"],
-        "silently wrong before a touch_share": summary["silently_wrong_before_touch_share"],
+    names = {
+        "frames": "frames",
+        "in contact": "contact_frames",
+        "contacts": "episodes",
+        "scored frames": "scored_frames",
+        **SCORES,
+        **(KNOCKS if summary["knocks"] else {}),
+        "step time_ms": "step_ms",
+        "status": "statuses",
     }
-    rows = {
-        "frames": summary["frames"],
-        "in contact": summary["contact_frames"],
-        "contacts": summary["episodes"],
-        "final pose": pose_words(summary["final_pose"], summary["final_sigma"]),
-        "scored frames": summary["scored_frames"],
-        **{name: summary[key] for name, key in SCORES.items()},
-        **(knocks if summary["knocks"] else {}),
-        "step time_ms": summary["step_ms"],
-        "status": summary["statuses"],
-    }
+    rows = {"final pose": pose_words(summary["final_pose"], summary["final_sigma"])}
+    rows |= {name: summary[key] for name, key in names.items()}
     print_quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows)
     print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
 
@@ -196,12 +198,3 @@ def report_runs(runs: list[dict[str, Any]]) -> None:
     rows["median"] = {name: median(values) if values else None for name, values in known.items()}
     print_rows("scores", rows)
     print_line(f"runs: {Path(runs[0]['folder']).parent}")
-
-
-def stem_of(file: Path) -> str:
-    """Return the name of a file without .json.gz, .mcap and the like."""
-    return (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
-
-
-def _name(recording: "Recording") -> str:
-    return recording.file.name if recording.file else "recording"

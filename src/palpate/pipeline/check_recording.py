@@ -20,27 +20,7 @@ from palpate.stream_monitor import too_often
 from palpate.types.recording import Recording, spikes
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits beyond which something is a finding."""
-
-    rate: float = 0.05
-    """Relative difference of the median rate from the sensor profile's."""
-    gap: float = 3.0
-    """Time without a frame, in median intervals."""
-    edge: float = 0.2
-    """Time at either end where truth may be unknown [s]: systems do not start and stop together."""
-    merge: float = 0.2
-    """Time between two findings of a kind that are one [s]: as long as a hand acts or a marker flickers."""
-    moved: float = 3e-3
-    """Motion of an untouched object [m]: twice the 1.4 mm by which robot and motion capture disagree."""
-    misfit: float = 2e-3
-    """Gap or overlap in contact [m], for three frames or more: undisturbed runs have 1.4 mm at most."""
-
-
-LIMITS = Limits()
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -69,12 +49,15 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
     regular = np.delete(step, _gaps(time))
-    searches = [_rate, _units, _time_gaps, _images]
+    found = [*_rate(recording), *_units(recording), *_time_gaps(recording), *_images(recording)]
     if truth is not None:
-        searches += [_drop_outs, _jumps]
+        found += [*_drop_outs(time, truth), *_jumps(time, truth)]
     if truth is not None and contact is not None:
-        searches += [_knocks, _untouched, _misfits]
-    found = (finding for search in searches for finding in search(recording))
+        found += [
+            *_knocks(recording, truth, contact),
+            *_untouched(recording, truth, contact),
+            *_misfits(recording, truth, contact),
+        ]
     findings = sorted(found, key=lambda finding: (finding.start, finding.end))
     contacts = [] if contact is None else [(float(time[a]), float(time[b])) for a, b in flag_runs(contact)]
     breaks = Counter(finding.kind for finding in findings if finding.breaks)
@@ -106,14 +89,14 @@ def check_recording(recording: Recording) -> dict[str, Any]:
 def _gaps(time: Array) -> NDArray[np.intp]:
     """Return the frames after which others are missing, from times (N,) [s]."""
     step = np.diff(time)
-    return np.flatnonzero(step > LIMITS.gap * np.median(step)) if len(step) else np.empty(0, np.intp)
+    return np.flatnonzero(step > 3.0 * np.median(step)) if len(step) else np.empty(0, np.intp)
 
 
 def _rate(recording: Recording) -> Iterator[Finding]:
     if len(recording) < 3:
         return
     rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
-    if abs(rate / wanted - 1.0) > LIMITS.rate:
+    if abs(rate / wanted - 1.0) > 0.05:
         question = other_time_unit(1.0 / rate, wanted)
         sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{question and ': '}{question}"
         yield Finding("rate", 0, -1, sentence)
@@ -148,58 +131,54 @@ def _images(recording: Recording) -> Iterator[Finding]:
             yield Finding("image", frame, frame, str(error))
 
 
-def _drop_outs(recording: Recording) -> Iterator[Finding]:
-    time, truth = recording.time, recording.object_pose
-    assert truth is not None
+def _drop_outs(time: Array, truth: Array) -> Iterator[Finding]:
     if np.isnan(truth).all():
         return
     unknown = np.isnan(truth[:, 0])
     for first, last in _merged(time, unknown):
         count = int(unknown[first : last + 1].sum())
-        inner = time[last] > time[0] + LIMITS.edge and time[first] < time[-1] - LIMITS.edge
+        # Systems do not start and stop together: at either end truth may be unknown for 0.2 s.
+        inner = time[last] > time[0] + 0.2 and time[first] < time[-1] - 0.2
         yield Finding("drop-out", first, last, f"ground truth is unknown in {count} frames", breaks=bool(inner))
 
 
-def _jumps(recording: Recording) -> Iterator[Finding]:
+def _jumps(time: Array, truth: Array) -> Iterator[Finding]:
     """Find poses that jump away and back; a jump that stays is found with the knocks."""
-    assert recording.object_pose is not None
-    for first, last in _merged(recording.time, spikes(recording.object_pose)):
+    for first, last in _merged(time, spikes(truth)):
         sentence = "ground truth jumps away and back; these frames are not scored"
         yield Finding("jump", first, last, sentence, breaks=True)
 
 
-def _knocks(recording: Recording) -> Iterator[Finding]:
+def _knocks(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
     """Find motion in contact that pushing does not explain, by `knocked_frames`."""
-    assert recording.contact is not None and recording.object_pose is not None
     known = np.flatnonzero(trusted_truth(recording))
     for first, last in flag_runs(knocked_frames(recording)):
         around = known[(known >= first - 1) & (known <= last + 1)]
-        if recording.contact[first : last + 1].any() and len(around):
-            moved = _motion(*recording.object_pose[around[[0, -1]]])
+        if contact[first : last + 1].any() and len(around):
+            moved = _motion(*truth[around[[0, -1]]])
             seconds = recording.time[around[-1]] - recording.time[around[0]]
             yield Finding("knock", first, last, f"something else moves the object: by {moved} in {seconds:.2f} s")
 
 
-def _untouched(recording: Recording) -> Iterator[Finding]:
-    assert recording.contact is not None and recording.object_pose is not None
+def _untouched(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
     trusted, outline = trusted_truth(recording), recording.shape.outline(40)
-    for first, last in flag_runs(~recording.contact):
-        pose = recording.object_pose[first : last + 1][trusted[first : last + 1]]
+    for first, last in flag_runs(~contact):
+        pose = truth[first : last + 1][trusted[first : last + 1]]
         points = se2.transform(pose[:, None], outline)
         away = np.linalg.norm(points - points[:1], axis=-1).max(axis=-1, initial=0.0)
-        if away.max(initial=0.0) > LIMITS.moved:
+        if away.max(initial=0.0) > 3e-3:  # [m], twice the 1.4 mm by which robot and motion capture disagree
             moved = _motion(pose[0], pose[np.argmax(away)])
             sentence = f"the object moves by {moved} while nothing touches it"
             yield Finding("untouched motion", first, last, sentence, breaks=True)
 
 
-def _misfits(recording: Recording) -> Iterator[Finding]:
-    assert recording.contact is not None and recording.object_pose is not None
-    gap = recording.sensor.gaps(recording.sensor_pose, recording.object_pose, recording.shape)
-    gap[~(trusted_truth(recording) & recording.contact)] = np.nan
+def _misfits(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
+    limit = 2e-3  # [m], for three frames or more: undisturbed runs have 1.4 mm at most
+    gap = recording.sensor.gaps(recording.sensor_pose, truth, recording.shape)
+    gap[~(trusted_truth(recording) & contact)] = np.nan
     overlap = "overlap", "the sensor overlaps the true outline by up to"
     stand_off = "stand-off", "the sensor touches but stands off the true outline by up to"
-    for (kind, words), wrong in ((overlap, gap < -LIMITS.misfit), (stand_off, gap > LIMITS.misfit)):
+    for (kind, words), wrong in ((overlap, gap < -limit), (stand_off, gap > limit)):
         for first, last in _merged(recording.time, wrong):
             inside = wrong[first : last + 1]
             if inside.sum() >= 3:
@@ -207,11 +186,11 @@ def _misfits(recording: Recording) -> Iterator[Finding]:
                 yield Finding(kind, first, last, f"{words} {worst:.1f} mm")
 
 
-def _merged(time: Array, flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the runs of flags (N,), with those that are close in time as one."""
+def _merged(time: Array, flags: Flags) -> list[tuple[int, int]]:
+    """Return the runs of flags (N,); those less than 0.2 s apart, as long as a marker flickers, are one."""
     merged: list[tuple[int, int]] = []
     for first, last in flag_runs(flags):
-        if merged and time[first] - time[merged[-1][1]] < LIMITS.merge:
+        if merged and time[first] - time[merged[-1][1]] < 0.2:
             first = merged.pop()[0]
         merged.append((first, last))
     return merged

@@ -46,10 +46,9 @@ def run_figure(run: Run) -> "Figure":
             axes.set_ylabel("z on the pad [mm]" if number == 1 else "")
             _draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
     figure.suptitle(_title(run), fontsize=11, parse_math=False)
-    handles: dict[str, Any] = {}
-    for axes in (above, translation):
-        found, labels = axes.get_legend_handles_labels()
-        handles |= dict(zip(labels, found, strict=True))
+    handles = {
+        str(one.get_label()): one for axes in (above, translation) for one in axes.get_legend_handles_labels()[0]
+    }
     place: Any = {"loc": "outside lower center", "ncols": min(len(handles), 8), "frameon": False, "fontsize": 9}
     figure.legend(list(handles.values()), list(handles), **place)
     return figure
@@ -57,8 +56,7 @@ def run_figure(run: Run) -> "Figure":
 
 def shown_instants(run: Run) -> list[int]:
     """Return the middle frames of the three longest contacts."""
-    contacts = [] if run.online.contact is None else flag_runs(run.online.contact)
-    longest = sorted(contacts, key=lambda ends: ends[1] - ends[0])[-3:]
+    longest = sorted(flag_runs(_contact(run)), key=lambda ends: ends[1] - ends[0])[-3:]
     return sorted((first + last) // 2 for first, last in longest)
 
 
@@ -67,7 +65,7 @@ def draw_above(axes: "Axes", run: Run, last: int, instants: Sequence[int] = ()) 
     axes.plot(*_placed(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
     draw_path(axes, run, last)
     ellipses = _ellipses(run, np.linspace(0, last, 12).astype(int))
-    lines = np.concatenate([ellipses, np.full((len(ellipses), 1, 2), np.nan)], axis=1)  # one line with gaps
+    lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
     axes.plot(*_millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
     for number, index in enumerate(instants, 1):
         _draw_object(axes, run, index, 1.0, 0.6)
@@ -80,7 +78,7 @@ def draw_above(axes: "Axes", run: Run, last: int, instants: Sequence[int] = ()) 
 def draw_path(axes: "Axes", run: Run, last: int) -> None:
     """Draw the paths of object, estimate and sensor up to a frame."""
     sensor = run.recording.sensor_pose[: last + 1, :2]
-    if _has_truth(run):
+    if run.summary["scored_frames"]:
         axes.plot(*_millimetres(_truth(run)[: last + 1, :2]), color=TRUTH, lw=3.0, label="truth")
     axes.plot(*_millimetres(run.online.pose[: last + 1, :2]), color=ESTIMATE, lw=1.4, label="estimate")
     axes.plot(*_millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
@@ -113,7 +111,7 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run, instants: Seque
     distance, angle = deviations(run.online.covariance)
     distance, angle = distance * 1e3, np.degrees(angle)
     kind, off, turned = "1 sigma", None, None
-    if _has_truth(run):
+    if run.summary["scored_frames"]:
         kind, off = "error", translation_errors(run.online.pose, _truth(run)) * 1e3
         turned = np.degrees(rotation_errors(run.online.pose, _truth(run)))
     _draw_error(translation, run, off, np.zeros_like(distance), distance)
@@ -183,11 +181,8 @@ def _seconds(run: Run) -> Array:
 
 
 def _contact(run: Run) -> NDArray[np.bool_]:
-    return np.zeros(len(run.online), np.bool_) if run.online.contact is None else run.online.contact
-
-
-def _has_truth(run: Run) -> bool:
-    return bool(np.isfinite(_truth(run)).any())
+    assert run.online.contact is not None
+    return run.online.contact
 
 
 def _truth(run: Run) -> Array:

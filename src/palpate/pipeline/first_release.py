@@ -1,7 +1,7 @@
 """The first release of a recording that begins in contact, where images show the untouched gel.
 
-All half seconds of the recording are compared. A touch adds an imprint to the gel's own texture, so the untouched gel
-has less curvature than the images that it differs from; and it is what images come back to.
+Half seconds of the recording, 60 at most, are compared. A touch adds an imprint to the gel's own texture, so the
+untouched gel has less curvature than the images that it differs from; and it is what images come back to.
 """
 
 import logging
@@ -19,12 +19,6 @@ from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
-
-_REACH = 5e-3  # [m] between sensor and object beyond which nothing is touched, plus three sigmas of the first pose
-_MOMENTS, _LOOKS = 60, 4  # half seconds compared at most, and images of each
-_PLAINER, _THAN_FIRST = 0.15, 0.45  # least difference in plainness, to others and to the first half second
-_APART = np.float32(4.0)  # [grey levels] between cells that differ
-_SOFT = 10.0  # [grey levels] added before taking logarithms, since dark cells are noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,34 +44,29 @@ def release_after_start(
         return None
     count = min(first_frames(recording.sensor.rate), len(recording))
     gap = recording.sensor.gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape)
-    if gap.min() > _REACH + 3.0 * np.hypot(*first_pose_sigma[:2]):
+    if gap.min() > 5e-3 + 3.0 * np.hypot(*first_pose_sigma[:2]):
         return None
     if release := first_release(recording):
-        logger.warning(
-            "%s: begins in contact; the untouched gel is taken from %.2f s on",
-            recording.file or "the recording",
-            release.time,
-        )
+        name = recording.file or "the recording"
+        logger.warning("%s: begins in contact; the untouched gel is taken from %.2f s on", name, release.time)
     return release
 
 
 def first_release(recording: Recording) -> Release | None:
-    """Return the first half second without contact if images show contact at the start; None if they do not, or if the
-    contact is never released.
-    """
+    """Return the first half second without contact if images show contact at the start and its release; else None."""
     length = first_frames(recording.sensor.rate)
     starts = np.arange(0, len(recording) - length + 1, length)
     if recording.image is None or len(starts) < 2:
         return None
-    starts = starts[np.unique(np.linspace(0, len(starts) - 1, _MOMENTS).round().astype(int))]
+    starts = starts[np.unique(np.linspace(0, len(starts) - 1, 60).round().astype(int))]
     looks = [_looks(recording, start, length) for start in starts.tolist()]
     moments = np.array(looks).mean(axis=1)
     unlike = np.array([[_is_unlike(one, other) for one in moments] for other in moments])
     than_each = _plainer(moments)
     plainer = np.sum(than_each * unlike, axis=1) / np.maximum(np.sum(unlike, axis=1), 1)
     seen = np.sum(~unlike, axis=1)
-    may_be = (plainer > _PLAINER) & (seen >= 2) & [_is_steady(each) for each in looks]
-    may_be &= than_each[:, 0] > _THAN_FIRST
+    # The least differences in plainness, to others and to the first half second, are of recorded pushes.
+    may_be = (plainer > 0.15) & (than_each[:, 0] > 0.45) & (seen >= 2) & [_is_steady(each) for each in looks]
     if not may_be.any():
         return None
     untouched = int(np.argmax(may_be * plainer * seen))
@@ -94,15 +83,15 @@ def _is_steady(looks: Sequence[Levels]) -> bool:
 
 
 def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
-    """Return the cells of some images of half a second, without markers."""
-    chosen = start + np.linspace(0, length - 1, _LOOKS).round().astype(int)
+    """Return the cells of four images of half a second, without markers."""
+    chosen = start + np.linspace(0, length - 1, 4).round().astype(int)
     images = [_image(recording, index) for index in chosen.tolist()]
     is_marked = has_markers(images[0])
     return [cells_of(without_markers(image) if is_marked else image) for image in images]
 
 
 def _is_unlike(cells: Levels, others: Levels) -> bool:
-    return compare(cells, others, _APART)[0] > START
+    return compare(cells, others, np.float32(4.0))[0] > START  # [grey levels] between cells
 
 
 def _plainer(moments: Levels) -> Array:
@@ -115,7 +104,8 @@ def _plainer(moments: Levels) -> Array:
 
 def _curvature(cells: Levels) -> Array:
     """Return the Laplacian of the logarithm of the image, which does not change with even light."""
-    seen = np.pad(np.log(cells.astype(np.float64) + _SOFT), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    soft = 10.0  # [grey levels], since dark cells are noise
+    seen = np.pad(np.log(cells.astype(np.float64) + soft), ((1, 1), (1, 1), (0, 0)), mode="edge")
     middle = seen[1:-1, 1:-1]
     return (4.0 * middle - seen[:-2, 1:-1] - seen[2:, 1:-1] - seen[1:-1, :-2] - seen[1:-1, 2:]).ravel()
 

@@ -19,9 +19,6 @@ Flags = NDArray[np.bool_]
 
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""
-PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
-FAR_MM, FAR_DEG = 10.0, 5.0
-"""An estimate that is farther off than either is wrong."""
 LASTING = 0.3
 """Scored time for which an estimate has to be near to have recovered [s]: at the very end it may be near by chance."""
 AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
@@ -48,8 +45,7 @@ def deviations(covariance: ArrayLike) -> tuple[Array, Array]:
 def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
     """Return the normalised estimation error squared (N,): d^T covariance^-1 d with d = log(estimate^-1 truth).
 
-    The covariance (N, 3, 3) is in the right tangent space at the estimate, as d is. The mean over independent frames is
-    3 if the covariance is right. NaN where the covariance is singular.
+    The mean over independent frames is 3 if the covariance (N, 3, 3) is right. NaN where it is singular.
     """
     d = se2.log(se2.between(pose, truth))
     covariance = np.asarray(covariance, dtype=np.float64)
@@ -66,8 +62,8 @@ def inside_95(nees: ArrayLike) -> Flags:
 
 
 def is_far(translation: Array, rotation: Array) -> Flags:
-    """Return True where errors, (N,) [mm] and (N,) [deg], exceed FAR_MM or FAR_DEG."""
-    return (translation > FAR_MM) | (np.abs(rotation) > FAR_DEG)
+    """Return True where an estimate is wrong by its errors, (N,) [mm] and (N,) [deg]."""
+    return (translation > 10.0) | (np.abs(rotation) > 5.0)
 
 
 def rms(errors: ArrayLike) -> float | None:
@@ -77,8 +73,8 @@ def rms(errors: ArrayLike) -> float | None:
 
 def percentiles(values: ArrayLike) -> dict[str, float]:
     """Return the 50th, 95th and 99th percentile and the maximum of values (N,)."""
-    values = np.asarray(values, dtype=np.float64)
-    return {name: float(np.percentile(values, share)) for name, share in PERCENTILES.items()}
+    names = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
+    return {name: float(np.percentile(np.asarray(values), share)) for name, share in names.items()}
 
 
 def world_sigma(pose: ArrayLike, covariance: ArrayLike) -> Array:
@@ -101,71 +97,52 @@ def pose_words(pose: ArrayLike, sigma: ArrayLike) -> str:
 
 
 def summarise(
-    trajectory: Trajectory,
-    truth: Array | None,
-    step_ms: ArrayLike,
-    *,
-    tactile: str,
-    smoother: str,
-    wall_s: float,
-    knocked: Flags | None = None,
-    yaw_shows: bool = True,
+    online: Trajectory, truth: Array, knocked: Flags, step_ms: ArrayLike, *, yaw_shows: bool = True, **about: Any
 ) -> dict[str, Any]:
-    """Return the content of `summary.json`.
+    """Return the content of `summary.json`, with `about` in it; scores that need truth are None without any.
 
-    `truth` (N, 3) is NaN where it is unknown or not trusted; what needs truth or covariance that is missing is None.
-    Final errors are those of the last frame with truth, at `final_scored_time_s`. Shares `in_95` and `silently_wrong`
-    are of the frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 %
-    region with a status in CONTENT, before a touch between a knock and the next contact. `knocked` (N,) flags frames in
-    which something else moved the object; see `recovery`, which leaves the yaw out unless `yaw_shows` (that of a disc
-    does not). `ambiguous_share` is of the frames in contact.
+    `online` has covariance, contact and status. `truth` (N, 3) is NaN where it is unknown or not trusted. Final errors
+    are those of the last frame with truth, at `final_scored_time_s`. Shares `in_95` and `silently_wrong` are of the
+    frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 % region with a
+    status in CONTENT, before a touch between a knock and the next contact. `ambiguous_share` is of the frames in
+    contact. `knocked` (N,) flags frames in which something else moved the object; see `recovery`, which leaves the yaw
+    out unless `yaw_shows` (that of a disc does not).
     """
-    if truth is None:
-        truth = np.full((len(trajectory), 3), np.nan)
-    translation = translation_errors(trajectory.pose, truth) * 1e3
-    rotation = np.degrees(rotation_errors(trajectory.pose, truth))
+    contact, status, covariance = online.contact, online.status, online.covariance
+    assert contact is not None and status is not None and covariance is not None
+    translation = translation_errors(online.pose, truth) * 1e3
+    rotation = np.degrees(rotation_errors(online.pose, truth))
     scored = np.flatnonzero(np.isfinite(translation))
     last = int(scored[-1]) if len(scored) else None
-    squared, covariance = np.full(len(trajectory), np.nan), trajectory.covariance
-    if covariance is not None:
-        squared = nees(trajectory.pose, covariance, truth)
+    squared = nees(online.pose, covariance, truth)
     consistency = _known(squared)
-    contact = np.zeros(len(trajectory), np.bool_) if trajectory.contact is None else trajectory.contact
     inside, since = inside_95(squared), since_contact(contact, squared)
-    silent = silent_before_touch = ambiguous = None
-    if trajectory.status is not None:
-        ambiguous = _share((np.asarray(trajectory.status) == "ambiguous")[contact])
-        is_silent = is_far(translation, rotation) & ~inside & np.isin(trajectory.status, CONTENT)
-        silent = _share(is_silent[since])
-        if knocked is not None:
-            silent_before_touch = _share((is_silent & before_next_touch(knocked, contact))[since])
+    silent = is_far(translation, rotation) & ~inside & np.isin(status, CONTENT)
     return {
-        "frames": len(trajectory),
+        "frames": len(online),
         "contact_frames": int(np.sum(contact)),
         "episodes": len(flag_runs(contact)),
-        "tactile": tactile,
-        "smoother": smoother,
-        "wall_s": float(wall_s),
+        **about,
         "step_ms": percentiles(step_ms),
-        "final_pose": trajectory.pose[-1].tolist(),
-        "final_sigma": None if covariance is None else world_sigma(trajectory.pose[-1], covariance[-1]).tolist(),
+        "final_pose": online.pose[-1].tolist(),
+        "final_sigma": world_sigma(online.pose[-1], covariance[-1]).tolist(),
         "translation_rmse_mm": rms(translation),
         "rotation_rmse_deg": rms(rotation),
         "final_translation_error_mm": None if last is None else float(translation[last]),
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
         "nees_mean": None if consistency is None else float(np.mean(consistency)),
-        "statuses": dict(Counter(trajectory.status or ())),
+        "statuses": dict(Counter(status)),
         "yaw_shows": yaw_shows,
         "scored_frames": len(scored),
-        "final_scored_time_s": None if last is None else float(trajectory.time[last]),
+        "final_scored_time_s": None if last is None else float(online.time[last]),
         "in_95_share": _share(inside[since]),
         "in_95_contact_share": _share(inside[since & contact]),
         "in_95_rest_share": _share(inside[since & ~contact]),
         "in_95_final": bool(inside[since][-1]) if since.any() else None,
-        "silently_wrong_share": silent,
-        "silently_wrong_before_touch_share": silent_before_touch,
-        "ambiguous_share": ambiguous,
-        **recovery(trajectory, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
+        "silently_wrong_share": _share(silent[since]),
+        "silently_wrong_before_touch_share": _share((silent & before_next_touch(knocked, contact))[since]),
+        "ambiguous_share": _share((np.array(status) == "ambiguous")[contact]),
+        **recovery(online.time, contact, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
 
 
@@ -181,10 +158,10 @@ def before_next_touch(knocked: Flags, contact: Flags) -> Flags:
     return last_knocked > last_touched
 
 
-def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocked: Flags | None) -> dict[str, Any]:
-    """Return the part of `summary.json` on knocks, from errors (N,) [mm] and (N,) [deg] and flags (N,).
+def recovery(time: Array, contact: Flags, translation: Array, rotation: Array, knocked: Flags) -> dict[str, Any]:
+    """Return the part of `summary.json` on knocks, from times [s], errors [mm] and [deg] and flags, (N,) each.
 
-    - knocks: their number; without flags all values are None.
+    - knocks: their number.
     - knock_recovery_s: for each the time [s] from its last frame until the estimate is near the truth (not `is_far`)
       and stays near in every scored frame until the next knock or the end. None where it does not, or is near for less
       than LASTING.
@@ -192,11 +169,7 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
     - knock_contact_s: for each the time in contact [s] until the last scored frame before the next knock or the end.
     - knock_error_mm: by the seconds after a knock ("0.5") the error then for each; None where no frame is scored then.
     """
-    keys = ("knocks", "knock_recovery_s", "knock_recovery_contact_s", "knock_contact_s", "knock_error_mm")
-    if knocked is None:
-        return dict.fromkeys(keys)
-    time, interval = trajectory.time, np.diff(trajectory.time, prepend=trajectory.time[0])
-    contact = np.zeros(len(time), np.bool_) if trajectory.contact is None else trajectory.contact
+    interval = np.diff(time, prepend=time[0])
     scored, far = np.isfinite(translation), is_far(translation, rotation)
     in_contact, in_score = np.cumsum(interval * contact), np.cumsum(interval * scored)
     runs = flag_runs(knocked)
@@ -209,15 +182,21 @@ def recovery(trajectory: Trajectory, translation: Array, rotation: Array, knocke
         frames = last + np.flatnonzero(scored[last:following])
         near = frames[np.cumsum(far[frames][::-1])[::-1] == 0]  # those that no far one follows
         lasts = len(near) > 0 and in_score[near[-1]] - in_score[near[0]] > LASTING - 1e-9
-        found, until = near[0] if lasts else None, frames[-1] if len(frames) else last
-        seconds.append(None if found is None else float(time[found] - time[last]))
-        contact_seconds.append(None if found is None else float(in_contact[found] - in_contact[last]))
+        seconds.append(float(time[near[0]] - time[last]) if lasts else None)
+        contact_seconds.append(float(in_contact[near[0]] - in_contact[last]) if lasts else None)
+        until = frames[-1] if len(frames) else last
         contact_after.append(float(in_contact[until] - in_contact[last]))
         for after in AFTER:
             off = np.abs(time[frames] - time[last] - after)
             is_beside = len(off) > 0 and off.min() < 0.1 + 1e-9  # [s], and the rounding of sums of times
             errors[f"{after:g}"].append(float(translation[frames[np.argmin(off)]]) if is_beside else None)
-    return dict(zip(keys, (len(runs), seconds, contact_seconds, contact_after, errors), strict=True))
+    return {
+        "knocks": len(runs),
+        "knock_recovery_s": seconds,
+        "knock_recovery_contact_s": contact_seconds,
+        "knock_contact_s": contact_after,
+        "knock_error_mm": errors,
+    }
 
 
 def _share(flags: Flags) -> float | None:

@@ -1,8 +1,7 @@
 """The folder of a tracking run.
 
-`answers.csv` has all answers, the best first, at each frame with several: one a row, with its covariance in the tangent
-space at it (right, body frame). `friction.csv` has the estimated friction between sensor and object at each frame. All
-numbers are in full double precision.
+`trajectory.tum` has the smoothed estimates, all other files have the online ones. `answers.csv` has all answers, the
+best first, at each frame with several: one a row, with its covariance in the tangent space at it (right, body frame).
 """
 
 import json
@@ -29,21 +28,13 @@ from palpate.types.space import Plane
 
 Array = NDArray[np.float64]
 
-FILES = (
-    "settings.json",
-    "trajectory.tum",
-    "estimates.csv",
-    "answers.csv",
-    "friction.csv",
-    "summary.json",
-    "figure.png",
-)
+TABLES = "trajectory.tum", "estimates.csv", "answers.csv", "friction.csv"
+FILES = {"settings.json", *TABLES, "summary.json", "figure.png"}
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
 ANSWERS = ("time", "weight", "x", "y", "theta", *COVARIANCE)
-FRICTION = ("time", "friction", "deviation")
-"""Columns of tables."""
+"""Columns of `answers.csv`."""
 
 
 @contextmanager
@@ -58,28 +49,26 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         if folder.exists() and not force:
             raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
         there = {path.name for path in folder.iterdir()} if folder.exists() else set()
-        if foreign := sorted(there - {*FILES, RECORDING, PAGE, MCAP}):
+        if foreign := sorted(there - FILES - {RECORDING, PAGE, MCAP}):
             raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
         yield part
 
 
 def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
-    """Write FILES to a folder and, with the plane of the push in space, the estimates as messages (MCAP).
-
-    `estimates.csv`, `estimates.mcap` and `summary.json` are of the online estimates, `trajectory.tum` of the smoothed
-    ones.
-    """
+    """Write FILES to a folder and, with the plane of the push in space, the estimates as messages (MCAP)."""
     online = run.online
     answers = [
         (when, one.weight, *one.pose, *one.covariance[UPPER])
         for when, several in zip(online.time, run.answers, strict=True)
         for one in several
     ]
-    _write_json(folder / "settings.json", settings_dict(run))
+    _write_json(folder / "settings.json", _settings(run))
     write_tum(run.smoothed, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     _write_table(folder / "answers.csv", ANSWERS, np.reshape(answers, (-1, len(ANSWERS))))
-    _write_table(folder / "friction.csv", FRICTION, np.column_stack((online.time, run.friction)))
+    _write_table(
+        folder / "friction.csv", ("time", "friction", "deviation"), np.column_stack((online.time, run.friction))
+    )
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
     _write_json(folder / "summary.json", run.summary)
@@ -88,8 +77,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         write_recording(run.recording, folder / RECORDING)
 
 
-def settings_dict(run: Run) -> dict[str, Any]:
-    """Return the settings of a run as plain data for JSON."""
+def _settings(run: Run) -> dict[str, Any]:
     file, settings, calibration = run.recording.file, run.settings, run.calibration
     return {
         "palpate": palpate.__version__,
@@ -107,7 +95,14 @@ def settings_dict(run: Run) -> dict[str, Any]:
 def read_answers(path: Path, time: Array) -> Answers:
     """Return the answers at times (N,) [s], which are those of the run's estimates. Raises FileError."""
     found: dict[float, list[Answer]] = {float(when): [] for when in time}
-    for row in _read_table(path, ANSWERS):
+    header, *lines = read_text(path).splitlines()
+    if header != ",".join(ANSWERS):
+        raise FileError(f"{path}: line 1: expected the header {','.join(ANSWERS)}")
+    try:
+        rows = np.array([line.split(",") for line in lines], np.float64).reshape(-1, len(ANSWERS))
+    except ValueError as error:
+        raise FileError(f"{path}: expected rows of {len(ANSWERS)} numbers ({error})") from error
+    for row in rows:
         if row[0] not in found:
             raise FileError(f"{path}: has an answer at {row[0]:.17g} s, at which there is no estimate")
         covariance = np.zeros((3, 3))
@@ -122,13 +117,3 @@ def _write_json(path: Path, data: dict[str, Any]) -> None:
 
 def _write_table(path: Path, columns: tuple[str, ...], rows: ArrayLike) -> None:
     np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
-
-
-def _read_table(path: Path, columns: tuple[str, ...]) -> Array:
-    header, *lines = read_text(path).splitlines()
-    if header != ",".join(columns):
-        raise FileError(f"{path}: line 1: expected the header {','.join(columns)}")
-    try:
-        return np.array([line.split(",") for line in lines], np.float64).reshape(-1, len(columns))
-    except ValueError as error:
-        raise FileError(f"{path}: expected rows of {len(columns)} numbers ({error})") from error

@@ -72,11 +72,10 @@ def track(
     """Track the object of a recording.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
-    default see `first_pose_of`. `model` and `calibration` are the Tracker's. Without a calibration, the untouched gel
-    of a recording that begins in contact is taken from its first release (`untouched_from_s` in the summary).
-    `progress` is called after each frame with the number done. A frame that cannot be
-    used is skipped, see `tracked_frames`. Raises SettingError if the recording lacks something that the settings need,
-    EstimationError if no estimate can be computed or the first frame cannot be used.
+    default see `first_pose_of`. Without a calibration, the untouched gel of a recording that begins in contact is taken
+    from its first release (`untouched_from_s` in the summary). `progress` is called with the number of frames done. A
+    frame that cannot be used is skipped, see `tracked_frames`. Raises SettingError if the recording lacks something
+    that the settings need, EstimationError if no estimate can be computed or the first frame cannot be used.
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
@@ -98,13 +97,13 @@ def track(
     truth, wall_s = known_truth(recording), time.perf_counter() - begin
     summary = summarise(
         online,
-        truth,
+        np.full_like(online.pose, np.nan) if truth is None else truth,
+        knocked_frames(recording),
         step_ms,
+        yaw_shows=not isinstance(recording.shape, Disc),
         tactile=settings.tactile,
         smoother=settings.smoother,
         wall_s=wall_s,
-        knocked=knocked_frames(recording),
-        yaw_shows=not isinstance(recording.shape, Disc),
     )
     if release:
         summary["untouched_from_s"] = release.time
@@ -113,8 +112,8 @@ def track(
     if tracker.unusual_colours and not recording.is_simulated:  # simulated units have any light
         summary["unusual_colours"] = tracker.unusual_colours
     smoothed = tracker.smoothed()
-    last = np.cumsum(used) - 1  # skipped frames have the pose before
-    contact = None if smoothed.contact is None else smoothed.contact[last]
+    if not used.all():
+        smoothed = Trajectory(recording.time, smoothed.pose[np.cumsum(used) - 1], contact=online.contact)
     is_learnt = settings.tactile.startswith("learnt")
     return Run(
         recording=recording,
@@ -124,7 +123,7 @@ def track(
         first_pose=first,
         first_pose_sigma=sigma,
         online=online,
-        smoothed=smoothed if used.all() else Trajectory(recording.time, smoothed.pose[last], contact=contact),
+        smoothed=smoothed,
         answers=answers,
         friction=friction,
         step_ms=step_ms,
@@ -137,8 +136,7 @@ def track(
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:
     """Yield the estimate at each frame, False if the frame is skipped, and the time of the step [ms].
 
-    A frame that cannot be used is skipped: the estimate before it is repeated with status "faulty". The first five are
-    logged. Raises FrameError at the first frame.
+    At a skipped frame the estimate before it is repeated with status "faulty". Raises FrameError at the first frame.
     """
     last: Estimate | None = None
     skipped = 0
@@ -151,7 +149,7 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
                 raise
             used, skipped = False, skipped + 1
             if skipped <= 5:
-                logger.warning("%s; it is skipped%s", error, "; further ones are only counted" if skipped == 5 else "")
+                logger.warning("%s; it is skipped%s", error, ", further ones without a word" if skipped == 5 else "")
             last = replace(last, time=frame.time, status="faulty", reason=str(error))
         yield last, used, (time.perf_counter() - start) * 1e3
 
@@ -170,10 +168,7 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]
 
 
 def first_pose_of(
-    recording: Recording,
-    noise: NoiseSettings,
-    given: ArrayLike | None = None,
-    sigma: ArrayLike | None = None,
+    recording: Recording, noise: NoiseSettings, given: ArrayLike | None = None, sigma: ArrayLike | None = None
 ) -> tuple[Array, Array]:
     """Return the first pose (3,) [m, m, rad] and its standard deviations (3,): given, recorded, or from ground truth.
 

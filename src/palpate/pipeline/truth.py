@@ -1,10 +1,11 @@
 """Ground truth of a recording: frames at which it can be trusted, and knocks that it shows.
 
 A knock is motion that something other than the sensor causes. Quasi-static pushing limits the motion that a push
-explains: a touched object moves no point faster than `faster` times the sensor. The rest is unexplained.
+explains: a touched object moves no point faster than twice the sensor. The rest is unexplained. A force at distance d
+from the centre moves no point faster than (R d + c^2) / (d^2 + c^2) times the contact, with the largest radius R of the
+outline and the friction radius c; over all d this is at most 1.4 for a disc, 1.6 for a square
+or a thin bar, and 2 at R = 2.8 c.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +18,10 @@ Flags = NDArray[np.bool_]
 Frames = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class KnockLimits:
-    """Limits of motion that a push and the noise of the capture explain."""
-
-    faster: float = 2.0
-    """Largest speed of the object over the sensor's. A force at distance d from the centre moves no point faster than
-    (R d + c^2) / (d^2 + c^2) times the contact, with the outline's largest radius R and the friction radius c. Its
-    largest value over d is 1.4 for a disc, 1.6 for a square or a thin bar and reaches 2 at R = 2.8 c."""
-    speed: float = 0.05
-    """Unexplained speed of a knock [m/s]: undisturbed real pushes have 0.043 at most, hands 0.12 and more."""
-    noises: float = 4.0
-    """Noise, in median distances of a pose from the middle between its neighbours; the difference of two poses is
-    larger once in ten thousand steps."""
-    window: float = 0.1
-    """Time over which speeds are averaged [s]: as long as a hand acts, and three frames of noise at 30 Hz."""
-    short: float = 0.3
-    """Knocks that are closer are one, and truth may be unknown for this time while the object jumps [s]."""
-
-
-LIMITS = KnockLimits()
+WINDOW = 0.1
+"""Time over which speeds are averaged [s]: as long as a hand acts, and three frames of noise at 30 Hz."""
+SHORT = 0.3
+"""Knocks that are closer are one, and truth may be unknown for this time while the object jumps [s]."""
 
 
 def trusted_truth(recording: Recording) -> Flags:
@@ -72,10 +57,11 @@ def knocked_frames(recording: Recording) -> Flags:
     known = np.flatnonzero(trusted_truth(recording))
     if len(known) < 2 or recording.contact is None:
         return knocked
-    knocked[known] = _unexplained_speed(recording, known) > np.maximum(LIMITS.speed, _noise_speed(recording, known))
+    # Undisturbed real pushes have an unexplained speed of 0.043 m/s at most, hands of 0.12 and more.
+    knocked[known] = _unexplained_speed(recording, known) > np.maximum(0.05, _noise_speed(recording, known))
     for first, last in flag_runs(~knocked):
         inner = first > 0 and last + 1 < len(knocked)
-        if inner and recording.time[last + 1] - recording.time[first - 1] < LIMITS.short:
+        if inner and recording.time[last + 1] - recording.time[first - 1] < SHORT:
             knocked[first : last + 1] = True
     return knocked
 
@@ -83,7 +69,7 @@ def knocked_frames(recording: Recording) -> Flags:
 def _unexplained_speed(recording: Recording, known: Frames) -> Array:
     """Return the speed (M,) [m/s] of the object that the sensor does not explain, at M known frames, two or more.
 
-    Speeds are means over `window` or, if it holds too few known frames, between the two neighbours; 0 where these are
+    Speeds are means over WINDOW or, if it holds too few known frames, between the two neighbours; 0 where these are
     too far apart.
     """
     assert recording.object_pose is not None and recording.contact is not None
@@ -95,28 +81,29 @@ def _unexplained_speed(recording: Recording, known: Frames) -> Array:
         return np.linalg.norm(placed[after] - placed[before], axis=-1).max(axis=-1)
 
     touched = contact[before] | contact | contact[after]
-    pushed = np.where(touched, LIMITS.faster * farthest(recording.sensor_pose, np.array(recording.sensor.tips)), 0.0)
+    pushed = np.where(touched, 2.0 * farthest(recording.sensor_pose, np.array(recording.sensor.tips)), 0.0)
     unexplained = np.maximum(farthest(recording.object_pose, recording.shape.outline(40)) - pushed, 0.0)
     seconds = recording.time[known][after] - recording.time[known][before]
-    return np.where(seconds < LIMITS.short + LIMITS.window, unexplained, 0.0) / seconds
+    return np.where(seconds < SHORT + WINDOW, unexplained, 0.0) / seconds
 
 
 def _noise_speed(recording: Recording, known: Frames) -> Array:
     """Return the speed (M,) [m/s] that the noise of the capture may look like, at M known frames.
 
-    Noise is the median distance of a pose from the middle between its neighbours, so that knocks do not count.
+    Noise is the median distance of a pose from the middle between its neighbours, so that knocks do not count; the
+    difference of two poses is larger than four of it once in ten thousand steps.
     """
     assert recording.object_pose is not None
     points = se2.transform(recording.object_pose[known][:, None], recording.shape.outline(40))
     off = np.linalg.norm(points[1:-1] - 0.5 * (points[:-2] + points[2:]), axis=-1).max(axis=-1)
     time = recording.time[known]
     before, after = _windows(time)
-    return LIMITS.noises * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
+    return 4.0 * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
 
 
 def _windows(time: Array) -> tuple[Frames, Frames]:
     """Return the first and the last frame of the window around each of two or more frames at times (M,) [s]."""
     frame = np.arange(len(time))
-    before = np.minimum(np.searchsorted(time, time - 0.5 * LIMITS.window), np.maximum(frame - 1, 0))
-    after = np.searchsorted(time, time + 0.5 * LIMITS.window, side="right") - 1
+    before = np.minimum(np.searchsorted(time, time - 0.5 * WINDOW), np.maximum(frame - 1, 0))
+    after = np.searchsorted(time, time + 0.5 * WINDOW, side="right") - 1
     return before, np.maximum(after, np.minimum(frame + 1, frame[-1]))
