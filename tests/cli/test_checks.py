@@ -25,11 +25,12 @@ def push(n: int = 90, **changes: Any) -> Any:
     return replace(palpate.Recording(np.arange(n) / 30, tip, shape, palpate.POINT, truth, np.ones(n, bool)), **changes)
 
 
-def moved(change: Callable[[Any], None], recording: Any = None) -> Any:
-    """Return the push with its ground truth changed in place."""
+def shifted(frames: Any, sideways: Any, recording: Any = None) -> Any:
+    """Return the push with its ground truth moved along y in some frames [m], or unknown for NaN."""
     recording = recording or push()
     truth = recording.object_pose.copy()
-    change(truth)
+    truth[frames, 1] += sideways
+    truth[np.isnan(truth[:, 1])] = np.nan
     return replace(recording, object_pose=truth)
 
 
@@ -84,10 +85,7 @@ def test_implausible_units(check, changes, words):
     ("frames", "unbroken"), [([*range(40, 45), 47], False), ([*range(3), *range(86, 90)], True)], ids=["inside", "ends"]
 )
 def test_drop_outs_of_truth(check, frames, unbroken):
-    def change(truth):
-        truth[frames] = np.nan
-
-    found = check(moved(change))
+    found = check(shifted(frames, np.nan))
     assert set(kinds(found)) == {"drop-out"} and found["unbroken"] == unbroken
     assert found["truth_share"] == pytest.approx(1 - len(frames) / 90)
     if not unbroken:
@@ -100,32 +98,17 @@ def test_drop_outs_of_truth(check, frames, unbroken):
     ("frames", "kind"), [(slice(50, 51), "jump"), (slice(50, None), "knock")], ids=["and back", "for good"]
 )
 def test_jumps_of_truth(check, frames, kind):
-    def change(truth):
-        truth[frames, 1] += 0.02
-
-    found = check(moved(change))
+    found = check(shifted(frames, 0.02))
     assert set(kinds(found)) == {kind} and found["unbroken"] == (kind == "knock")
 
 
 def test_a_shove_is_a_knock_and_breaks_nothing(check):
-    def change(truth):
-        truth[50:, 1] += np.minimum(np.arange(40) * 0.006, 0.024)
-
-    found = check(moved(change))
+    found = check(shifted(slice(50, None), np.minimum(np.arange(40) * 0.006, 0.024)))
     (knock,) = found["findings"]
     # 6 mm sideways and 1 mm on for each of 4 frames: sqrt(24^2 + 4^2) = 24.3 mm.
     assert knock["kind"] == "knock" and "24.3 mm" in knock["sentence"]
     assert (knock["start"], knock["end"]) == (pytest.approx(50 / 30, abs=0.04), pytest.approx(54 / 30, abs=0.04))
     assert found["unbroken"] and found["knocked"]
-
-
-def test_a_turn_about_the_contact_is_a_knock_too(check):
-    def change(truth):  # 5 degrees a frame, 4 times: the contact stays, the far corner moves 9 mm each time
-        turn = np.radians(5.0) * np.clip(np.arange(50, 90) - 49, 0, 4)
-        tip = np.arange(50, 90) * STEP
-        truth[50:] = np.column_stack([tip + SIZE / 2 * np.cos(turn), SIZE / 2 * np.sin(turn), turn])
-
-    assert kinds(check(moved(change))) == ["knock"]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -172,10 +155,7 @@ def test_contacts_begin_and_end_with_flags(check):
 
 
 def test_untouched_motion(check):
-    def change(truth):
-        truth[45:, 1] += 0.004
-
-    found = check(moved(change, lifted(0.005, 20)))
+    found = check(shifted(slice(45, None), 0.004, lifted(0.005, 20)))
     (finding,) = found["findings"]
     assert finding["kind"] == "untouched motion" and not found["unbroken"]
     assert "4.0 mm" in finding["sentence"] and "nothing touches it" in finding["sentence"]
@@ -222,17 +202,7 @@ def test_real_pushes_with_hands_and_drop_outs(json_of, shared_data: Path):
         "StraightLine_2016_10_23_DoublesBigPerturbations.json.gz",
         "StraightLine_2016_10_23_NoPerturbations.json.gz",
     }
-    assert {name: kinds(each).count("knock") for name, each in found.items() if each["unbroken"]} == {
-        "StraightLineBigPertubations5.json.gz": 0,
-        "StraightLine_2016_10_23_NoPerturbationsBlackDark.json.gz": 0,
-        "StraightLine_2016_10_23_SinglePerturbationsBlack.json.gz": 1,
-        "StraightLine_2016_10_23_StraightLineDoublePerturbationsPlywoodNoLighting.json.gz": 2,
-        "StraightLine_2016_10_23_StraightLineNoPerturbationsPlywoodNoLighting.json.gz": 0,
-        "StraightLine_2016_10_23_StraightLineOpenLoopAmbientLight.json.gz": 2,
-    }
-
-
-def test_camera_noise_of_real_pushes_is_no_knock(json_of, shared_data: Path):
-    found = [json_of("info", file) for file in sorted((shared_data / "cmu_two_finger").glob("*.txt"))]
-    assert not any(each["knocked"] for each in found)
-    assert all("time gap" in kinds(each) for each in found)
+    # Knocks of unbroken ones are checked one by one in tests/pipeline; a camera's noise is none.
+    fingers = [json_of("info", file) for file in sorted((shared_data / "cmu_two_finger").glob("*.txt"))]
+    assert not any(each["knocked"] for each in fingers)
+    assert all("time gap" in kinds(each) for each in fingers)

@@ -1,4 +1,4 @@
-"""Options that several commands share: one frozen dataclass a group of the help, and what each group is turned into.
+"""Options that several commands share: one frozen dataclass a group of the help.
 
 A command takes these groups as parameters (`start: Start = Start()`); tyro makes the options from their fields and the
 help from the docstrings. Nothing heavy is imported before a method is called, so that `--help` stays fast.
@@ -78,8 +78,7 @@ class Start:
 
         if not self.first_pose_unknown:
             return self.first_pose, self.first_pose_sigma
-        if self.first_pose is not None or self.first_pose_sigma is not None:
-            given = "--first-pose" if self.first_pose is not None else "--first-pose-sigma"
+        if given := given_options(self, but=["first_pose_unknown"]):
             raise SettingError(f"--first-pose-unknown cannot be combined with {given}")
         return ANYWHERE, ANYWHERE_SIGMA
 

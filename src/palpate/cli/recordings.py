@@ -66,10 +66,7 @@ def convert(
             found = found.recording
         formats.write(found, target, overwrite=force)
     kind = "recording" if isinstance(found, Recording) else "trajectory"
-    if json:
-        print_json({"in": str(source), "out": str(target), "holds": kind, "frames": len(found)})
-    else:
-        print_line(f"{target}: {kind} of {len(found)} frames")
+    report(json, target.name, {"in": str(source), "out": str(target), "holds": kind, "frames": len(found)})
     return 0
 
 
@@ -132,21 +129,22 @@ def _show_recording(file: Path, kind: str | None, json: bool) -> None:
     if "vertices" in shape:
         shape["vertices"] = len(shape["vertices"])
     origins = {f"{name.replace('_', ' ')} is": words for name, words in recording.frames.items()}
-    names = {
-        "frames": "frames",
-        "duration": "duration_s",
-        "rate": "median rate_hz",
-        "jitter": "jitter_s",
-        "contact": "contact",
-        "contact_share": "in contact_share",
-        "truth_share": "with ground truth_share",
-        "images": "images",
-        "image_size": "image height, width",
-    }
+    units = {"duration": "duration_s", "rate": "median rate_hz", "jitter": "jitter_s"}
+    numbers = (
+        "frames",
+        "duration",
+        "rate",
+        "jitter",
+        "contact",
+        "contact_share",
+        "truth_share",
+        "images",
+        "image_size",
+    )
     table = {**about, "shape": shape, "sensor": recording.sensor.name, **origins}
-    print_quantities(file.name, table | {name: found[key] for key, name in names.items()})
-    for title, some in (("contacts", found["contacts"]), ("findings", found["findings"])):
-        begin = recording.time[0]
+    print_quantities(file.name, table | {units.get(key, key): found[key] for key in numbers})
+    for title in ("contacts", "findings"):
+        some, begin = found[title], recording.time[0]
         rows = [{"start_s": one.pop("start") - begin, "end_s": one.pop("end") - begin, **one} for one in some[:20]]
         if rows:
             print_rows(title if len(some) <= 20 else f"{title}: the first 20 of {len(some)}", dict(enumerate(rows)))

@@ -105,8 +105,8 @@ def simulate(
     for name, why in outcome.failed.items():
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
     if json:
-        errors = [{"file": name, "error": why} for name, why in outcome.failed.items()]
-        files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": errors}
+        failed = [{"file": name, "error": why} for name, why in outcome.failed.items()]
+        files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": failed}
         print_json({"folder": str(folder), **files, "wall_s": wall_s})
     else:
         counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed"

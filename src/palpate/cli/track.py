@@ -154,13 +154,13 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = Fa
     return 0
 
 
-def demo_recording(progress: Callable[[int], None] | None = None, seconds: float = 15.0) -> "Recording":
+def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
     from palpate.geometry.shapes import SHAPES
     from palpate.lab.simulate.recordings import plan
 
     # The first seed with three contacts; its final error is about the median of pushes at the edges of this object.
-    (simulation,) = plan({"rectangle": SHAPES["rectangle"]}, 1, seed=2, seconds=seconds).values()
+    (simulation,) = plan({"rectangle": SHAPES["rectangle"]}, 1, seed=2, seconds=15.0).values()
     return simulation.run(progress)
 
 
