@@ -19,6 +19,7 @@ Flags = NDArray[np.bool_]
 
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""
+PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
 LASTING = 0.3
 """Scored time for which an estimate has to be near to have recovered [s]: at the very end it may be near by chance."""
 AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
@@ -73,8 +74,7 @@ def rms(errors: ArrayLike) -> float | None:
 
 def percentiles(values: ArrayLike) -> dict[str, float]:
     """Return the 50th, 95th and 99th percentile and the maximum of values (N,)."""
-    names = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
-    return {name: float(np.percentile(np.asarray(values), share)) for name, share in names.items()}
+    return {name: float(np.percentile(np.asarray(values), share)) for name, share in PERCENTILES.items()}
 
 
 def world_sigma(pose: ArrayLike, covariance: ArrayLike) -> Array:
