@@ -108,7 +108,6 @@ def samples(lengths: Any, recordings: Any = None, seed: int = 0) -> Samples:
         np.broadcast_to(np.arange(count, dtype=np.float16)[:, None, None, None], (count, 2, 2, 3)),
         episode if recordings is None else np.asarray(recordings)[episode],
         episode,
-        np.concatenate([np.arange(length) for length in lengths]),
         rng.uniform(-0.3, 0.3, count),
         rng.uniform(-0.3, 0.3, count),
         rng.uniform(-0.01, 0.01, count),

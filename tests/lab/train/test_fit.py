@@ -12,7 +12,6 @@ from torch import nn
 from palpate.errors import EstimationError, FileError
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
 from palpate.lab.train.networks import TouchNetwork, gaussian, imprint, keypoint
-from palpate.lab.train.scores import log_likelihood
 
 
 def drawn(*size: int, seed: int = 0) -> torch.Tensor:
@@ -23,7 +22,6 @@ def test_gaussian_nll_equals_scipy():
     error, log_variance = drawn(50), 2.0 * drawn(50, seed=1)
     wanted = -norm.logpdf(error.numpy(), scale=np.exp(0.5 * log_variance.numpy())).mean()
     assert float(gaussian_nll(error, log_variance)) == pytest.approx(wanted)
-    assert log_likelihood(error.numpy(), log_variance.exp().numpy()) == pytest.approx(-wanted)
 
 
 @pytest.mark.parametrize("frames", [2, 3, 8])

@@ -44,8 +44,6 @@ class Samples:
     """Number of the recording, (N,)."""
     episode: Indices
     """Number of the contact, counted through all recordings, (N,)."""
-    frame: Indices
-    """Number of the frame in its recording, (N,)."""
     yaw: Array
     """Yaw of the sensor in the object frame, (N,) [rad], but for an offset of each contact as images show it."""
     direction: Array
@@ -133,7 +131,6 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
         episode,
-        frame,
         yaw,
         direction,
         place,

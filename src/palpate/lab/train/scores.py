@@ -1,15 +1,12 @@
 """Accuracy and calibration of a touch network on recordings that it was not trained on."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from palpate.geometry import se2
 from palpate.lab.train.augment import batch
@@ -95,11 +92,6 @@ def coverage(error: Array, variance: Array) -> dict[float, float]:
     return {share: float(np.mean(normalised <= deviations)) for share, deviations in COVERAGE.items()}
 
 
-def log_likelihood(error: Array, variance: Array | float) -> float:
-    """Return the mean log-likelihood of errors (N,) under Gaussians of these variances."""
-    return float(np.mean(-0.5 * (error**2 / variance + np.log(2.0 * math.pi * np.asarray(variance)))))
-
-
 def judge(errors: Errors, spread: Mapping[str, Spread]) -> dict[str, Any]:
     """Return accuracy and calibration of each output, as plain data; places in millimetres, angles in degrees."""
     found = {}
@@ -108,24 +100,7 @@ def judge(errors: Errors, spread: Mapping[str, Spread]) -> dict[str, Any]:
         unit, per_unit = ("mm", 1e-3) if name == "place" else ("deg", np.radians(1.0))
         found[name] = {
             "coverage": {f"{share:g}": part for share, part in coverage(error, scaled).items()},
-            "log_likelihood": log_likelihood(error, scaled),
-            "log_likelihood_constant": log_likelihood(error, float(np.mean(error**2))),
             f"rms_{unit}": float(np.sqrt(np.mean(error**2)) / per_unit),
             f"median_{unit}": float(np.median(np.abs(error)) / per_unit),
         }
     return found
-
-
-def calibration_figure(errors: Errors, spread: Mapping[str, Spread]) -> Figure:
-    """Return a figure of the share of errors within an interval against the share that belongs there."""
-    figure = Figure(figsize=(4.2, 4.0), layout="constrained")
-    axes = figure.subplots()
-    deviations = np.linspace(0.0, 3.0, 61)
-    for name, (error, variance) in errors.items():
-        sigma = np.sqrt(variance * spread[name].scale)
-        shares = [np.mean(np.abs(error) <= width * sigma) for width in deviations]
-        axes.plot(100.0 * erf(deviations / np.sqrt(2.0)), 100.0 * np.array(shares), label=name)
-    axes.plot([0, 100], [0, 100], color="black", linewidth=0.8)
-    axes.set(xlabel="expected share within [%]", ylabel="share of errors within [%]", aspect="equal")
-    axes.legend()
-    return figure

@@ -16,11 +16,10 @@ from torch import Tensor
 from palpate.errors import FileError, SettingError
 from palpate.files import held_folder, whole_file
 from palpate.lab.train.augment import Batch, draw_groups, varied_batch
-from palpate.lab.train.export import exported, restore, width_of
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
-from palpate.lab.train.networks import WIDTH, TouchNetwork
+from palpate.lab.train.networks import WIDTH, TouchNetwork, exported, restore, width_of
 from palpate.lab.train.samples import Samples, read_samples
-from palpate.lab.train.scores import calibration_figure, errors_of, judge, measure_spread
+from palpate.lab.train.scores import errors_of, judge, measure_spread
 from palpate.touch.calibration import Calibration
 from palpate.touch.press_calibration import Presses, check_alike, check_spread
 from palpate.touch.touch_model import (
@@ -90,7 +89,7 @@ def train(
 ) -> dict[str, Any]:
     """Train a touch model on recordings, write its folder and return its scores; see `scores.judge`.
 
-    Besides the model, `out` gets the folder `training`: log, checkpoint, `results.json` and a figure. The scores are
+    Besides the model, `out` gets the folder `training`: log, checkpoint and `results.json`. The scores are
     of the recordings `test`, or, without any, of a held-out share of `files`. With `start`, a model folder, its network
     is trained further. With `calibration`, of the unit that all recordings are of, images are seen through it, and
     tracking takes model and calibration together. With `resume`, an interrupted run continues from its checkpoint.
@@ -139,8 +138,6 @@ def train(
         }
         with whole_file(work / "results.json", overwrite=True) as part:
             part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-        with whole_file(work / "calibration.png", overwrite=True) as part:
-            calibration_figure(errors, spread).savefig(part, format="png", dpi=110)
         training = {"seed": settings.seed, "touch": asdict(descent), "frames": len(learned), "from": str(start or "")}
         training["calibration"] = str(calibration.file or "") if calibration else ""
         model = ModelSettings(sensor.name, sensor.image_height, sensor.image_width, spread, training)
@@ -195,9 +192,7 @@ def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:
     mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
     seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
     each, unknown = np.arange(len(seen)), np.zeros(len(seen))
-    return Samples(
-        seen, each, each, np.zeros(len(seen), int), unknown, presses.angle, unknown, np.zeros(len(seen), int)
-    )
+    return Samples(seen, each, each, unknown, presses.angle, unknown, np.zeros(len(seen), int))
 
 
 def learn(
