@@ -1,6 +1,7 @@
 #!/bin/sh
-# Makes again the touch model of the DIGIT that comes with palpate: scripts/train_digit_model.sh FOLDER
-# An hour on two cores. Weights may differ in the last digits from one processor to another.
+# Trains a touch model of the DIGIT as the one that comes with palpate was trained: scripts/train_digit_model.sh FOLDER
+# An hour on two cores. The weights will be others: those that come along had learnt key points without labels first, in
+# earlier code. With this code every line was tried on a few recordings of three seconds, and never in full.
 set -eu
 data=$1
 palpate simulate "$data/train" --count 90 --seed 1 --seconds 10 --workers 2 --ideal
