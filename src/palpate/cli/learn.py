@@ -162,27 +162,22 @@ def tune(
         print_json({"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing})
     else:
         print_rows("settings", tuned["parameters"])
-        scores = {name.replace("_", " "): each for name, each in _scores(tuning).items() if each}
+        names = ("before", "after", "held_out_before", "held_out_after")
+        scores = {name.replace("_", " "): tuned[name] for name in names if tuned[name]}
         print_rows("scores: a negative log likelihood, lower is better; medians of RMSE", scores)
         print_line(f"settings: {out}   {tuning.evaluations} evaluations, {tuned['wall_s']:.0f} s")
     return 3 if left_out else 0
 
 
-def _scores(tuning: "Tuning") -> dict[str, Any]:
-    before, after = tuning.held_out or (None, None)
-    return {
-        "before": asdict(tuning.before),
-        "after": asdict(tuning.after),
-        "held_out_before": before and asdict(before),
-        "held_out_after": after and asdict(after),
-    }
-
-
 def _found(tuning: "Tuning") -> dict[str, Any]:
     """Return a tuning as plain data."""
+    before, after = tuning.held_out or (None, None)
     return {
         "palpate": __version__,
         "evaluations": tuning.evaluations,
         "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-        **_scores(tuning),
+        "before": asdict(tuning.before),
+        "after": asdict(tuning.after),
+        "held_out_before": before and asdict(before),
+        "held_out_after": after and asdict(after),
     }

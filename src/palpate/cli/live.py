@@ -47,8 +47,7 @@ class Source:
         if (self.camera is None) == (self.replay is None) or (self.camera is None) != (self.poses is None):
             raise SettingError("live takes either --camera with --poses, or --replay FILE")
         if self.replay is not None:
-            found = bag.read(self.replay)
-            recording = found if isinstance(found, Recording) else found.recording
+            recording, _ = bag.read(self.replay)
             return replayed(recording), recording, first_pose_of(recording, NoiseSettings(), first, sigma)
         assert self.camera is not None and self.poses is not None
         if bag.shape is None or first is None:

@@ -17,10 +17,10 @@ from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.config import TrackerSettings
-    from palpate.io.rosbag_recording import BagReading
     from palpate.touch.calibration import Calibration
     from palpate.touch.touch_model import TouchModel
     from palpate.types.recording import Recording
+    from palpate.types.space import Plane
 
 # The library's choices, repeated here so that --help need not import it.
 Tactile = Literal["none", "oracle", "learnt", "learnt-turn", "learnt-direction"]
@@ -166,8 +166,8 @@ class Bag:
     off_plane: Annotated[float, arg("METRES")] = 0.01
     """Largest distance of poses from that plane [m]."""
 
-    def read(self, file: Path) -> "Recording | BagReading":
-        """Read a recording or, with --shape, a bag of ROS messages. Raises SettingError for options that do not fit."""
+    def read(self, file: Path) -> "tuple[Recording, Plane | None]":
+        """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
         from palpate import io as formats
         from palpate.io.outlines import load_shape
         from palpate.io.rosbag_recording import BagChoices, read_bag
@@ -176,11 +176,12 @@ class Bag:
         if self.shape is None:
             if given := given_options(self):
                 raise SettingError(f"{given}: only for bags, together with --shape")
-            return formats.load_recording(file)
+            return formats.load_recording(file), None
         if formats.detect_format(file) != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
         choices = BagChoices(**{field.name: getattr(self, field.name) for field in fields(BagChoices)})
-        return read_bag(file, load_shape(self.shape, self.shape_unit), choices, known_sensor(self.sensor))
+        shape, sensor = load_shape(self.shape, self.shape_unit), known_sensor(self.sensor)
+        return read_bag(file, shape, choices, sensor)[:2]
 
 
 @dataclass(frozen=True)

@@ -61,9 +61,7 @@ def convert(
 
     check_new(target, force)
     with busy(f"converting {source.name}"):
-        found = formats.read(source) if bag == Bag() else bag.read(source)
-        if isinstance(found, tuple):  # a bag of other messages
-            found = found.recording
+        found = formats.read(source) if bag == Bag() else bag.read(source)[0]
         formats.write(found, target, overwrite=force)
     kind = "recording" if isinstance(found, Recording) else "trajectory"
     report(json, target.name, {"in": str(source), "out": str(target), "holds": kind, "frames": len(found)})

@@ -92,7 +92,6 @@ def track(
     """
     from palpate.pipeline.run_folder import new_run
     from palpate.pipeline.track import track as track_recording
-    from palpate.types.recording import Recording
 
     if not files:
         raise SettingError("track: no FILE given; name one or more recordings")
@@ -105,8 +104,7 @@ def track(
     def track_file(file: Path, folder: Path) -> dict[str, Any]:
         with new_run(folder, output.force) as part:
             with busy(f"reading {file.name}"):
-                found = bag.read(file)
-                recording, plane = (found, None) if isinstance(found, Recording) else (found.recording, found.plane)
+                recording, plane = bag.read(file)
             with progress_bar(file.name, len(recording)) as progress:
                 run = track_recording(recording, settings, first_pose, **known, progress=progress)
             output.write(run, part, plane)

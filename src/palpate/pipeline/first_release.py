@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.touch.background import UNLIKE, Background, background_of, first_frames, has_markers, without_markers
+from palpate.touch.background import UNLIKE, background_of, first_frames, has_markers, without_markers
 from palpate.touch.calibration import Calibration
 from palpate.touch.cells import Image, Levels, cells_of, compare, is_dark
 from palpate.touch.contact_detector import START
@@ -25,15 +25,10 @@ Array = NDArray[np.float64]
 class Release:
     """The first half second without contact."""
 
-    background: Background
-    """The untouched gel."""
+    calibration: Calibration
+    """Calibration of the sensor unit for this recording."""
     time: float
     """Start of the half second, since the first frame [s]."""
-
-    @property
-    def calibration(self) -> Calibration:
-        """The calibration of the sensor unit for this recording."""
-        return Calibration(self.background, is_sure=True)
 
 
 def release_after_start(
@@ -74,7 +69,7 @@ def first_release(recording: Recording) -> Release | None:
         return None
     first = int(starts[np.argmax(may_be & ~unlike[untouched])])
     background = background_of(_image(recording, index) for index in range(first, first + length))
-    return Release(background, float(recording.time[first] - recording.time[0]))
+    return Release(Calibration(background, is_sure=True), float(recording.time[first] - recording.time[0]))
 
 
 def _is_steady(looks: Sequence[Levels]) -> bool:
