@@ -68,7 +68,7 @@ def same_poses(found: Any, wanted: Any, within: float = 1e-9) -> None:
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_a_bag_that_another_program_wrote(tmp_path, container, compressed):
     path = write_bag(tmp_path / "bag", container, push_messages(compressed))
-    recording, plane, _ = read_bag(path, SHAPE)
+    recording, plane = read_bag(path, SHAPE)
     assert (recording.shape, recording.sensor, recording.file) == (SHAPE, DIGIT, path)
     assert recording.time.tolist() == (image_times() / 1e9).tolist()
     same_poses(recording.sensor_pose, true_pose(image_times()))

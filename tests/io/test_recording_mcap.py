@@ -207,9 +207,6 @@ def test_what_is_no_recording(tmp_path):
         (tmp_path / "a.mcap").write_bytes(content)
         with pytest.raises(FileError, match=rf"a\.mcap: {words}"):
             palpate.load_recording(tmp_path / "a.mcap")
-    (tmp_path / "old.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    with pytest.raises(FileError, match=r"old\.h5: is HDF5, and recordings are MCAP now: make it anew"):
-        palpate.load_recording(tmp_path / "old.h5")
     with pytest.raises(FileError, match="no such file"):
         palpate.load_recording(tmp_path / "none.mcap")
     with pytest.raises(FileError, match="is a folder"):

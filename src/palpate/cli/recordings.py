@@ -170,7 +170,6 @@ def _show_bag(path: Path, json: bool) -> None:
             "encoding": topic.channel.encoding,
             "messages": topic.count,
             "rate_hz": topic.rate,
-            "gaps": topic.gaps,
             "longest_gap_s": topic.longest_gap,
             "clock_offset_s": topic.clock_offset,
             "clock_spread_s": topic.clock_spread,

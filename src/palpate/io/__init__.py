@@ -58,9 +58,6 @@ def read(path: Path | str) -> Recording | Trajectory:
     path = existing_bag(path)
     if (name := detect_format(path)) is not None:
         return FORMATS[name].read(path)
-    with path.open("rb") as file:
-        if file.read(8) == b"\x89HDF\r\n\x1a\n":
-            raise FileError(f"{path}: is HDF5, and recordings are MCAP now: make it anew by palpate.write_recording")
     known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
     raise FileError(f"{path}: is in no known format; known are {known}")
 

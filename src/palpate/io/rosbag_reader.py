@@ -1,6 +1,6 @@
 """Bags of ROS messages, read by `rosbags` and `mcap`: MCAP, ROS 2 (.db3 or its folder) and ROS 1 (.bag).
 
-`bag_messages` yields what is in a bag, `contents` summarises it: topics, rates, gaps, clocks and frames. Bags hold no
+`bag_messages` yields what is in a bag, `contents` summarises it: topics, rates, clocks and frames. Bags hold no
 outline of the object, so `rosbag_recording.read_bag` makes a recording of one together with an outline.
 """
 
@@ -110,11 +110,6 @@ class Topic:
         """Messages per second by the median interval [Hz]; None for fewer than two."""
         median = float(np.median(self._steps)) if len(self._steps) else 0.0
         return 1.0 / median if median else None
-
-    @property
-    def gaps(self) -> int:
-        """Number of intervals of more than three median ones."""
-        return int(np.count_nonzero(self._steps > 3.0 / self.rate)) if self.rate else 0
 
     @property
     def longest_gap(self) -> float | None:

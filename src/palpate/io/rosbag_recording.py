@@ -92,8 +92,6 @@ class BagReading(NamedTuple):
     recording: Recording
     plane: Plane
     """The plane of its poses."""
-    mapping: Mapping
-    """The parts of the bag that it was made of."""
 
 
 def read_bag(
@@ -111,11 +109,10 @@ def read_bag(
     if choices.clock == "header":
         check_stamps(found, chosen)
     try:
-        recording, plane = _recording(found, chosen, choices, _read_streams(found, chosen, choices), shape, sensor)
+        return _recording(found, chosen, choices, _read_streams(found, chosen, choices), shape, sensor)
     except FileError as error:
         message = " ".join(str(error).split())  # names of topics may hold line breaks
         raise FileError(f"{path}: {message}") from error
-    return BagReading(recording, plane, chosen)
 
 
 def mapping(found: Contents, choices: BagChoices) -> Mapping:
@@ -297,7 +294,7 @@ def _placed_at(streams: _Streams, source: PoseSource, found: Contents, time: NDA
 
 def _recording(
     found: Contents, chosen: Mapping, choices: BagChoices, streams: _Streams, shape: Shape, sensor: SensorProfile
-) -> tuple[Recording, Plane]:
+) -> BagReading:
     stamps = np.array(sorted(streams.index), np.int64)
     time = stamps + round(choices.time_offset * 1e9)
     frame, placed = _placed_at(streams, chosen.sensor, found, time)
@@ -336,4 +333,4 @@ def _recording(
         frames=frames,
         file=found.path,
     )
-    return recording, plane
+    return BagReading(recording, plane)
