@@ -130,12 +130,12 @@ def test_a_bag_that_lacks_its_index_is_named_with_the_tool(tmp_path, container, 
         read_bag(path, Disc(0.05))
 
 
-def test_channels_that_are_no_ros_messages_are_ignored_and_named(tmp_path, caplog, topics):
+def test_channels_that_are_no_ros_messages_are_listed_with_their_encoding(tmp_path, topics):
     path = tmp_path / "bag.mcap"
     write_poses(path, encoding="protobuf", count=1)
-    assert counts(topics(path)) == {"/ee_pose": 1}
-    (line,) = [record.getMessage() for record in caplog.records]
-    assert line == f"{path}: topics that are no ROS messages are ignored: /ee_pose (protobuf)"
+    assert topics(path)["/ee_pose"]["encoding"] == "protobuf"
+    with pytest.raises(FileError, match="has no image topic; there are none of a type that is read"):
+        read_bag(path, Disc(0.05))
 
 
 def test_messages_that_do_not_decode_are_named(tmp_path):

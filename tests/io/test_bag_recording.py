@@ -187,7 +187,6 @@ def test_transforms_along_a_chain(tmp_path, container):
 
 def test_ground_truth_is_named_and_the_sensor_is_what_is_left(tmp_path):
     truth = [message for message in poses("/object", height=0.02) if not 4 <= (message.log_time - START) // 2e7 <= 40]
-    truth = [replace(message, content=message.content) for message in truth]
     recording = read(tmp_path, few_images(20) + poses() + truth, object_poses="/object")
     same_poses(recording.sensor_pose, true_pose(image_times(20)))
     known = ~np.isnan(recording.object_pose[:, 0])
@@ -282,10 +281,6 @@ def restamped(messages: list[Message], stamp: Any) -> list[Message]:
         ),
         (
             lambda time: time + (time > START + 10**8) * 5 * 10**9,
-            "in /digit/image/compressed jump by 5.0 s against the",
-        ),
-        (
-            lambda time: time - (time > START + 10**8) * 5 * 10**9,
             "in /digit/image/compressed jump by 5.0 s against the",
         ),
     ],

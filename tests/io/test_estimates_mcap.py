@@ -8,7 +8,6 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from planar import compose
 from recording_samples import trajectory
-from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from palpate import FileError, Trajectory
@@ -40,18 +39,13 @@ def test_estimates_to_mcap_and_back(tmp_path):
         formats.load_recording(tmp_path / "all.mcap")
 
 
-def decoded_by_others(path: Any) -> list[dict[str, list[Any]]]:
-    """All messages by topic as `rosbags` and as `mcap-ros2-support` decode them."""
-    by_rosbags: dict[str, list[Any]] = {}
-    with AnyReader([path]) as reader:
-        for connection, time, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
-            by_rosbags.setdefault(connection.topic, []).append((time, message))
-    by_mcap: dict[str, list[Any]] = {}
+def decoded_by_another(path: Any) -> dict[str, list[Any]]:
+    """All messages by topic as `mcap-ros2-support` decodes them; palpate itself uses `rosbags`."""
+    by_topic: dict[str, list[Any]] = {}
     with path.open("rb") as file:
         for _, channel, raw, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            by_mcap.setdefault(channel.topic, []).append((raw.log_time, message))
-    return [by_rosbags, by_mcap]
+            by_topic.setdefault(channel.topic, []).append((raw.log_time, message))
+    return by_topic
 
 
 def stamp(message: Any) -> float:
@@ -63,30 +57,30 @@ def test_others_read_our_estimates(tmp_path):
     plane = plane_across("table", np.array([0.1, -0.2, 1.0]), np.array([[0.0, 0.0, 0.3]]))
     write_estimates_mcap(made, tmp_path / "a.mcap", plane=plane)
     position, rotation = out_of_plane(plane, made.pose)
-    for found in decoded_by_others(tmp_path / "a.mcap"):
-        poses = found["/palpate/object_pose"]
-        both = found["/palpate/object_pose_with_covariance"]
-        diagnostics = found["/palpate/diagnostics"]
-        wanted = spatial_covariance(plane, made.pose, made.covariance)
-        for index in range(len(made)):
-            (_, message), (_, with_covariance) = poses[index], both[index]
-            assert message.header.frame_id == with_covariance.header.frame_id == "table"
-            for pose in (message.pose, with_covariance.pose.pose):
-                point, turn = pose.position, pose.orientation
-                assert [point.x, point.y, point.z] == pytest.approx(position[index].tolist())
-                assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[index])) == pytest.approx(1.0)
-            assert np.array_equal(np.reshape(with_covariance.pose.covariance, (6, 6)), wanted[index])
-        levels = [message.status[0].level for _, message in diagnostics]
-        assert [int.from_bytes(level, "little") if isinstance(level, bytes) else level for level in levels[:4]] == [
-            0,
-            1,
-            2,
-            0,
-        ]
-        assert diagnostics[1][1].status[0].message == "ambiguous"
-        values = {value.key: value.value for value in diagnostics[0][1].status[0].values}
-        assert values["contact"] == str(bool(made.contact[0])).lower()
-        assert values["sigma yaw [deg]"] == f"{np.degrees(np.sqrt(made.covariance[0, 2, 2])):.2f}"
+    found = decoded_by_another(tmp_path / "a.mcap")
+    poses = found["/palpate/object_pose"]
+    both = found["/palpate/object_pose_with_covariance"]
+    diagnostics = found["/palpate/diagnostics"]
+    wanted = spatial_covariance(plane, made.pose, made.covariance)
+    for index in range(len(made)):
+        (_, message), (_, with_covariance) = poses[index], both[index]
+        assert message.header.frame_id == with_covariance.header.frame_id == "table"
+        for pose in (message.pose, with_covariance.pose.pose):
+            point, turn = pose.position, pose.orientation
+            assert [point.x, point.y, point.z] == pytest.approx(position[index].tolist())
+            assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[index])) == pytest.approx(1.0)
+        assert np.array_equal(np.reshape(with_covariance.pose.covariance, (6, 6)), wanted[index])
+    levels = [message.status[0].level for _, message in diagnostics]
+    assert [int.from_bytes(level, "little") if isinstance(level, bytes) else level for level in levels[:4]] == [
+        0,
+        1,
+        2,
+        0,
+    ]
+    assert diagnostics[1][1].status[0].message == "ambiguous"
+    values = {value.key: value.value for value in diagnostics[0][1].status[0].values}
+    assert values["contact"] == str(bool(made.contact[0])).lower()
+    assert values["sigma yaw [deg]"] == f"{np.degrees(np.sqrt(made.covariance[0, 2, 2])):.2f}"
 
 
 def test_others_read_all_answers(tmp_path):
@@ -99,24 +93,24 @@ def test_others_read_all_answers(tmp_path):
     plane = plane_across("table", np.array([0.1, -0.2, 1.0]), np.array([[0.0, 0.0, 0.3]]))
     write_estimates_mcap(made, tmp_path / "a.mcap", plane=plane, answers=((), several, ()))
     wanted = [made.pose[:1], np.array([one.pose for one in several]), made.pose[2:]]
-    for found in decoded_by_others(tmp_path / "a.mcap"):
-        for index, ((_, array), (_, diagnosis)) in enumerate(
-            zip(found["/palpate/object_pose_answers"], found["/palpate/diagnostics"], strict=True)
-        ):
-            assert stamp(array) == stamp(diagnosis) == pytest.approx(made.time[index], abs=1e-9)
-            assert array.header.frame_id == "table"
-            position, rotation = out_of_plane(plane, wanted[index])
-            for n, pose in enumerate(array.poses):
-                point, turn = pose.position, pose.orientation
-                assert [point.x, point.y, point.z] == pytest.approx(position[n].tolist())
-                assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[n])) == pytest.approx(1.0)
-            values = {value.key: value.value for value in diagnosis.status[0].values}
-            weights = [float(word) for word in values["answer weights"].split()]
-            assert weights == ([0.6, 0.3, 0.1] if index == 1 else [1.0])
-            assert len(array.poses) == len(weights)
-            sigmas = [float(word) for word in values["answer sigmas x [mm]"].split()]
-            stated = [one.covariance for one in several] if index == 1 else made.covariance[index : index + 1]
-            assert sigmas == pytest.approx([1e3 * np.sqrt(one[0, 0]) for one in stated], abs=5e-3)
+    found = decoded_by_another(tmp_path / "a.mcap")
+    for index, ((_, array), (_, diagnosis)) in enumerate(
+        zip(found["/palpate/object_pose_answers"], found["/palpate/diagnostics"], strict=True)
+    ):
+        assert stamp(array) == stamp(diagnosis) == pytest.approx(made.time[index], abs=1e-9)
+        assert array.header.frame_id == "table"
+        position, rotation = out_of_plane(plane, wanted[index])
+        for n, pose in enumerate(array.poses):
+            point, turn = pose.position, pose.orientation
+            assert [point.x, point.y, point.z] == pytest.approx(position[n].tolist())
+            assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[n])) == pytest.approx(1.0)
+        values = {value.key: value.value for value in diagnosis.status[0].values}
+        weights = [float(word) for word in values["answer weights"].split()]
+        assert weights == ([0.6, 0.3, 0.1] if index == 1 else [1.0])
+        assert len(array.poses) == len(weights)
+        sigmas = [float(word) for word in values["answer sigmas x [mm]"].split()]
+        stated = [one.covariance for one in several] if index == 1 else made.covariance[index : index + 1]
+        assert sigmas == pytest.approx([1e3 * np.sqrt(one[0, 0]) for one in stated], abs=5e-3)
     back: Any = formats.read(tmp_path / "a.mcap")
     assert back.pose.tobytes() == made.pose.tobytes() and back.status == made.status
 

@@ -10,7 +10,6 @@ same order, as no message that every ROS 2 has holds poses with weights. The att
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ Array = NDArray[np.float64]
 ATTACHMENT = "palpate-estimates.csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
 ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
-NOTHING: Mapping[str, str] = MappingProxyType({})
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 """DiagnosticStatus level of each status: 0 is ok, 2 an error; any other is a warning, 1."""
 
@@ -68,7 +66,7 @@ def add_estimates(
     stamps: Sequence[int],
     plane: Plane,
     answers: Answers | None = None,
-    values: Mapping[str, str] = NOTHING,
+    values: Mapping[str, str] | None = None,
 ) -> None:
     """Add the messages of estimates with their stamps [ns]; `values` are added to each diagnosis.
 
@@ -93,7 +91,7 @@ def add_estimates(
                 found["answer weights"] = " ".join(f"{one.weight:.4f}" for one in several)
                 found |= _sigmas("answer sigmas", np.array([one.covariance for one in several]))
         if trajectory.status is not None:
-            _add_diagnostics(sink, header, stamp, trajectory.status[index], {**found, **values})
+            _add_diagnostics(sink, header, stamp, trajectory.status[index], {**found, **(values or {})})
 
 
 def _sigmas(name: str, covariance: Array) -> dict[str, str]:

@@ -36,14 +36,9 @@ class Channel(NamedTuple):
     """Serialisation: "cdr" (ROS 2), "ros1", or another that is not read, such as "protobuf"."""
 
     @property
-    def is_ros(self) -> bool:
-        """True for messages of ROS 2 or ROS 1."""
-        return self.encoding in ("cdr", "ros1")
-
-    @property
     def is_read(self) -> bool:
         """True if its messages can be decoded and used."""
-        return self.is_ros and self.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES
+        return self.encoding in ("cdr", "ros1") and self.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES
 
 
 class RawMessage(NamedTuple):

@@ -164,9 +164,6 @@ def contents(path: Path) -> Contents:
     if cut:
         count = sum(topic.count for topic in topics.values())
         logger.warning("%s, as when its recorder was killed; the %d messages before it are read", cut, count)
-    if ignored := [channel for channel in sorted(topics) if not channel.is_ros]:
-        names = ", ".join(f"{channel.topic} ({channel.encoding or 'unknown'})" for channel in ignored)
-        logger.warning("%s: topics that are no ROS messages are ignored: %s", path, names)
     return Contents(path, tuple(topics[channel] for channel in sorted(topics)), parents, cut is not None)
 
 
