@@ -68,6 +68,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder that takes the place of `folder` on success and is removed on any failure."""
     if not folder.name:
         raise FileError(f"{folder}: is not the name of a new folder")
+    made = [each for each in folder.parents if not each.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
@@ -86,6 +87,9 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         if old.exists() and not folder.exists():
             old.rename(folder)
         shutil.rmtree(temporary, ignore_errors=True)
+        with suppress(OSError):  # not empty
+            for parent in made:
+                parent.rmdir()
 
 
 @contextmanager

@@ -58,6 +58,11 @@ def read(path: Path | str) -> Recording | Trajectory:
     path = existing_bag(path)
     if (name := detect_format(path)) is not None:
         return FORMATS[name].read(path)
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        raise FileError(
+            f"{path}: is HDF5, in which earlier versions kept recordings; make it anew as MCAP, from its bag or arrays "
+            "or by palpate simulate with the same seed"
+        )
     known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
     raise FileError(f"{path}: is in no known format; known are {known}")
 
