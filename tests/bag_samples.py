@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+from recording_samples import encoded
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
@@ -58,11 +58,6 @@ def touch_images(count: int = FRAMES) -> Any:
 def header(stamp: int, frame: str = "world") -> dict[str, Any]:
     """A header by its stamp [ns]."""
     return {"stamp": {"sec": int(stamp) // 10**9, "nanosec": int(stamp) % 10**9}, "frame_id": frame}
-
-
-def encoded(pixels: Any, codec: str = "jpeg") -> bytes:
-    """An RGB image as bytes, by OpenCV at its default quality of 95."""
-    return cv2.imencode(f".{codec}", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def image_message(stamp: int, pixels: Any, encoding: str = "rgb8", padding: int = 0, **changes: Any) -> Message:
@@ -129,30 +124,22 @@ def write_bag(path: Path, container: str, messages: list[Message], **settings: A
     """Write a bag by `rosbags` and return its path: the file, of ROS 2 SQLite the folder."""
     path.parent.mkdir(exist_ok=True)
     if container == "ros1":
-        return _write_ros1(path.with_suffix(".bag"), messages)
-    plugin = rosbag2.StoragePlugin.MCAP if container == "mcap" else rosbag2.StoragePlugin.SQLITE3
-    writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        path, store = path.with_suffix(".bag"), ROS1
+        writer, serialize = rosbag1.Writer(path), ROS1.serialize_ros1
+    else:
+        plugin = rosbag2.StoragePlugin.MCAP if container == "mcap" else rosbag2.StoragePlugin.SQLITE3
+        writer, store = rosbag2.Writer(path, version=9, storage_plugin=plugin), ROS2
+        serialize = ROS2.serialize_cdr
     for name, value in settings.items():
         getattr(writer, name)(*value)
     with writer:
         topics: dict[str, Any] = {}
         for message in messages:
             if message.topic not in topics:
-                topics[message.topic] = writer.add_connection(message.topic, message.type, typestore=ROS2)
-            data = ROS2.serialize_cdr(build_message(ROS2, message.type, message.content), message.type)
+                topics[message.topic] = writer.add_connection(message.topic, message.type, typestore=store)
+            data = serialize(build_message(store, message.type, message.content), message.type)
             writer.write(topics[message.topic], message.log_time, data)
     return next(path.glob("*.mcap"), path)
-
-
-def _write_ros1(path: Path, messages: list[Message]) -> Path:
-    with rosbag1.Writer(path) as writer:
-        topics: dict[str, Any] = {}
-        for message in messages:
-            if message.topic not in topics:
-                topics[message.topic] = writer.add_connection(message.topic, message.type, typestore=ROS1)
-            data = ROS1.serialize_ros1(build_message(ROS1, message.type, message.content), message.type)
-            writer.write(topics[message.topic], message.log_time, data)
-    return path
 
 
 def build_message(store: Any, type_: str, content: Any) -> Any:

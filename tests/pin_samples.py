@@ -31,16 +31,11 @@ _SHIFT = 4  # bits of a pixel to which a pin's place is drawn
 class PinDome:
     """One dome."""
 
-    outward: Array
-    """Where pins stand on the skin, seen from the dome's centre: unit vectors (n, 3)."""
-    focus: float
-    """Focal length [px]."""
-    middle: Array
-    """Where the image shows the apex: column and row (2,) [px]."""
-    pin_size: float
-    """Radius of a pin in the image [px]."""
-    levels: tuple[float, float]
-    """Of the dark inside and of the pins [grey levels]."""
+    outward: Array  # where pins stand on the skin, seen from the dome's centre: unit vectors (n, 3)
+    focus: float  # [px]
+    middle: Array  # column and row (2,) [px] of the apex in the image
+    pin_size: float  # radius of a pin in the image [px]
+    levels: tuple[float, float]  # of the dark inside and of the pins [grey levels]
 
 
 def draw_dome(seed: int) -> PinDome:

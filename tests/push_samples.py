@@ -17,7 +17,7 @@ from palpate.graph.factors import LINEAR, NAMES, ROW, STEP, Step, make_factors
 from palpate.graph.gauss_newton import linearise
 from palpate.graph.pushing import force_angle
 from palpate.graph.se2_kernels import position, rotation
-from palpate.graph.variables import IN_SHARED, OBJECT_SIZE, Variable
+from palpate.graph.variables import GRIP, IN_SHARED, OBJECT_SIZE, Variable
 from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.types.measurements import ContactDirection, Frame, Measurement
 from palpate.types.sensor import SensorProfile
@@ -27,6 +27,8 @@ Shared = Mapping[Variable, ArrayLike]
 
 RADIUS = 0.021  # [m], the DIGIT's
 RATE = 30.0  # [Hz]
+DEEPER = np.array([3e-4, 0.0, 0.0])  # [m], into the left side as deep as ROBUST of smoother_samples expects
+HAND = 5  # frames in which a hand moves the object
 SHAPES: dict[str, Shape] = {
     "disc": Disc(0.088),
     "rectangle": Rectangle(0.2363, 0.1579),
@@ -189,6 +191,49 @@ def frames(o: Array, e: Array, contact: Array | bool = True, start: float = 0.0)
     return [
         Frame(start + k / RATE, e[k].copy(), contact=bool(flags[k]), object_pose=o[k].copy()) for k in range(len(e))
     ]
+
+
+def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Array]:
+    """Object and sensor poses of a push by which the sensor slides along the rectangle's left side.
+
+    The sensor goes straight on at an angle of heading [rad] from the side's normal at first, outside the friction cone.
+    The object moves as the balance says with the force at the cone's edge, and the sensor stays on its side.
+    """
+    model, on_normal_balance_and_cone = model_of("rectangle"), [0, 2, 3]
+    g = touching(model, y) + DEEPER
+    touches, sensors = [g], [g]
+    for _ in range(steps):
+        e = sensors[-1] + 1e-3 * np.array([np.cos(heading), np.sin(heading), 0.0])
+        g = touches[-1]
+        for _ in range(8):
+            at = values_at(model, [[touches[-1], g]], [[sensors[-1], e]], {GRIP: grip})
+            rows = [rows_of(name, at) for name in ("sticking", "balance", "friction_cone")]
+            residual = np.concatenate([one.residual[0, 0] for one in rows])[on_normal_balance_and_cone]
+            jacobian = np.concatenate([one.jacobian[0, 0, :, 6:9] for one in rows])  # by g1
+            change = -np.linalg.solve(jacobian[on_normal_balance_and_cone], residual)
+            g = se2.compose(g, se2.exp(change))
+        touches.append(g)
+        sensors.append(e)
+    return se2.compose(np.array(sensors), se2.inverse(np.array(touches))), np.array(sensors)
+
+
+def by_hand(o: Array, e: Array, slid: float, turned: float, steps: int) -> tuple[Array, Array]:
+    """Object and sensor poses of a push of the rectangle, what a hand does after it, and so many steps of pushing on.
+
+    The hand slides the object over the sensor [m] and turns it [rad].
+    """
+    model, objects, sensors, g = model_of("rectangle"), [*o], [*e], se2.between(o[-1], e[-1])
+    for _ in range(HAND):
+        sensor_pose = se2.compose(sensors[-1], [1e-3, 0.0, 0.0])
+        g = model.moved_along(g[None], np.array([-slid / HAND]))[0] - [0.0, 0.0, turned / HAND]
+        for _ in range(5):
+            touch = model.touching(g[None, None])[0, 0]
+            way = touch["gap"] * touch["normal"]
+            g = g - [way.real, way.imag, 0.0]
+        objects.append(se2.compose(sensor_pose, se2.inverse(g)))
+        sensors.append(sensor_pose)
+    o_after, e_after = push(model, objects[-1][None], g[None], steps, Steering())
+    return np.concatenate([objects, o_after[1:, 0]]), np.concatenate([sensors, e_after[1:, 0]])
 
 
 def noisy(poses: Array, sigmas: tuple[float, float, float], rng: np.random.Generator) -> Array:

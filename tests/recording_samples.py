@@ -8,7 +8,7 @@ import numpy as np
 from planar import compose
 
 import palpate
-from palpate import POINT, Background, Calibration, Disc, Recording, Rectangle, SensorProfile, Shape, Trajectory
+from palpate import POINT, Disc, Recording, Rectangle, SensorProfile, Shape, Trajectory
 
 TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 
@@ -19,9 +19,9 @@ def runs(flags: Any) -> list[list[int]]:
     return edges.reshape(-1, 2).tolist()
 
 
-def png(image: Any) -> bytes:
-    """Return an RGB image as PNG."""
-    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
+def encoded(image: Any, codec: str = "png") -> bytes:
+    """Return an RGB image as bytes, by OpenCV at its default quality of 95."""
+    return cv2.imencode(f".{codec}", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def pushed(n: int = 40, shape: Shape | None = None) -> Any:
@@ -38,13 +38,8 @@ def seen(recording: Any) -> Any:
     """Return the recording with images of 48 x 32 px: grey, with noise, and brighter in a corner where it touches."""
     images = 100.0 + np.random.default_rng(0).normal(0.0, 2.0, (len(recording), 48, 32, 3))
     images[recording.contact, :20, :20] += 60.0
-    coded = tuple(png(np.rint(image).astype(np.uint8)) for image in images)
+    coded = tuple(encoded(np.rint(image).astype(np.uint8)) for image in images)
     return replace(recording, sensor=replace(POINT, image_height=48, image_width=32), image=coded, codec="png")
-
-
-def unit_seen(level: float = 100.0, height: int = 48, width: int = 32) -> Calibration:
-    """Return what is known of the sensor unit of `seen`: its untouched gel, of this level."""
-    return Calibration(Background(*(np.full((height, width, 3), each, np.float32) for each in (level, 2.0))))
 
 
 def trajectory(n: int = 50, **changes: Any) -> Any:
@@ -81,7 +76,7 @@ def tiny_recording(n: int = 5, **changes: Any) -> Any:
         "object_pose": truth,
         "contact": np.arange(n) > 1,
         "episode": np.where(np.arange(n) > 1, 0, -1),
-        "image": tuple(png(image) for image in tiny_images(n)),
+        "image": tuple(encoded(image) for image in tiny_images(n)),
         "codec": "png",
         "contact_derived": True,
         "source": "a test, with ünicode",

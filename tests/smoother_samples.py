@@ -78,15 +78,13 @@ OFFSET = math.pi - 0.06  # [rad]; the sensor's yaw on the object, about 0.05, ma
 FELT = 0.01  # [rad], the standard deviation of directions and turns
 
 
-def contact(
-    steps: int, noise: NoiseSettings, seed: int = 0, tips: Any = ((0.0, 0.0),), name: str = "rectangle"
-) -> Contact:
-    """A push; `felt` adds touch."""
-    rng = np.random.default_rng(seed)
-    o, e = pushed(name, steps, tips=tips)
+def contact(steps: int, noise: NoiseSettings, tips: Any = ((0.0, 0.0),)) -> Contact:
+    """A push of the rectangle; `felt` adds touch."""
+    rng = np.random.default_rng(0)
+    o, e = pushed("rectangle", steps, tips=tips)
     return Contact(
         se2.between(o, e),
-        model_of(name, sensor(tips=tuple(tips))),
+        model_of("rectangle", sensor(tips=tuple(tips))),
         noisy(e, noise.sensor_pose.deviation, rng),
         belief_at(noisy(o[0], noise.first_pose.deviation, rng), noise, 1e-7 * np.ones((3, 3))),
         [None] * (steps + 1),
@@ -94,20 +92,20 @@ def contact(
     )
 
 
-def belief_at(pose: ArrayLike, noise: NoiseSettings, more: ArrayLike = 0.0, values: Array | None = None) -> Belief:
+def belief_at(pose: ArrayLike, noise: NoiseSettings, more: ArrayLike = 0.0) -> Belief:
     """What is known of an object before its first contact, its pose with some more covariance (3, 3)."""
     covariance = np.diag(np.square(np.concatenate([noise.first_pose.deviation, noise.priors.deviation])))
-    mean = noise.priors.mean if values is None else values
-    return Belief(np.array([pose], np.float64), mean[None], covariance[None]).inflated(np.broadcast_to(more, (3, 3)))
+    known = Belief(np.array([pose], np.float64), noise.priors.mean[None], covariance[None])
+    return known.inflated(np.broadcast_to(more, (3, 3)))
 
 
-def felt(given: Contact, direction: bool = True, turn: bool = True, seed: int = 0, first: int = 0) -> Contact:
-    """The same contact with directions and turns at most steps from the first one that has any."""
-    rng = np.random.default_rng(seed)
+def felt(given: Contact, direction: bool = True, turn: bool = True) -> Contact:
+    """The same contact with directions and turns at three of four steps."""
+    rng = np.random.default_rng(0)
     steps = len(given.truth)
     angle = contact_directions(given.truth, given.model) + rng.normal(0.0, FELT, steps)
     yaw = given.truth[:, 2] - OFFSET + rng.normal(0.0, FELT, steps)
-    said = [t >= first and t % 4 != 3 for t in range(steps)]
+    said = [t % 4 != 3 for t in range(steps)]
     directions = [ContactDirection(angle[t], FELT**2) if direction and said[t] else None for t in range(steps)]
     turns = [Turn(se2.wrap(float(yaw[t])), FELT**2) if turn and said[t] else None for t in range(steps)]
     return replace(given, directions=directions, turns=turns)
@@ -247,14 +245,11 @@ def angles_of(said: Sequence[ContactDirection | Turn | None]) -> tuple[Array, Ar
     return np.array(steps, int), np.array([one.angle for one in said if one is not None])
 
 
-def scaled_difference(belief: Belief, other: Solved | Belief) -> tuple[float, float]:
+def scaled_difference(belief: Belief, other: Solved) -> tuple[float, float]:
     """Largest difference of mean and of covariance from the other's, in its standard deviations and variances."""
-    if isinstance(other, Solved):
-        g, e = other.poses[-1]
-        pose, values, covariance = se2.compose(e, se2.inverse(g)), other.values, other.covariance
-    else:
-        pose, values, covariance = other.pose[0], other.values[0], other.covariance[0]
-    deviation = np.sqrt(np.diag(covariance))
-    mean = np.concatenate([se2.log(se2.between(belief.pose[0], pose)), values - belief.values[0]]) / deviation
-    difference = (belief.covariance[0] - covariance) / np.outer(deviation, deviation)
+    g, e = other.poses[-1]
+    deviation = np.sqrt(np.diag(other.covariance))
+    off = se2.log(se2.between(belief.pose[0], se2.compose(e, se2.inverse(g))))
+    mean = np.concatenate([off, other.values - belief.values[0]]) / deviation
+    difference = (belief.covariance[0] - other.covariance) / np.outer(deviation, deviation)
     return float(np.abs(mean).max()), float(np.abs(difference).max())

@@ -16,10 +16,6 @@ LINK = re.compile(r"\[[^]]*\]\(([^)#\s]+)[^)]*\)")
 EXAMPLE = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
-def named(pages: list[Path]) -> list[str]:
-    return [str(page.relative_to(ROOT)) for page in pages]
-
-
 @pytest.fixture(scope="module")
 def numbers() -> Any:
     with pytest.MonkeyPatch.context() as patch:
@@ -27,20 +23,13 @@ def numbers() -> Any:
         return importlib.import_module("reported_numbers")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named(PAGES))
-def test_links_and_pictures_are_there(page):
-    targets = [target for target in LINK.findall(page.read_text(encoding="utf-8")) if "://" not in target]
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_pictures_and_examples_of_a_page(page):
+    text = page.read_text(encoding="utf-8")
+    targets = [target for target in LINK.findall(text) if "://" not in target]
     assert [target for target in targets if not (page.parent / target).exists()] == []
-
-
-@pytest.mark.parametrize("page", PAGES, ids=named(PAGES))
-def test_pages_load_nothing_from_the_network(page):
-    assert not re.search(r"!\[[^]]*\]\(https?:|<(script|img|iframe|link)\b", page.read_text(encoding="utf-8"))
-
-
-@pytest.mark.parametrize("page", PAGES, ids=named(PAGES))
-def test_examples_are_python_and_name_what_there_is(page):
-    for example in EXAMPLE.findall(page.read_text(encoding="utf-8")):
+    assert not re.search(r"!\[[^]]*\]\(https?:|<(script|img|iframe|link)\b", text)  # nothing is loaded from the network
+    for example in EXAMPLE.findall(text):
         for node in ast.walk(ast.parse(example)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "palpate":
                 assert hasattr(palpate, node.attr), node.attr

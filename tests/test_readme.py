@@ -16,12 +16,10 @@ README = """# a thing
 ## Install
 
     python -m pip install .
-    make ready
 
 ## Use
 
     palpate info push.mcap      # what is in it
-    palpate track push.mcap
 
 ```python
 for frame in recording:
@@ -40,7 +38,7 @@ for frame in recording:
 
 def test_steps_are_the_blocks_of_code_but_for_installing():
     assert runpy.run_path(str(STEPS))["steps"](README) == [
-        ("shell", "palpate info push.mcap      # what is in it\npalpate track push.mcap\n"),
+        ("shell", "palpate info push.mcap      # what is in it\n"),
         ("python", "for frame in recording:\n    print(frame)\n"),
         ("shell", "palpate live\n"),
     ]

@@ -67,11 +67,7 @@ def test_the_wheel_works_without_the_extras(wheel, tmp_path):
     subprocess.run([*words, str(wheel)], check=True)
     assert (tmp_path / "bin" / "palpate").exists()
     palpate.write_recording(pushed(), tmp_path / "push.mcap")
-    lacking = {
-        "sim": "simulate out",
-        "train": "train . --out out",
-        "view": "view push.mcap",
-    }
+    lacking = {"sim": "simulate out", "train": "train . --out out", "view": "view push.mcap"}
     words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.mcap push.tum"]
     environment = {"PYTHONPATH": str(tmp_path), "NO_COLOR": "1"}
     done = subprocess.run([*words, *lacking.values()], cwd=tmp_path, capture_output=True, text=True, env=environment)
@@ -90,11 +86,12 @@ def modules_of_extras(wheel: Path) -> list[str]:
         said = Parser().parsestr(packed.read(name).decode()).get_all("Requires-Dist", [])
     always, extras = set(), set()
     for requirement in said:
-        match = re.match(r"[\w.-]+", requirement)
-        assert match is not None
-        (extras if "extra ==" in requirement else always).add(match[0].lower().replace("_", "-"))
-    by_module = packages_distributions()
+        name = re.split(r"[^\w.-]", requirement)[0]
+        (extras if "extra ==" in requirement else always).add(plain(name))
     lacking = extras - always - {"palpate"}
-    return [
-        module for module, names in by_module.items() if {name.lower().replace("_", "-") for name in names} <= lacking
-    ]
+    return [module for module, names in packages_distributions().items() if set(map(plain, names)) <= lacking]
+
+
+def plain(name: str) -> str:
+    """Return a distribution's name as pip compares it."""
+    return name.lower().replace("_", "-")

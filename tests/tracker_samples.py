@@ -17,15 +17,14 @@ from palpate.types.recording import Recording
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "batch"]
-AS_DRAWN = with_settings(
+CALIBRATED = with_settings(
     NoiseSettings(),
     first_pose={"deviation": NoiseSettings().first_pose.truth},
     priors={"depth": (0.0, 4e-4), "friction_ratio": (0.0, 0.3)},
+    sensor_pose={"calibration": (0.0, 0.0, 0.0)},
 )
-"""The defaults, expecting what pushes are drawn with: the first pose is true, the object only just touches, and c is
-the model's."""
-CALIBRATED = with_settings(AS_DRAWN, sensor_pose={"calibration": (0.0, 0.0, 0.0)})
-"""The same, sensor, world and outline being where they are thought to be, as they are in drawn pushes."""
+"""The defaults, expecting what pushes are drawn with: first pose and calibration are true, the object only just
+touches, and c is the model's."""
 
 
 def settings(

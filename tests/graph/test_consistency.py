@@ -124,15 +124,13 @@ def test_nees_of_the_object_pose_is_that_of_three_degrees_of_freedom(touch):
     assert low < of_variables.mean() < 1.1**2 * high
 
 
-def times(factor: float, deviation: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple((factor * np.array(deviation)).tolist())
-
-
 @pytest.mark.parametrize(
     "drawn",
     [
-        DrawOf(with_settings(PLAIN, first_pose={"deviation": times(2, PLAIN.first_pose.deviation)}), 40, 1),
-        DrawOf(with_settings(PLAIN, sensor_pose={"deviation": times(5, PLAIN.sensor_pose.deviation)}), 40, 1),
+        DrawOf(with_settings(PLAIN, first_pose={"deviation": tuple(2 * x for x in PLAIN.first_pose.deviation)}), 40, 1),
+        DrawOf(
+            with_settings(PLAIN, sensor_pose={"deviation": tuple(5 * x for x in PLAIN.sensor_pose.deviation)}), 40, 1
+        ),
         DrawOf(PLAIN, 40, 3, direction=5 * FELT),
         DrawOf(PLAIN, 40, 3, turn=10 * FELT),
     ],

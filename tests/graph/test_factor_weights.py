@@ -4,16 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, Linear, rows_of, sensor, touching, values_at, with_settings
+from push_samples import SHAPES, rows_of, sensor, touching, values_at, with_settings
 
 from palpate.config import NoiseSettings
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.variables import (
-    GRIP,
-)
-from palpate.types import measurements as said
-from palpate.types.measurements import ContactDirection
+from palpate.graph.contact_geometry import contact_model
+from palpate.graph.variables import GRIP
+from palpate.types.measurements import ContactDirection, Turn
 
 ONE_TIP = contact_model(SHAPES["rectangle"], sensor(), 0.06)
 EDGE = np.arctan(0.4)  # half angle of the friction cone at a grip of 0.4
@@ -25,28 +22,19 @@ SLIDE = with_settings(  # holds to 5e-5 m, slides by 3e-3 m, where the sensor mo
 )
 
 
-def pushed_at(angle: Any, model: ContactModel, noise: NoiseSettings, moved: float = 1e-3, grip: float = 0.4) -> dict:
-    """Linear of sticking, balance and cone by name, with the pushing force at angles (N,) from the normal.
+def sigmas(noise: NoiseSettings, angle: Any, moved: float = 1e-3, grip: float = 0.4) -> np.ndarray:
+    """Standard deviations (N, 4) of sticking, balance and cone, with the pushing force at angles (N,) from the normal.
 
     The sensor has moved so far in the step; the contact sticks.
     """
     angle = np.atleast_1d(np.asarray(angle, np.float64))
-    g = np.tile(touching(model, 0.02), (len(angle), 2, 1))
+    g = np.tile(touching(ONE_TIP, 0.02), (len(angle), 2, 1))
     o = np.zeros((len(angle), 2, 3))
     o[:, 1, 0], o[:, 1, 1] = 1e-3 * np.cos(angle), 1e-3 * np.sin(angle)
-    at = values_at(model, g, se2.compose(o, g), {GRIP: grip})
-    pushing = ("sticking", "balance") if noise.friction_cone.share is None else ("sticking", "balance", "friction_cone")
-    return {name: rows_of(name, at, moved=moved, noise=noise) for name in pushing}
-
-
-def sigmas(noise: NoiseSettings, angle: Any, moved: float = 1e-3, grip: float = 0.4) -> np.ndarray:
-    """Standard deviations (N, 4) of sticking, balance and cone."""
-    rows = pushed_at(angle, ONE_TIP, noise, moved, grip)
+    at = values_at(ONE_TIP, g, se2.compose(o, g), {GRIP: grip})
+    rows = [rows_of(name, at, moved=moved, noise=noise) for name in ("sticking", "balance", "friction_cone")]
     with np.errstate(divide="ignore"):
-        found = [rows[name].information[:, 0] ** -0.5 for name in rows]
-    if "friction_cone" not in rows:
-        found.append(np.full((len(found[0]), 1), np.inf))
-    return np.concatenate(found, axis=1)
+        return np.concatenate([each.information[:, 0] ** -0.5 for each in rows], axis=1)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.1, -0.1])
@@ -88,12 +76,6 @@ def test_between_holding_and_sliding(side):
     np.testing.assert_allclose(sigmas(SLIDE, side * EDGE, grip=0.8)[0, :2], holds, rtol=1e-4)
 
 
-def cauchy(rows: Linear, scale: float, together: bool) -> np.ndarray:
-    """Weights by 1 / (1 + e^2 / k^2): 1 at no error, 1/2 at k, 1/10 at 3 k."""
-    square = rows.information * rows.residual**2
-    return rows.information / (1.0 + (square.sum(axis=-1, keepdims=True) if together else square) / scale**2)
-
-
 @pytest.mark.parametrize(
     ("slid", "left"),
     [
@@ -121,7 +103,10 @@ def test_the_kernels_of_pushing():
     kernels = with_settings(SLIDE, sticking={"kernel": 3.0}, balance={"kernel": 2.0}, friction_cone={"kernel": 4.0})
     for name, scale in (("sticking", 3.0), ("balance", 2.0), ("friction_cone", 4.0)):
         rows, free = (rows_of(name, at, moved=1e-3, noise=noise) for noise in (kernels, SLIDE))
-        np.testing.assert_allclose(rows.weight, cauchy(rows, scale, name == "sticking"))
+        square = rows.information * rows.residual**2
+        if name == "sticking":  # both rows together
+            square = square.sum(axis=-1, keepdims=True)
+        np.testing.assert_allclose(rows.weight, rows.information / (1.0 + square / scale**2))
         share = rows.weight[rows.weight > 0.0] / rows.information[rows.weight > 0.0]
         assert share.min() < 0.5  # there is something to see
         np.testing.assert_allclose(free.weight, free.information)
@@ -129,23 +114,17 @@ def test_the_kernels_of_pushing():
 
 
 @pytest.mark.parametrize("kernel", [3.0, None])
-def test_the_weight_of_contact(kernel):
-    # 9 mm are 9 standard deviations: 1 / (1 + 81 / 9) = 0.1.
+def test_the_weights_of_contact_direction_and_turn(kernel):
+    # 9 mm and 0.09 rad at standard deviations of 1 mm and 0.01 rad are 9: 1 / (1 + 81 / 9) = 0.1.
+    left = 1.0 if kernel is None else 0.1
     g = touching(ONE_TIP, 0.02)
-    at = values_at(ONE_TIP, [[g], [g - [9e-3, 0.0, 0.0]]])
     noise = with_settings(NoiseSettings(), contact={"deviation": 1e-3, "kernel": kernel})
-    rows = rows_of("contact", at, noise=noise)
-    np.testing.assert_allclose(rows.weight[:, 0, 0], [1e6, 1e6 if kernel is None else 1e5], rtol=1e-4)
+    rows = rows_of("contact", values_at(ONE_TIP, [[g], [g - [9e-3, 0.0, 0.0]]]), noise=noise)
     np.testing.assert_allclose(rows.information[:, 0, 0], 1e6)
-
-
-@pytest.mark.parametrize("kernel", [3.0, None])
-def test_the_weights_of_direction_and_turn(kernel):
-    # 0.09 rad at a standard deviation of 0.01 are 9: 1 / (1 + 81 / 9) = 0.1.
+    np.testing.assert_allclose(rows.weight[:, 0, 0], [1e6, left * 1e6], rtol=1e-4)
     # The variance is four times what touch says.
-    at = values_at(ONE_TIP, [[touching(ONE_TIP, 0.02)]])
-    for name, told in (("direction", ContactDirection), ("turn", said.Turn)):
+    for name, told in (("direction", ContactDirection), ("turn", Turn)):
         noise = with_settings(NoiseSettings(), **{name: {"share": 4.0, "kernel": kernel}})
-        rows = rows_of(name, at, [told(0.0, 0.25e-4), told(0.09, 0.25e-4)], noise=noise)
+        rows = rows_of(name, values_at(ONE_TIP, [[g]]), [told(0.0, 0.25e-4), told(0.09, 0.25e-4)], noise=noise)
         np.testing.assert_allclose(rows.information[0, :, 0], 1e4)
-        np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, 1e4 if kernel is None else 1e3], rtol=1e-3)
+        np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, left * 1e4], rtol=1e-3)

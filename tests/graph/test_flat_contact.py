@@ -97,17 +97,6 @@ def test_the_factor_of_the_place():
         ContactPlace(math.nan, 1.0)
 
 
-def test_parts_of_a_profile():
-    finger = SensorProfile("finger", radius=0.01)
-    assert finger.round_centers.tolist() == [[-0.01, 0.0]]
-    parts = GELSIGHT_MINI.round_centers
-    assert (parts[:, 0] == -0.002).all()
-    np.testing.assert_allclose([parts[0, 1], parts[-1, 1]], [-HALF, HALF])
-    (outline,) = GELSIGHT_MINI.pads
-    assert outline[:, 1].max() == pytest.approx(GELSIGHT_MINI.half_width)
-    assert outline[:, 0].max() == pytest.approx(0.0, abs=1e-4)
-
-
 def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
     """A pad pushes a disc straight ahead, known to 0.1 mm, and all places are told 1 mm too large."""
     settings = NoiseSettings()

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from push_samples import (
+    DEEPER,
     SHAPES,
     contact_directions,
     frames,
@@ -12,10 +13,10 @@ from push_samples import (
     noisy,
     pushing_angles,
     sensor,
+    slid,
     touching,
     with_settings,
 )
-from slide_samples import DEEPER, slid
 from smoother_samples import FELT, ROBUST, belief_at
 
 from palpate import ContactDirection, Frame, NoiseSettings, Tracker, TrackerSettings

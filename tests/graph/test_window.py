@@ -35,6 +35,14 @@ def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tol
         np.testing.assert_allclose(one, two, rtol=tolerance, atol=tolerance)
 
 
+def without_touch(given, at: int, seen: ObjectPose) -> Window:
+    """The window of a contact in which only one object pose is measured, in step `at`."""
+    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0])
+    for t in range(1, len(given.sensor)):
+        window.add(given.sensor[t], [seen] if t == at else [], t / 30)
+    return window
+
+
 @pytest.mark.parametrize("touch", ["none", "directions", "turns", "both"])
 @pytest.mark.parametrize("tips", [((0.0, 0.0),), TWO_TIPS], ids=["one tip", "two tips"])
 def test_a_window_without_a_limit_is_the_batch_solution(touch, tips):
@@ -93,11 +101,7 @@ def test_a_slide_by_hand_is_found_by_a_disturbed_row(slide):
     g = given.truth.copy()
     g[-10:, 1] += np.linspace(0.0, slide, 11)[1:]
     o = se2.compose(given.sensor[-1], se2.inverse(g[-1]))
-    seen = {40: [ObjectPose(o, np.diag([1e-6, 1e-6, 1e-4]))]}
-    factors = make_factors(ROBUST, given.model)
-    window = Window(factors, given.model, given.prior, given.sensor[0])
-    for t in range(1, 41):
-        window.add(given.sensor[t], seen.get(t, []), t / 30)
+    window = without_touch(given, 40, ObjectPose(o, np.diag([1e-6, 1e-6, 1e-4])))
     window.take([0, 0])
     window.disturb([1], 10, np.array([-slide]), 0.012)
     costs = window.costs().sum(axis=(1, 2))
@@ -127,15 +131,8 @@ def test_a_late_measurement_belongs_to_the_step_of_its_time():
     given = contact(30, ROBUST)
     truth = se2.compose(given.sensor, se2.inverse(given.truth))
     off = truth[10] + [0.002, 0.0, 0.0]
-    factors = make_factors(ROBUST, given.model)
-
-    def fed(at: int, measured: list) -> Window:
-        window = Window(factors, given.model, given.prior, given.sensor[0])
-        for t in range(1, 31):
-            window.add(given.sensor[t], measured if t == at else [], t / 30)
-        return window
-
-    on_time, late = fed(10, [ObjectPose(off, 1e-8 * np.eye(3))]), fed(30, [ObjectPose(off, 1e-8 * np.eye(3), 10 / 30)])
+    on_time = without_touch(given, 10, ObjectPose(off, 1e-8 * np.eye(3)))
+    late = without_touch(given, 30, ObjectPose(off, 1e-8 * np.eye(3), 10 / 30))
     np.testing.assert_allclose(late.object_path()[0, 10], off, atol=2e-4)
     np.testing.assert_allclose(late.object_path(), on_time.object_path(), atol=2e-4)
 

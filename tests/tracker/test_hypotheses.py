@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from push_samples import (
+    HAND,
     SHAPES,
     Steering,
+    by_hand,
     contact_directions,
     frames,
     gaps,
@@ -18,8 +20,8 @@ from push_samples import (
     push,
     pushed,
     sensor,
+    slid,
 )
-from slide_samples import HAND, by_hand, slid
 from tracker_samples import CALIBRATED, nees, poses, rotation_errors, se2, settings, statuses, track, translation_errors
 
 from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import planar as se2
 import pytest
-from bag_samples import encoded as encode_image
-from recording_samples import TINY_CAMERA, tiny_images
+from recording_samples import TINY_CAMERA, encoded, tiny_images
 from scipy.spatial.transform import Rotation
 
 from palpate import DIGIT, POINT, BagChoices, Disc, FileError, PalpateError, Recording, SettingError
@@ -117,7 +116,7 @@ def test_images_that_are_stamped_late(caplog):
 
 def test_images_come_in_any_form(tmp_path):
     pixels = tiny_images(20)
-    data = [encode_image(image, "png") for image in pixels]
+    data = [encoded(image) for image in pixels]
     files = [tmp_path / f"{index}.png" for index in range(20)]
     for file, each in zip(files, data, strict=True):
         file.write_bytes(each)
@@ -201,9 +200,12 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"images": tiny_images(20)[..., 0]}, r"image 0 is uint8 of shape \(12, 8\)"),
         ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
         ({"images": [b"BM....."] * 20}, "image 0 begins with .* expected JPEG or PNG"),
-        ({"images": [*tiny_images(19), encode_image(tiny_images(1)[0], "jpeg")]}, "image 19 begins with"),
+        ({"images": [*tiny_images(19), encoded(tiny_images(1)[0], "jpeg")]}, "image 19 begins with"),
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),
-        ({"images": [encode_image(np.zeros((8, 12, 3), np.uint8))] * 20}, r"image 0: found \(8, 12\).*quarter it fits"),
+        (
+            {"images": [encoded(np.zeros((8, 12, 3), np.uint8), "jpeg")] * 20},
+            r"found \(8, 12\).*quarter it fits",
+        ),
         ({"images": None}, "images: found None, and no contact"),
         ({"time_offset": -50}, "is time_offset in seconds"),
         ({"shape": Disc(50.0)}, "the outline is 100 m wide, .*are these millimetres"),

@@ -6,8 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from bag_samples import encoded as encode_image
-from recording_samples import TINY_CAMERA, pushed, tiny_images, tiny_recording
+from recording_samples import TINY_CAMERA, encoded, pushed, tiny_images, tiny_recording
 
 from palpate import DIGIT, POINT, Disc, FileError, Frame, Recording, SettingError
 
@@ -36,7 +35,7 @@ def test_a_bare_recording_has_bare_frames():
 def test_colours_keep_their_order():
     image = np.zeros((12, 8, 3), np.uint8)
     image[..., 0] = 200
-    made = tiny_recording(1, image=(encode_image(image, "png"),), object_pose=None)
+    made = tiny_recording(1, image=(encoded(image),), object_pose=None)
     np.testing.assert_array_equal(made[0].image, image)
     # OpenCV reads the same bytes as blue, green, red: the 200 has to be in its last channel.
     raw = cv2.imdecode(np.frombuffer(made.image[0], np.uint8), cv2.IMREAD_COLOR)
@@ -46,7 +45,7 @@ def test_colours_keep_their_order():
 def test_jpeg_is_close_and_smaller():
     rows = np.linspace(0, 255, 120).astype(np.uint8)
     image = np.stack([np.tile(rows, (160, 1))] * 3, axis=-1)
-    data = encode_image(image)
+    data = encoded(image, "jpeg")
     assert data.startswith(b"\xff\xd8")
     made = tiny_recording(
         1, image=(data,), codec="jpeg", object_pose=None,
