@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.types.sensor import SensorProfile
+from palpate import SensorProfile
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from recording_samples import pushed
 from test_package import EXAMPLES
 from view_samples import imaged_push
 
-from palpate import write_recording
+from palpate import TouchModel, write_recording
 
 
 @pytest.fixture
@@ -75,7 +75,8 @@ def test_train_on_your_data(example, tmp_path, monkeypatch):
     pytest.importorskip("torch", reason="torch is not installed: pip install palpate[train]")
     from training_samples import DISC, RECTANGLE, pushes
 
-    monkeypatch.setattr("palpate.lab.train.train.exported", lambda *_: b"")  # exporting takes seconds
+    network = TouchModel(EXAMPLES.parent / "src/palpate/data/digit").network  # to export takes a minute
+    monkeypatch.setattr("palpate.lab.train.train.exported", lambda *_: network)
     write_recording(pushes(DISC, 3), tmp_path / "push-0.mcap")
     write_recording(pushes(RECTANGLE, 2), tmp_path / "push-1.mcap")
     write_recording(pushed(), tmp_path / "bare.mcap")

@@ -1,4 +1,4 @@
-"""Recordings, samples and models to learn with, made by hand."""
+"""Recordings to learn from, made by hand."""
 
 import dataclasses
 from functools import cache
@@ -6,16 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from planar import compose
+from recording_samples import encoded
 
 from palpate import DIGIT, Disc, Recording, Rectangle, Shape, write_recording
-from palpate.geometry import se2
-from palpate.lab.train.samples import Samples
-from palpate.touch.touch_model import KINDS, ModelSettings, Spread
-from palpate.types.images import encode_image
 
 SENSOR = dataclasses.replace(DIGIT, name="small", image_height=64, image_width=128)
 RECTANGLE, DISC = Rectangle(0.10, 0.06), Disc(0.04)
-SPREAD = {"direction": Spread(2.0, 3.0), "turn": Spread(0.01, 3.0)}
 UNTOUCHED, TOUCHED = 10, 64  # frames before a contact of `pushes`, and in it
 
 
@@ -46,7 +43,7 @@ def recording(g: Any, contact: Any, shape: Shape = RECTANGLE, where: Any = None,
     seen = [at if touched else None for at, touched in zip(where, contact, strict=True)]
     fields = {
         "time": np.arange(count) / 30,
-        "sensor_pose": se2.compose(pose, g),
+        "sensor_pose": compose(pose, g),
         "shape": shape,
         "sensor": SENSOR,
         "object_pose": pose,
@@ -64,7 +61,7 @@ def image(at: float | None = None, seed: int = 0) -> bytes:
     if at is not None:
         column, row = np.arange(width) - 0.5 * width * (1.0 + 0.8 * at), np.arange(height) - 0.5 * height
         levels = levels + 60.0 * np.exp(-(np.add.outer(row**2, column**2)) / (2.0 * 8.0**2))[..., None]
-    return encode_image(np.clip(levels, 0, 255).astype(np.uint8), "png")
+    return encoded(np.clip(levels, 0, 255).astype(np.uint8))
 
 
 @cache
@@ -83,7 +80,7 @@ def pushes(shape: Shape, contacts: int, seed: int = 0) -> Recording:
             g, direction = on_disc(angle, angle + np.pi + turn), -turn
         else:
             g, direction = on_left_side(rng.uniform(-0.028, 0.028), turn), -turn
-        lifted = se2.compose(g[0], [-0.01, 0.0, 0.0])
+        lifted = compose(g[0], [-0.01, 0.0, 0.0])
         parts += [np.tile(lifted, (UNTOUCHED, 1)), g]
         touched += [np.zeros(UNTOUCHED, bool), np.ones(TOUCHED, bool)]
         seen += [np.zeros(UNTOUCHED), direction]
@@ -96,26 +93,3 @@ def write_pushes(folder: Path) -> Path:
         write_recording(pushes((DISC, RECTANGLE)[seed % 2], 3, seed), folder / f"push-{seed}.mcap")
     write_recording(dataclasses.replace(pushes(DISC, 1), image=None), folder / "bare.mcap")
     return folder
-
-
-def samples(lengths: Any, recordings: Any = None, seed: int = 0) -> Samples:
-    """Samples of contacts of these lengths, in these recordings; each difference is its number throughout."""
-    lengths = np.asarray(lengths)
-    count = int(lengths.sum())
-    rng = np.random.default_rng(seed)
-    episode = np.repeat(np.arange(len(lengths)), lengths)
-    return Samples(
-        np.broadcast_to(np.arange(count, dtype=np.float16)[:, None, None, None], (count, 2, 2, 3)),
-        episode if recordings is None else np.asarray(recordings)[episode],
-        episode,
-        rng.uniform(-0.3, 0.3, count),
-        rng.uniform(-0.3, 0.3, count),
-        rng.uniform(-0.01, 0.01, count),
-        rng.integers(len(KINDS), size=count),
-    )
-
-
-def model_settings(**changes: Any) -> ModelSettings:
-    """Settings of a model of SENSOR."""
-    settings = ModelSettings("small", 64, 128, SPREAD, {"seed": 0})
-    return dataclasses.replace(settings, **changes)

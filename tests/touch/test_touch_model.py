@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from training_samples import model_settings
 
 from palpate import (
     DIGIT,
@@ -32,6 +31,7 @@ from palpate.touch.touch_model import (
     COLUMNS,
     ROWS,
     SHIPPED,
+    ModelSettings,
     Spread,
     TouchReading,
     difference,
@@ -42,11 +42,13 @@ from palpate.touch.touch_model import (
 )
 
 NETWORK = b"a network"
+SPREAD = {"direction": Spread(2.0, 3.0), "turn": Spread(0.01, 3.0)}
+SETTINGS = ModelSettings("small", 64, 128, SPREAD, {"seed": 0})
 
 
 @pytest.fixture
 def folder(tmp_path):
-    write_model(tmp_path, model_settings(), NETWORK)
+    write_model(tmp_path, SETTINGS, NETWORK)
     return tmp_path
 
 
@@ -56,7 +58,7 @@ def rewrite(folder, **changes):
 
 
 def test_round_trip(folder):
-    model, settings = TouchModel(str(folder)), model_settings()
+    model, settings = TouchModel(str(folder)), SETTINGS
     assert model.network == NETWORK
     assert (model.settings.sensor, dict(model.settings.spread)) == (settings.sensor, dict(settings.spread))
     assert model.hash == fingerprint(json.loads((folder / "model.json").read_text())["settings"], NETWORK)

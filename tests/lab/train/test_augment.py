@@ -2,16 +2,35 @@
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
-from training_samples import samples
 
 from palpate.lab.train.augment import Augmentation, batch, draw_groups, varied_batch
+from palpate.lab.train.samples import Samples
+from palpate.touch.touch_model import KINDS
 from palpate.types.sensor import DIGIT
 
 LENGTHS = [5, 80, 11, 200, 6]
 NONE = Augmentation((1.0, 1.0), (1.0, 1.0), 0.0, (0.0, 0.0), 0.0, 0.0, 0.0)
+
+
+def samples(lengths: Any, recordings: Any = None, seed: int = 0) -> Samples:
+    """Samples of contacts of these lengths, in these recordings; each difference is its number throughout."""
+    lengths = np.asarray(lengths)
+    count = int(lengths.sum())
+    rng = np.random.default_rng(seed)
+    episode = np.repeat(np.arange(len(lengths)), lengths)
+    return Samples(
+        np.broadcast_to(np.arange(count, dtype=np.float16)[:, None, None, None], (count, 2, 2, 3)),
+        episode if recordings is None else np.asarray(recordings)[episode],
+        episode,
+        rng.uniform(-0.3, 0.3, count),
+        rng.uniform(-0.3, 0.3, count),
+        rng.uniform(-0.01, 0.01, count),
+        rng.integers(len(KINDS), size=count),
+    )
 
 
 @pytest.mark.parametrize("episodes", [None, [3, 9, 4, 17, 5]])  # counted through, or some of them in any order

@@ -8,7 +8,7 @@ import onnx
 import pytest
 import torch
 from scipy.stats import norm
-from training_samples import samples
+from test_augment import samples
 
 from palpate.errors import EstimationError
 from palpate.lab.train.networks import WIDTH, TouchNetwork, exported, restore, width_of
