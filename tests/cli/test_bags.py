@@ -38,7 +38,7 @@ def test_options_have_the_defaults_of_the_library(run_palpate):
 def test_info_lists_topics_and_what_would_be_read(succeeds, json_of):
     out = succeeds("info", "push.bag")
     (image,) = [" ".join(line.split()) for line in out.splitlines() if "sensor_msgs/msg/CompressedImage" in line]
-    assert "/digit/image/compressed sensor_msgs/msg/CompressedImage ros1 24 30 0 0.0333" in image
+    assert "/digit/image/compressed sensor_msgs/msg/CompressedImage ros1 24 30 0.0333" in image
     assert "palpate track push.bag --shape NAME|FILE --first-pose X Y THETA" in out
     found = json_of("info", "push.bag")
     assert (found["format"], found["cut"], found["images"]) == ("bag", False, "/digit/image/compressed")
