@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from recording_samples import encoded
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -157,3 +159,12 @@ def build_message(store: Any, type_: str, content: Any) -> Any:
         else:
             values[name] = value
     return store.types[type_](**values)
+
+
+def decoded_by_another(path: Path) -> dict[str, list[Any]]:
+    """Return (log time, message) by topic as `mcap-ros2-support` decodes them; palpate itself uses `rosbags`."""
+    by_topic: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for _, channel, raw, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            by_topic.setdefault(channel.topic, []).append((raw.log_time, message))
+    return by_topic

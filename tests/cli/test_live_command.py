@@ -14,10 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_samples import push_messages, write_bag
+from bag_samples import decoded_by_another, push_messages, write_bag
 from live_samples import FakeCapture, free_port, pose_packet, sending, wait_for
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from view_samples import FRAMES, imaged_push, without_display
 
 import palpate
@@ -75,15 +73,12 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     assert found["rate_hz"] == pytest.approx(60.0)
     assert 0.0 < found["latency_ms"]["p50"] <= found["latency_ms"]["p99"] <= found["latency_ms"]["max"]
     same_frames("live.mcap", FRAMES)
-    topics: dict[str, list[Any]] = {}  # as another program decodes them
-    with Path("live.mcap").open("rb") as file:
-        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            topics.setdefault(channel.topic, []).append(message)
+    topics = decoded_by_another(Path("live.mcap"))
     poses, diagnoses = topics["/palpate/object_pose"], topics["/palpate/diagnostics"]
     assert len(poses) == len(diagnoses) == found["tracked"] and len(topics["/sensor/pose"]) == FRAMES
-    values = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
+    values = [{each.key: each.value for each in one.status[0].values} for _, one in diagnoses]
     assert all(float(one["latency [ms]"]) > 0.0 and "sensor pose age [ms]" in one for one in values)
-    assert {one.status[0].message for one in diagnoses} == set(found["statuses"])
+    assert {one.status[0].message for _, one in diagnoses} == set(found["statuses"])
     code, out, _ = run_palpate("track", "live.mcap", "--first-pose", "0.3", "0.05", "0", "--json")
     assert code == 0 and json.loads(out)["frames"] == FRAMES
 

@@ -145,18 +145,10 @@ def test_compressed_images_that_are_refused(tmp_path):
 
 
 def test_poses_with_covariance(tmp_path):
-    with_covariance = [
-        Message(
-            pose.topic,
-            pose.log_time,
-            "geometry_msgs/msg/PoseWithCovarianceStamped",
-            {
-                "header": pose.content["header"],
-                "pose": {"pose": pose.content["pose"], "covariance": np.zeros(36)},
-            },
-        )
-        for pose in poses()
-    ]
+    kind, with_covariance = "geometry_msgs/msg/PoseWithCovarianceStamped", []
+    for pose in poses():
+        content = pose.content | {"pose": {"pose": pose.content["pose"], "covariance": np.zeros(36)}}
+        with_covariance.append(replace(pose, type=kind, content=content))
     recording = read(tmp_path, few_images() + with_covariance)
     same_poses(recording.sensor_pose, true_pose(image_times(6)))
 
@@ -214,21 +206,13 @@ FORKED = few_images() + still("base left", "base right")
 @pytest.mark.parametrize(
     ("messages", "choices", "words"),
     [
-        (
-            TWO_IMAGES + poses(),
-            {},
-            r"more than one image topic; there are /digit/image/compressed, /other; name .* --images",
-        ),
+        (TWO_IMAGES + poses(), {}, "more than one image topic; there are /digit/image/compressed, /other; .* --images"),
         (TWO_POSES, {}, "more than one source of poses; there are /ee_pose, /object; name one by --sensor-poses"),
         (TWO_POSES, {"sensor_poses": "/ee"}, "has no source of poses '/ee'; there are /ee_pose, /object; name one"),
         (TWO_POSES, {"images": "/camera"}, "has no image topic '/camera'; there are /digit/image/compressed; name"),
         (poses(), {}, "has no image topic; there are none of a type that is read"),
         (few_images(), {}, "has no source of poses; there are none of"),
-        (
-            FORKED,
-            {},
-            r"no source of poses; .* frames of transforms are base, left, right; .* --sensor-poses .* PARENT:CHI",
-        ),
+        (FORKED, {}, "no source of poses; .* frames of transforms are base, left, right; .* --sensor-poses .* PARENT:"),
         (FORKED, {"sensor_poses": "base:gel"}, "no chain .* from 'base' to 'gel'; frames are base, left, right"),
         (FORKED + still("lost tag"), {"sensor_poses": "left:tag"}, "no chain of transforms leads from 'left' to 'tag'"),
         (few_images() + still("a b", "b a"), {"sensor_poses": "a:b"}, "transforms run in a circle: a < b < a"),
@@ -275,14 +259,8 @@ def restamped(messages: list[Message], stamp: Any) -> list[Message]:
     ("stamp", "message"),
     [
         (lambda time: 0, "6 headers in /digit/image/compressed have a stamp of zero; --clock log takes"),
-        (
-            lambda time: time - 40 * 10**9,
-            r"-40\.003 s off .* in /digit/image/compressed, -0\.001 s in /ee_pose; --clock",
-        ),
-        (
-            lambda time: time + (time > START + 10**8) * 5 * 10**9,
-            "in /digit/image/compressed jump by 5.0 s against the",
-        ),
+        (lambda time: time - 40 * 10**9, r"-40\.003 s off .* in /digit/image/compressed, -0\.001 s in /ee_pose; --cl"),
+        (lambda time: time + (time > START + 10**8) * 5 * 10**9, "in /digit/image/compressed jump by 5.0 s against"),
     ],
 )
 def test_clocks_that_do_not_go_together(tmp_path, stamp, message):
@@ -312,65 +290,24 @@ def lifted(height: Any, turn: Any = None) -> list[Message]:
 
 
 def test_poses_of_one_topic_in_several_frames_are_refused(tmp_path):
-    times = pose_times()
-    poses = [pose_message(stamp, pose) for stamp, pose in zip(times, true_pose(times), strict=True)]
-    poses[5] = pose_message(times[5], true_pose(times)[5], frame="map")
+    mixed = [*poses()[:5], *poses(frame="map")[5:6], *poses()[6:]]
     with pytest.raises(FileError, match="/ee_pose: poses are given in several frames, 'map', 'world'"):
-        read(tmp_path / "a", few_images(3) + poses)
-
-
-def test_poses_in_millimetres_are_asked_about(tmp_path):
-    times = pose_times()
-    in_millimetres = true_pose(times) * np.array([1e3, 1e3, 1.0])
-    poses = [pose_message(stamp, pose, height=100.0) for stamp, pose in zip(times, in_millimetres, strict=True)]
-    with pytest.raises(FileError, match=r"/ee_pose.: found positions that span .* are these millimetres"):
-        read(tmp_path / "a", few_images(24) + poses)
+        read(tmp_path / "a", few_images(3) + mixed)
 
 
 def test_poses_off_the_plane_are_refused_unless_they_are_allowed(tmp_path):
     rising = lifted(lambda seconds: 0.1 + 0.05 * max(0.0, seconds - 0.5))
-    with pytest.raises(
-        FileError, match=r"/ee_pose\) is 11\.0 mm off the plane at 17.* allowed are 10 mm; .*--off-plane"
-    ):
+    with pytest.raises(FileError, match=r"/ee_pose\) is 11\.0 mm off the plane at 17.* 10 mm; .*--off-plane"):
         read(tmp_path / "a", few_images(24) + rising)
     same_poses(read(tmp_path / "b", few_images(24) + rising, off_plane=0.05).sensor_pose, true_pose(image_times()))
 
 
-def test_tilt_is_told_and_refused_where_it_is_steep(tmp_path, caplog):
-    gently = lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("y", np.radians(5.0)))
-    same_poses(read(tmp_path / "a", few_images() + gently).sensor_pose, true_pose(image_times(6)))
-    assert "the sensor (/ee_pose) is tilted out of the plane by up to 5.0 degrees" in caplog.text
+def test_a_steep_tilt_is_refused_and_a_sensor_upside_down_told(tmp_path, caplog):
     steeply = lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("y", np.radians(90.0)))
     with pytest.raises(FileError, match=r"has its x axis -90\.0 degrees out of the plane .* allowed are 20"):
         read(tmp_path / "b", few_images() + steeply)
-    caplog.clear()
     read(tmp_path / "c", few_images() + lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("x", np.pi)))
     assert "the sensor's z axis points against the plane's normal" in caplog.text
-
-
-def test_a_wall_as_the_plane(tmp_path, caplog):
-    """A push along a wall, in the plane of y and z: given by its normal, or fitted."""
-    turn = Rotation.from_matrix(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))  # x to y, y to z, z to x
-    messages = []
-    for time in pose_times():
-        seconds = (time - START) * 1e-9
-        pose = np.array([0.1 * np.sin(4 * seconds), 0.1 * np.cos(4 * seconds), 0.3 * seconds])
-        content = pose_content(turn.apply([*pose[:2], 0.4]), turn * Rotation.from_euler("z", pose[2]))
-        message = {"header": header(time), "pose": content}
-        messages.append(Message("/ee_pose", int(time), "geometry_msgs/msg/PoseStamped", message))
-    with pytest.raises(FileError, match="off the plane"):
-        read(tmp_path / "level", few_images(24) + messages)
-    given = read(tmp_path / "given", few_images(24) + messages, plane=(1.0, 0.0, 0.0))
-    fitted = read(tmp_path / "fit", few_images(24) + messages, plane="fit")
-    seconds = (image_times() - START) * 1e-9
-    wanted = np.column_stack([0.1 * np.sin(4 * seconds), 0.1 * np.cos(4 * seconds), 0.3 * seconds])
-    same_poses(given.sensor_pose, wanted, within=3e-4)  # poses between messages lie on chords
-    # The fitted normal is plus or minus that of the wall; how far frames are apart does not depend on it.
-    moved = [each.sensor_pose[-1] - each.sensor_pose[0] for each in (given, fitted)]
-    assert np.hypot(*moved[0][:2]) == pytest.approx(np.hypot(*moved[1][:2]), abs=1e-6)
-    assert abs(moved[0][2]) == pytest.approx(abs(moved[1][2]), abs=1e-6)
-    assert "the sensor moves in the plane 90.0 degrees off its xy plane at" in caplog.text
-    assert "plane 90.0 degrees off its xy plane" in given.frames["sensor_pose"]
 
 
 def test_choices_that_are_none():

@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
+from bag_samples import decoded_by_another
 from planar import compose
 from recording_samples import trajectory
 from scipy.spatial.transform import Rotation
 
-from palpate import FileError, Trajectory
+from palpate import Trajectory
 from palpate import io as formats
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.types.estimate import Answer
@@ -35,21 +34,16 @@ def test_estimates_to_mcap_and_back(tmp_path):
         else:
             assert np.array_equal(found.covariance, made.covariance)
             assert np.array_equal(found.contact, made.contact)
-    with pytest.raises(FileError, match="holds a trajectory, not a recording"):
-        formats.load_recording(tmp_path / "all.mcap")
-
-
-def decoded_by_another(path: Any) -> dict[str, list[Any]]:
-    """All messages by topic as `mcap-ros2-support` decodes them; palpate itself uses `rosbags`."""
-    by_topic: dict[str, list[Any]] = {}
-    with path.open("rb") as file:
-        for _, channel, raw, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            by_topic.setdefault(channel.topic, []).append((raw.log_time, message))
-    return by_topic
 
 
 def stamp(message: Any) -> float:
     return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+
+
+def same_pose(message: Any, position: Any, rotation: Any) -> None:
+    point, turn = message.position, message.orientation
+    assert [point.x, point.y, point.z] == pytest.approx(position.tolist())
+    assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation)) == pytest.approx(1.0)
 
 
 def test_others_read_our_estimates(tmp_path):
@@ -65,18 +59,12 @@ def test_others_read_our_estimates(tmp_path):
     for index in range(len(made)):
         (_, message), (_, with_covariance) = poses[index], both[index]
         assert message.header.frame_id == with_covariance.header.frame_id == "table"
-        for pose in (message.pose, with_covariance.pose.pose):
-            point, turn = pose.position, pose.orientation
-            assert [point.x, point.y, point.z] == pytest.approx(position[index].tolist())
-            assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[index])) == pytest.approx(1.0)
+        same_pose(message.pose, position[index], rotation[index])
+        same_pose(with_covariance.pose.pose, position[index], rotation[index])
         assert np.array_equal(np.reshape(with_covariance.pose.covariance, (6, 6)), wanted[index])
     levels = [message.status[0].level for _, message in diagnostics]
-    assert [int.from_bytes(level, "little") if isinstance(level, bytes) else level for level in levels[:4]] == [
-        0,
-        1,
-        2,
-        0,
-    ]
+    as_numbers = [int.from_bytes(level, "little") if isinstance(level, bytes) else level for level in levels[:4]]
+    assert as_numbers == [0, 1, 2, 0]
     assert diagnostics[1][1].status[0].message == "ambiguous"
     values = {value.key: value.value for value in diagnostics[0][1].status[0].values}
     assert values["contact"] == str(bool(made.contact[0])).lower()
@@ -101,9 +89,7 @@ def test_others_read_all_answers(tmp_path):
         assert array.header.frame_id == "table"
         position, rotation = out_of_plane(plane, wanted[index])
         for n, pose in enumerate(array.poses):
-            point, turn = pose.position, pose.orientation
-            assert [point.x, point.y, point.z] == pytest.approx(position[n].tolist())
-            assert abs(np.dot([turn.x, turn.y, turn.z, turn.w], rotation[n])) == pytest.approx(1.0)
+            same_pose(pose, position[n], rotation[n])
         values = {value.key: value.value for value in diagnosis.status[0].values}
         weights = [float(word) for word in values["answer weights"].split()]
         assert weights == ([0.6, 0.3, 0.1] if index == 1 else [1.0])

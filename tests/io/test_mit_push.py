@@ -64,13 +64,10 @@ def test_mit_drop_outs_have_no_truth(tmp_path):
 
 
 def test_mit_at_rest_nothing_drops_out(tmp_path):
-    def stop(pusher):
-        pusher[:, 1500:] = pusher[:, 1500:1501]
+    def rest(values):
+        values[:, 1500:] = values[:, 1500:1501]
 
-    def rest(slider):
-        slider[:, 1500:] = slider[:, 1500:1501]
-
-    found = load(save_mit(tmp_path / "a.json", mit(q_pusher_sensed=stop, q_slider=rest)))
+    found = load(save_mit(tmp_path / "a.json", mit(q_pusher_sensed=rest, q_slider=rest)))
     assert not np.isnan(found.object_pose).any()
 
 
@@ -110,10 +107,7 @@ def test_mit_tip_that_stands_still_points_along_x(tmp_path):
         (lambda d: d["q_sliderJSON"][0].pop(), "q_sliderJSON: rows have different lengths"),
         (lambda d: d["timeJSON"].__setitem__(3, float("nan")), "timeJSON: frame 3 is nan"),
         (lambda d: d["timeJSON"].__setitem__(3, "x"), "timeJSON: found text, expected numbers"),
-        (
-            lambda d: d["q_pusher_sensedJSON"][0].__setitem__(7, float("inf")),
-            "q_pusher_sensedJSON: frame 7 is",
-        ),
+        (lambda d: d["q_pusher_sensedJSON"][0].__setitem__(7, float("inf")), "q_pusher_sensedJSON: frame 7 is"),
         (lambda d: d.update(timeJSON=[], q_sliderJSON=[[]] * 3, q_pusher_sensedJSON=[[]] * 2), "no frames"),
     ],
 )

@@ -10,9 +10,9 @@ import pytest
 from view_samples import CAMERA
 
 from palpate import Estimate, FrameError
+from palpate.cli.live import table_of
 from palpate.live.session import LiveState, track_live
 from palpate.live.sources import Clock, Sources, TimedPose, TouchImage
-from palpate.live.table import table_of
 
 GEL = np.full((CAMERA.image_height, CAMERA.image_width, 3), 90, np.uint8)
 

@@ -47,15 +47,6 @@ def test_a_run_without_truth_shows_sigma(tracked):
     assert "no ground truth" in figure.get_suptitle() and not {"truth", "error"} & legend(figure)
 
 
-def test_the_title_has_the_final_pose_with_its_sigma_along_the_axes_of_the_world(tracked):
-    x, y, yaw = tracked.online.pose[-1]
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    sx, sy = np.sqrt(np.diag(turn @ tracked.online.covariance[-1][:2, :2] @ turn.T)) * 1e3
-    syaw = np.degrees(np.sqrt(tracked.online.covariance[-1, 2, 2]))
-    pose = f"x {1e3 * x:.1f} ± {sx:.1f} mm, y {1e3 * y:.1f} ± {sy:.1f} mm, yaw {np.degrees(yaw):.1f} ± {syaw:.1f}°"
-    assert f"final pose {pose} (1 sigma)" in run_figure(tracked).get_suptitle()
-
-
 def test_unknown_truth_is_left_blank(tracked):
     truth = tracked.recording.object_pose.copy()
     truth[8:12] = np.nan

@@ -115,13 +115,6 @@ def test_plots_hold_errors_and_status(entities, online):
     assert [entities["/status"][frame][0] for frame in range(FRAMES)] == list(online.status)
 
 
-def test_a_layout_comes_along(saved):
-    from rerun.chunk import RrdReader
-
-    assert len(RrdReader(saved).blueprints()) == 1
-    assert [entry.application_id for entry in RrdReader(saved).recordings()] == ["palpate"]
-
-
 def test_a_bare_recording_is_shown_with_its_dates(run_palpate):
     bare = replace(pushed(), object_pose=None, contact=None)
     palpate.write_recording(replace(bare, time=bare.time + 1.7e9), "day.mcap")

@@ -1,6 +1,8 @@
 """`palpate live`: tracks as it happens, shows it and records it."""
 
-from contextlib import ExitStack
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +12,9 @@ from palpate.cli.options import Bag, Force, Json, Start, Touch, arg, check_new
 from palpate.errors import SettingError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from palpate.live.session import LiveState
     from palpate.live.sources import Sources
     from palpate.touch.calibration import Calibration
     from palpate.types.recording import Recording
@@ -86,7 +91,6 @@ def live(
     from palpate.config import TrackerSettings
     from palpate.live.recorder import recorder
     from palpate.live.session import LiveState, stop_on_signals, track_live
-    from palpate.live.table import live_table
     from palpate.tracker import Tracker
 
     if touch.tactile == "oracle":
@@ -122,3 +126,43 @@ def live(
     if record and not json:
         print_line(f"recorded: {record}")
     return 0
+
+
+@contextmanager
+def live_table(title: str, state: "LiveState") -> Iterator[None]:
+    """Show the table on standard error while the block runs; nothing is shown where that is no terminal."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True, force_terminal=sys.stderr.isatty())  # FORCE_COLOR would ask for a table in a file
+    if not console.is_terminal:
+        yield
+        return
+    with Live(get_renderable=lambda: table_of(title, state), console=console, refresh_per_second=5, transient=True):
+        yield
+
+
+def table_of(title: str, state: "LiveState") -> "Table":
+    """Return the table of a session as it stands."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    from palpate.pipeline.metrics import pose_words, world_sigma
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, show_header=False)
+    table.add_column(style="dim")
+    table.add_column(min_width=60, overflow="fold")
+    rate, counts = state.rate, state.counts
+    seen = f"{counts['tracked']} tracked, {counts['dropped']} dropped, {counts['without_pose']} without a pose"
+    rows = {"images": f"{'-' if rate is None else f'{rate:.1f}'} Hz; {seen}"}
+    rows |= dict.fromkeys(("latency", "contact", "status", "object"), "-")
+    rows["sensor poses"] = f"{counts['refused_poses']} refused"
+    if state.last:
+        one, recent = state.last.estimate, state.latency_ms(600)
+        rows["latency"] = f"{recent['p50']:.1f} ms, 99 %: {recent['p99']:.1f} ms"
+        rows["contact"] = "yes" if one.contact else "no"
+        rows["status"] = f"{one.status}{one.reason and f': {one.reason}'}"
+        rows["object"] = pose_words(one.pose, world_sigma(one.pose, one.covariance))
+    for name, words in rows.items():
+        table.add_row(name, words)
+    return table
