@@ -29,7 +29,7 @@ from palpate import (
 from palpate.geometry import se2
 from palpate.lab.simulate.gel import ball_overlap, render, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
-from palpate.lab.train.presses_of import presses_of
+from palpate.lab.train.samples import presses_of
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, CameraView, DirectionCorrection, views
 from palpate.touch.press_calibration import (

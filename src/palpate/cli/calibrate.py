@@ -116,7 +116,7 @@ def _by_presses(
 ) -> Result:
     """Calibrate by presses, of a table or a recording, and the untouched gel."""
     from palpate.files import in_file
-    from palpate.lab.train.presses_of import presses_of
+    from palpate.lab.train.samples import presses_of
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
     from palpate.touch.press_calibration import learn_from_presses, read_image, read_presses, untouched_images

@@ -64,21 +64,15 @@ def draw_groups(samples: Samples, count: int, size: int, rng: np.random.Generato
 
     All kinds of contact come equally often: true corners are rare, and the hardest to read.
     """
-    first, last = span_of_contacts(samples)
+    starts = np.flatnonzero(np.diff(samples.episode, prepend=-1))
+    ends = np.append(starts[1:], len(samples)) - 1
+    contact = np.searchsorted(starts, np.arange(len(samples)), side="right") - 1  # of each sample
     kinds, kind, each = np.unique(samples.kind, return_inverse=True, return_counts=True)
     place = np.concatenate([[0], np.cumsum(each)[:-1]])[(chosen := rng.integers(len(kinds), size=count))]
     middle = np.argsort(kind, kind="stable")[place + (rng.random(count) * each[chosen]).astype(int)]
-    begin = np.maximum(first[middle], middle - rng.integers(longest + 1, size=count))
-    length = np.minimum(begin + longest, last[middle]) - begin + 1
+    begin = np.maximum(starts[contact[middle]], middle - rng.integers(longest + 1, size=count))
+    length = np.minimum(begin + longest, ends[contact[middle]]) - begin + 1
     return begin[:, None] + (rng.random((count, size)) * length[:, None]).astype(int)
-
-
-def span_of_contacts(samples: Samples) -> tuple[Indices, Indices]:
-    """Return the first and the last sample (N,) of the contact of each sample."""
-    starts = np.flatnonzero(np.diff(samples.episode, prepend=-1))
-    ends = np.append(starts[1:], len(samples)) - 1
-    contact = np.searchsorted(starts, np.arange(len(samples)), side="right") - 1
-    return starts[contact], ends[contact]
 
 
 def batch(samples: Samples, chosen: Indices) -> Tensor:

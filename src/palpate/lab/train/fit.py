@@ -84,7 +84,13 @@ def fit(
         progressed["log"].append({"step": step + 1} | {key: float(value.detach()) for key, value in both.items()})
         progressed["step"] = step + 1
         _save(progressed | begun_with | {key: part.state_dict() for key, part in parts.items()}, checkpoint)
-        _write_log(progressed["log"], folder / f"{name}.csv")
+        with (
+            whole_file(folder / f"{name}.csv", overwrite=True) as log,
+            log.open("w", newline="", encoding="utf-8") as file,
+        ):
+            writer = csv.DictWriter(file, list(progressed["log"][0]))
+            writer.writeheader()
+            writer.writerows(progressed["log"])
         if progress:
             progress(step + 1, ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items()))
     network.load_state_dict(progressed["best_state"])
@@ -140,10 +146,3 @@ def _load(checkpoint: Path, begun_with: Mapping[str, int], parts: Mapping[str, A
         if found[name] != wanted:
             raise FileError(f"{checkpoint}: was begun with {name} {found[name]}, and cannot continue with {wanted}")
     return saved
-
-
-def _write_log(rows: list[dict[str, float]], path: Path) -> None:
-    with whole_file(path, overwrite=True) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
