@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import encoded, pushed
 
 import palpate
 
@@ -23,7 +23,7 @@ def recorded(n: int = 80, touched: slice = slice(40, 60), flags: bool = True, sh
     images[shown or touched, :20, :20] += 60.0
     contact = np.zeros(n, np.bool_)
     contact[touched] = True
-    coded: Any = tuple(cv2.imencode(".png", np.rint(image).astype(np.uint8))[1].tobytes() for image in images)
+    coded = tuple(encoded(np.rint(image).astype(np.uint8)) for image in images)
     given = palpate.Recording(
         np.arange(n) / 30.0, np.zeros((n, 3)), palpate.Disc(0.05), SENSOR, None, contact if flags else None,
         image=coded, codec="png",
@@ -137,9 +137,7 @@ def test_images_that_arrive_turned_are_tracked_as_the_calibration_has_them(succe
         cv2.imwrite(f"rest-{number}.png", image[..., ::-1])
     succeeds("calibrate", "--untouched", *(f"rest-{number}.png" for number in range(15)), "--out", "unit.npz")
     unit = palpate.load_calibration("unit.npz")
-    turned: Any = tuple(
-        cv2.imencode(".png", np.ascontiguousarray(np.rot90(image, -1))[..., ::-1])[1].tobytes() for image in upright
-    )
+    turned = tuple(encoded(np.ascontiguousarray(np.rot90(image, -1))) for image in upright)
     wide = replace(push.sensor, image_height=30, image_width=40)
     view = replace(unit.view, quarter_turns=1)
     found = palpate.track(replace(push, image=turned, sensor=wide), calibration=replace(unit, view=view))

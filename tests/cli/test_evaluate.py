@@ -7,13 +7,13 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from live_samples import wait_for
 from recording_samples import pushed, seen
 
 import palpate
@@ -182,7 +182,9 @@ def test_an_interrupt_leaves_a_study_that_can_be_continued(evaluate):
     process = subprocess.Popen(
         [sys.executable, "-m", "palpate", *words], start_new_session=True, stderr=subprocess.PIPE, text=True
     )
-    wait_for(lambda: len(list(Path("out").rglob("*.npz"))) >= 6)
+    while len(list(Path("out").rglob("*.npz"))) < 6:
+        assert process.poll() is None
+        time.sleep(0.005)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_samples import pushed, tiny_recording
+from recording_samples import TINY_CAMERA, pushed, tiny_recording
 
 import palpate
 
 pytestmark = pytest.mark.usefixtures("folder")
-
-TINY = palpate.SensorProfile("tiny", radius=0.01, image_height=12, image_width=8)
 
 
 def test_info_shows_the_contents_of_a_recording(succeeds, json_of):
@@ -30,7 +28,7 @@ def test_info_counts_findings_that_repeat_and_begins_time_at_the_first_frame(suc
     lines = [" ".join(line.split()) for line in succeeds("info", "later.mcap").splitlines()]
     assert "0 0.167 0.633 0.467" in lines  # the first contact, in frames 5 to 19
     assert "0 0.4 0.4 drop-out ground truth is unknown in 1 frames yes" in lines
-    palpate.write_recording(replace(pushed(), sensor=TINY, image=(b"no image",) * 40), "damaged.mcap")
+    palpate.write_recording(replace(pushed(), sensor=TINY_CAMERA, image=(b"no image",) * 40), "damaged.mcap")
     out = succeeds("info", "damaged.mcap")
     assert out.count("do not decode") == 20 and "the first 20 of 40" in out and "image of frame 0" in out
 

@@ -25,6 +25,7 @@ from bag_samples import (
     write_bag,
 )
 from mcap.writer import Writer
+from planar import compose, wrap
 from scipy.spatial.transform import Rotation
 
 from palpate import DIGIT, BagChoices, Disc, FileError, SettingError, read_bag
@@ -47,21 +48,9 @@ def poses(topic: str = "/ee_pose", **settings: Any) -> list[Message]:
     return [pose_message(time, pose, topic, **settings) for time, pose in zip(times, true_pose(times), strict=True)]
 
 
-def wrapped(angle: Any) -> Any:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
-
-
-def composed(first: Any, then: Any) -> Any:
-    """Return planar poses a_T_c from a_T_b and b_T_c (..., 3), by hand."""
-    first, then = np.broadcast_arrays(np.asarray(first, float), np.asarray(then, float))
-    cos, sin, (x, y, turn) = np.cos(first[..., 2]), np.sin(first[..., 2]), np.moveaxis(then, -1, 0)
-    at = first[..., 0] + cos * x - sin * y, first[..., 1] + sin * x + cos * y
-    return np.stack([*at, first[..., 2] + turn], axis=-1)
-
-
 def same_poses(found: Any, wanted: Any, within: float = 1e-9) -> None:
     assert np.abs(found[:, :2] - wanted[:, :2]).max() < within
-    assert np.abs(wrapped(found[:, 2] - wanted[:, 2])).max() < within
+    assert np.abs(wrap(found[:, 2] - wanted[:, 2])).max() < within
 
 
 @pytest.mark.parametrize("compressed", [True, False])
@@ -165,10 +154,10 @@ def test_transforms_along_a_chain(tmp_path, container):
     for time, pose in zip(pose_times(), true_pose(pose_times()), strict=True):
         messages.append(transform_message(time, "base", "tool", [*pose[:2], 0.2], Rotation.from_euler("z", pose[2])))
     recording = read(tmp_path, few_images() + messages, container)
-    wanted = composed(composed([1.0, 2.0, 0.5], true_pose(image_times(6))), [0.05, 0.0, 0.0])
+    wanted = compose(compose([1.0, 2.0, 0.5], true_pose(image_times(6))), [0.05, 0.0, 0.0])
     same_poses(recording.sensor_pose, wanted)
     named = read(tmp_path / "named", few_images() + messages, container, sensor_poses="base:digit")
-    same_poses(named.sensor_pose, composed(true_pose(image_times(6)), [0.05, 0.0, 0.0]))
+    same_poses(named.sensor_pose, compose(true_pose(image_times(6)), [0.05, 0.0, 0.0]))
     both = read(
         tmp_path / "both", few_images() + messages, container, sensor_poses="base:digit", object_poses="base:tool"
     )
@@ -278,13 +267,12 @@ def test_images_of_one_time_are_counted(tmp_path, caplog):
     assert "2 images have the time of another one and are left out" in caplog.text
 
 
-def lifted(height: Any, turn: Any = None) -> list[Message]:
-    """Poses whose height [m] and turn follow from the seconds since the start."""
+def lifted(height: Any, turn: Rotation = LEVEL) -> list[Message]:
+    """Poses whose height [m] follows from the seconds since the start, turned in their own frame."""
     found = []
     for time, pose in zip(pose_times(), true_pose(pose_times()), strict=True):
-        seconds = (time - START) * 1e-9
-        rotation = Rotation.from_euler("z", pose[2]) * (Rotation.identity() if turn is None else turn(seconds))
-        content = {"header": header(time), "pose": pose_content([*pose[:2], height(seconds)], rotation)}
+        rotation = Rotation.from_euler("z", pose[2]) * turn
+        content = {"header": header(time), "pose": pose_content([*pose[:2], height((time - START) * 1e-9)], rotation)}
         found.append(Message("/ee_pose", int(time), "geometry_msgs/msg/PoseStamped", content))
     return found
 
@@ -303,10 +291,10 @@ def test_poses_off_the_plane_are_refused_unless_they_are_allowed(tmp_path):
 
 
 def test_a_steep_tilt_is_refused_and_a_sensor_upside_down_told(tmp_path, caplog):
-    steeply = lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("y", np.radians(90.0)))
+    steeply = lifted(lambda seconds: 0.1, Rotation.from_euler("y", np.pi / 2))
     with pytest.raises(FileError, match=r"has its x axis -90\.0 degrees out of the plane .* allowed are 20"):
         read(tmp_path / "b", few_images() + steeply)
-    read(tmp_path / "c", few_images() + lifted(lambda seconds: 0.1, lambda seconds: Rotation.from_euler("x", np.pi)))
+    read(tmp_path / "c", few_images() + lifted(lambda seconds: 0.1, Rotation.from_euler("x", np.pi)))
     assert "the sensor's z axis points against the plane's normal" in caplog.text
 
 

@@ -7,22 +7,17 @@ import numpy as np
 import pytest
 from bag_samples import decoded_by_another
 from mcap.writer import Writer
+from recording_samples import TINY_CAMERA, encoded, tiny_images
 from scipy.spatial.transform import Rotation
 
 import palpate
 from palpate import Disc, Ellipse, FileError, Polygon, Recording, Rectangle
 
-CAMERA = palpate.SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 ARRAYS = ("time", "sensor_pose", "object_pose", "first_pose", "first_pose_sigma", "contact", "episode")
 
 
-def encoded(n: int, codec: Any = "png") -> tuple[bytes, ...]:
-    """Return n random images of the tiny camera as bytes."""
-    pixels = np.random.default_rng(0).integers(0, 256, (n, 12, 8, 3), np.uint8)
-    time, poses = np.arange(n) / 30, np.zeros((n, 3))
-    made = Recording.from_arrays(time, pixels, time, poses, Disc(0.1), CAMERA, codec=codec)
-    assert made.image is not None
-    return tuple(made.image)
+def images(n: int, codec: str = "png") -> tuple[bytes, ...]:
+    return tuple(encoded(image, codec) for image in tiny_images(n))
 
 
 def recording(n: int = 12, **changes: Any) -> Recording:
@@ -34,11 +29,11 @@ def recording(n: int = 12, **changes: Any) -> Recording:
         "time": 1.7e9 + np.cumsum(rng.uniform(0.01, 0.05, n)),
         "sensor_pose": rng.normal(size=(n, 3)) * [1, 1, 7],
         "shape": Disc(0.05),
-        "sensor": CAMERA,
+        "sensor": TINY_CAMERA,
         "object_pose": truth,
         "contact": np.arange(n) > 1,
         "episode": np.where(np.arange(n) > 1, 0, -1),
-        "image": encoded(n),
+        "image": images(n),
         "codec": "png",
         "contact_derived": True,
         "source": "a test, with ünicode",
@@ -74,7 +69,7 @@ def same(found: Recording, wanted: Recording, count: int | None = None) -> None:
     [
         {},
         BARE,
-        {"codec": "jpeg", "image": encoded(12, "jpeg"), "shape": Rectangle(0.2363, 0.1579)},
+        {"codec": "jpeg", "image": images(12, "jpeg"), "shape": Rectangle(0.2363, 0.1579)},
         {"shape": Ellipse(0.1638, 0.2428), "time": np.arange(12) / 30 - 0.1},
         {"shape": Polygon(np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])), "image": None, "codec": "jpeg"},
     ],
@@ -134,7 +129,7 @@ def test_its_messages_are_a_bag(tmp_path):
     made = recording(time=np.arange(12) / 30)
     palpate.write_recording(made, tmp_path / "a.mcap")
     choices = palpate.BagChoices(sensor_poses="/sensor/pose", object_poses="/object/pose")
-    found = palpate.read_bag(tmp_path / "a.mcap", made.shape, choices, CAMERA).recording
+    found = palpate.read_bag(tmp_path / "a.mcap", made.shape, choices, TINY_CAMERA).recording
     assert found.time == pytest.approx(made.time, abs=1e-9)
     assert found.image == made.image
     assert found.sensor_pose[:, :2] == pytest.approx(made.sensor_pose[:, :2])
@@ -208,9 +203,9 @@ def test_metadata_that_are_none(tmp_path, about, attachments, words):
 
 
 def test_a_bad_image_is_named_when_it_is_looked_at(tmp_path):
-    images = list(encoded(12))
-    images[2], images[4] = b"\x01" * 50, b""
-    palpate.write_recording(recording(image=tuple(images)), tmp_path / "a.mcap")
+    damaged = list(images(12))
+    damaged[2], damaged[4] = b"\x01" * 50, b""
+    palpate.write_recording(recording(image=tuple(damaged)), tmp_path / "a.mcap")
     found = palpate.load_recording(tmp_path / "a.mcap")
     assert found[0].image is not None
     for index, size in ((2, 50), (4, 0)):
