@@ -10,7 +10,7 @@ import pytest
 from recording_samples import TINY_CAMERA, encoded, tiny_images
 from scipy.spatial.transform import Rotation
 
-from palpate import DIGIT, POINT, BagChoices, Disc, FileError, PalpateError, Recording, SettingError
+from palpate import POINT, BagChoices, Disc, FileError, PalpateError, Recording, SettingError
 
 IMAGE_TIME = 0.02 + np.arange(20) / 30
 POSE_TIME = np.arange(50) / 50
@@ -128,13 +128,6 @@ def test_images_come_in_any_form(tmp_path):
     assert blind.image is None and blind.contact.tolist() == touched.tolist()
 
 
-def test_a_sensor_by_name():
-    images = np.zeros((20, 320, 240, 3), np.uint8)
-    assert made(images=images, sensor="DIGIT").sensor == DIGIT
-    with pytest.raises(SettingError, match="sensor is 'digits'; allowed are digit, gelsight-mini, point"):
-        made(sensor="digits")
-
-
 def test_ground_truth_has_times_and_holes_of_its_own():
     when = np.arange(0.0, 1.0, 0.1)
     truth = true_pose(when)
@@ -168,6 +161,7 @@ def test_a_tilted_plane(caplog):
 POSES = rows(in_space(true_pose(POSE_TIME)))
 W_FIRST = rows(in_space(true_pose(POSE_TIME) + np.array([0.0, 0.0, 1.5])))[:, [0, 1, 2, 6, 3, 4, 5]]
 MIRRORED = in_space(true_pose(POSE_TIME)) * np.array([1.0, -1.0, 1.0, 1.0])[:, None]
+TURNED = [encoded(np.zeros((8, 12, 3), np.uint8), "jpeg")] * 20
 LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
 
 
@@ -175,17 +169,12 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
     ("change", "words"),
     [
         ({"image_time": IMAGE_TIME * 1e9}, "image_time: .*floats, which are seconds.*are these nanoseconds"),
-        ({"image_time": IMAGE_TIME * 1e3}, "are these milliseconds"),
         ({"pose_time": (POSE_TIME * 1e6).astype(int)}, "pose_time: .*integers, which are nano.*are these microseconds"),
         ({"pose_time": POSE_TIME + 1e6}, "no pose is known at the time of any image.* are both by one clock"),
         ({"image_time": IMAGE_TIME[::-1]}, "image_time: frame 1 is .*a time after the one before"),
         ({"image_time": np.append(IMAGE_TIME[:-1], np.nan)}, "image_time: frame 19 is nan"),
         ({"image_time": []}, "image_time: found no times"),
         ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "the sensor .poses.: .*span 126.7 m.*are these millimetres"),
-        (
-            {"object_poses": POSES * 1e3 * [1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3]},
-            "object_poses.: .*are these millimetres",
-        ),
         ({"sensor_T_gel": [50.0, 0.0, 0.0]}, "sensor_T_gel: .*are these millimetres"),
         ({"poses": true_pose(POSE_TIME) * [1, 1, 57]}, "poses: found angles up to 1[78].* rad: are these degrees"),
         ({"poses": W_FIRST}, "z axis is up to .* off the plane.s normal, .*is w the last"),
@@ -199,18 +188,14 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"images": tiny_images(20) / 255}, r"image 0 is float64 .* uint8 of shape \(12, 8, 3\)"),
         ({"images": tiny_images(20)[..., 0]}, r"image 0 is uint8 of shape \(12, 8\)"),
         ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
-        ({"images": [b"BM....."] * 20}, "image 0 begins with .* expected JPEG or PNG"),
         ({"images": [*tiny_images(19), encoded(tiny_images(1)[0], "jpeg")]}, "image 19 begins with"),
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),
-        (
-            {"images": [encoded(np.zeros((8, 12, 3), np.uint8), "jpeg")] * 20},
-            r"found \(8, 12\).*quarter it fits",
-        ),
+        ({"images": TURNED}, r"found \(8, 12\).*quarter it fits"),
         ({"images": None}, "images: found None, and no contact"),
         ({"time_offset": -50}, "is time_offset in seconds"),
         ({"shape": Disc(50.0)}, "the outline is 100 m wide, .*are these millimetres"),
+        ({"sensor": "digits"}, "sensor is 'digits'; allowed are digit, gelsight-mini, point"),
         ({"sensor": POINT}, "images: found images, but the sensor 'point' has none"),
-        ({"contact": np.ones(20)}, "contact: found values of type float64, expected booleans"),
         ({"shape": "box.svg"}, "shape is 'box.svg'.*palpate.load_shape"),
         ({"plane": "flat"}, "plane is 'flat'; allowed are fit"),
         ({"plane": ("a", "b", "c")}, "plane is .*; allowed are fit, or three numbers"),
@@ -218,7 +203,6 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"plane": "fit", "poses": LINE}, "moves along a line, 0.0 mm across"),
         ({"off_plane": "a"}, "off_plane is 'a'; allowed is a length above 0"),
         ({"time_offset": np.nan}, "time_offset is nan; allowed are up to 1e.07 s"),
-        ({"sensor_T_gel": [[1.0, 2.0], [3.0]]}, "sensor_T_gel: rows have different lengths"),
     ],
 )
 def test_what_does_not_fit_is_said(change, words):
@@ -226,13 +210,9 @@ def test_what_does_not_fit_is_said(change, words):
         made(**change)
 
 
-def test_a_normal_may_be_an_array():
+def test_choices_for_bags_are_checked_likewise():
     normal: Any = np.array([0, 0, 1])
-    same(made(plane=normal).sensor_pose, made().sensor_pose)
     assert BagChoices(plane=normal) == BagChoices()
-
-
-def test_a_bag_is_not_read_with_times_that_are_none():
     for offset in (np.nan, np.inf, 1e12):
         with pytest.raises(SettingError, match=r"time_offset is .*; allowed are up to 1e\+07 s"):
             BagChoices(time_offset=offset)
