@@ -224,15 +224,10 @@ def settled(rng: np.random.Generator) -> Camera:
     return camera
 
 
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((60, 60, 3), np.uint8),
-        np.full((60, 60, 3), 255, np.uint8),
-        np.random.default_rng(1).integers(0, 256, (60, 60, 3), np.uint8),
-    ],
-    ids=["black", "saturated", "noise"],
-)
+NOISE = np.random.default_rng(1).integers(0, 256, (60, 60, 3), np.uint8)
+
+
+@pytest.mark.parametrize("image", [grey(0.0), grey(255.0), NOISE], ids=["black", "saturated", "noise"])
 def test_an_image_without_a_gel_is_refused_and_changes_nothing(image):
     rng = np.random.default_rng(0)
     camera = settled(rng)
@@ -255,25 +250,19 @@ def test_a_camera_that_hangs_is_refused_until_it_goes_on():
         with pytest.raises(FrameError, match=r"found the same \d times, to the last bit"):
             camera(image)
     assert not camera(gel(rng))
-
-
-def test_images_without_noise_may_repeat():
     camera = Camera()
-    assert not any(camera(grey()) for _ in range(40))
+    assert not any(camera(grey()) for _ in range(40))  # images without noise may repeat
 
 
-@pytest.mark.parametrize(
-    ("image", "words"),
-    [
-        (np.zeros((60, 50, 3), np.uint8), r"found uint8 \(60, 50, 3\); expected uint8 \(60, 60, 3\)"),
-        (np.zeros((3, 60, 60), np.uint8), r"found uint8 \(3, 60, 60\)"),
-        (np.zeros((60, 60, 3), np.float32), "float32"),
-    ],
-)
-def test_an_image_of_another_size_or_type_is_refused(image, words):
-    for camera in (Camera(), Camera(still())):
-        with pytest.raises(FrameError, match=words):
-            camera(image)
+def test_an_image_of_another_size_or_type_is_refused():
+    refused = {
+        r"found uint8 \(60, 50, 3\); expected uint8 \(60, 60, 3\)": grey(size=(60, 50)),
+        "float32": np.float32(grey()),
+    }
+    for words, image in refused.items():
+        for camera in (Camera(), Camera(still())):
+            with pytest.raises(FrameError, match=words):
+                camera(image)
 
 
 def known(rng: np.random.Generator) -> Calibration:
@@ -282,10 +271,11 @@ def known(rng: np.random.Generator) -> Calibration:
 
 
 VIEWS = {
-    "mirrored": lambda image: image[:, ::-1],
-    "turned by 180 degrees": lambda image: np.rot90(image, 2),
-    "turned by 270 degrees": np.rot90,
-    "channels BGR": lambda image: image[..., ::-1],
+    "it fits mirrored, ": lambda image: image[:, ::-1],
+    "it fits turned by 180 degrees, ": lambda image: np.rot90(image, 2),
+    "it fits turned by 270 degrees, ": np.rot90,
+    "it fits channels BGR, ": lambda image: image[..., ::-1],
+    "found grey, expected colours": lambda image: np.repeat(image[..., :1], 3, axis=2),
 }
 
 
@@ -295,7 +285,7 @@ def test_images_in_another_view_than_the_calibration_are_refused_with_its_name(v
     rng = np.random.default_rng(0)
     camera, image = Camera(known(rng)), gel(rng)
     image[20:35, 20:40] += 40 * touched
-    with pytest.raises(FrameError, match=f"lies otherwise than the untouched gel of the calibration: it fits {view}, "):
+    with pytest.raises(FrameError, match=view):
         camera(np.ascontiguousarray(VIEWS[view](image)))
     assert camera(image) is touched
 
@@ -306,14 +296,6 @@ def test_a_symmetric_gel_is_never_refused_for_its_view():
     dome = (150.0 - 40.0 * (rows**2 + columns**2))[..., None] * (1.0, 0.98, 1.02)
     for _ in range(5):
         assert not Camera(still(dome, 2.0))(noisy(dome, rng, 2.0))
-
-
-def test_a_grey_image_is_named_against_a_coloured_gel():
-    rng = np.random.default_rng(0)
-    camera = Camera(known(rng))
-    with pytest.raises(FrameError, match="found grey, expected colours"):
-        camera(np.repeat(gel(rng)[..., :1], 3, axis=2))
-    assert not camera(gel(rng))
 
 
 def checkered(share: float) -> Array:
@@ -328,9 +310,7 @@ def test_a_calibration_is_doubted_until_its_gel_is_seen(caplog):
     unsure = replace(still(), is_sure=False)
     camera = Camera(unsure)
     assert Camera(still())(checkered(0.7))
-    with pytest.raises(
-        FrameError, match=r"expected is that of the calibration: was that another unit or a touched gel"
-    ):
+    with pytest.raises(FrameError, match="of the calibration: was that another unit or a touched gel"):
         camera(checkered(0.7))
     for _ in range(20):
         assert camera(checkered(0.5)) and camera.reason.startswith("no image so far looks like the untouched gel")
@@ -369,9 +349,6 @@ def test_unusual_colours_are_asked_about_once():
     assert "the gel is blue at the left and green at the right" in question(USUAL[..., ::-1])
     for unclear in ((0.0, 0.0, 0.0), (0.03, -0.02, -0.01), (-0.4, 0.5, -0.42)):  # grey, faint, two alike
         assert question(slopes(*unclear)) == ""
-
-
-def test_nothing_is_asked_of_a_view_that_is_known():
     swapped = np.ascontiguousarray(USUAL[..., ::-1])
     assert question(swapped, still(swapped))
     assert not question(swapped, replace(still(swapped), is_view_known=True))

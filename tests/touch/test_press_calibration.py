@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from recording_samples import encoded
 
 from palpate import (
     DIGIT,
@@ -41,7 +42,6 @@ from palpate.touch.press_calibration import (
     read_presses,
 )
 from palpate.touch.touch_model import shipped_model
-from palpate.types.images import encode_image
 
 Array = np.ndarray
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])
@@ -89,8 +89,7 @@ class Reader:
 
 
 def learn(presses: Presses, untouched: Array, model: Any = None) -> PressFit:
-    model = model or Reader()
-    return learn_from_presses(presses, [untouched], DIGIT, model)
+    return learn_from_presses(presses, [untouched], DIGIT, model or Reader())
 
 
 def test_a_view_undoes_what_a_camera_does():
@@ -118,13 +117,6 @@ def test_the_order_of_presses_shows_the_view_to_the_shipped_model(unit, presses,
     assert fit.calibration.direction == UNCORRECTED  # nothing is measured
     np.testing.assert_allclose(fit.angle, ANGLES, atol=np.radians(4.0))
     np.testing.assert_allclose(fit.measured, fit.angle, atol=np.radians(4.0))
-
-
-def test_the_shipped_model_reads_the_same_however_the_camera_is_mounted(unit, presses):
-    first = learn(presses, unit.no_contact, shipped_model())
-    for camera in (CameraView(0, True), BGR, CameraView(2, True, (1, 2, 0))):
-        fit = learn(of_camera(presses, camera), as_camera(unit.no_contact, camera), shipped_model())
-        np.testing.assert_array_equal(fit.measured, first.measured, err_msg=str(camera))
 
 
 def test_presses_measure_offset_and_scale(unit, presses):
@@ -168,10 +160,12 @@ def test_other_images_are_refused(unit, presses):
     with pytest.raises(FileError, match="200 x 240 px are not those of 'DIGIT', 320 x 240 px, in any turn"):
         learn(small, unit.no_contact[:200])
     reader: Any = Reader()
-    with pytest.raises(FileError, match=r"image 2 of the untouched gel: image is \(300, 240\), the untouched gel"):
-        learn_from_presses(presses, [unit.no_contact, unit.no_contact[:300]], DIGIT, reader)
-    with pytest.raises(FileError, match="found no image of the untouched gel"):
-        learn_from_presses(presses, [], DIGIT, reader)
+    for untouched, words in (
+        ([unit.no_contact, unit.no_contact[:300]], "image 2 of the untouched gel"),
+        ([], "no image"),
+    ):
+        with pytest.raises(FileError, match=words):
+            learn_from_presses(presses, untouched, DIGIT, reader)
     blank = unit.no_contact.copy()
     blank[150:154, 118:122] += 60  # less than a touch, at the expected place
     with pytest.raises(FileError, match=r"3\.png: shows no touch"):
@@ -245,47 +239,36 @@ def test_the_command_finds_a_mirrored_camera(tmp_path, unit, presses, run_palpat
     calibration = load_calibration(out)
     assert calibration.is_view_known and not calibration.view.keeps_left_and_right
     info = json.loads(run_palpate("info", out, "--json")[1])
-    assert (info["height"], info["width"], info["noise_levels"], info["view"]) == (
-        320,
-        240,
-        None,
-        str(calibration.view),
-    )
+    assert (info["height"], info["width"], info["noise_levels"]) == (320, 240, None)
+    assert info["view"] == str(calibration.view)
     assert run_palpate(*words)[0] == 2
     numbers = json.loads(run_palpate(*words, "--force", "--json")[1])
     assert numbers["presses"] == 6 and (numbers["offset_deg"] is None) == in_order
 
 
 def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, run_palpate):
-    tables = {
-        "left": "file,angle_deg\na.png,left\n",
-        "one": "file,angle_deg\na.png,3\n",
-        "grey": "file,angle_deg\ngrey.png,3\n",
-        "columns": "image,angle\na.png,3\n",
-        "nameless": "angle_deg,file\n10\n",
-        "newline": 'file,angle_deg\n"a\nb",10\n',
-    }
-    for name, text in tables.items():
-        (tmp_path / f"{name}.csv").write_text(text)
     assert cv2.imwrite(str(tmp_path / "a.png"), unit.no_contact)
     assert cv2.imwrite(str(tmp_path / "grey.png"), np.repeat(unit.no_contact[..., :1], 3, axis=2))
-    out = "--out", tmp_path / "unit.npz"
-    still = "--untouched", tmp_path / "a.png", *out
-    cases = {
-        ("--presses", tmp_path / "left.csv", *still): "row 1: angle_deg is 'left'",
-        ("--presses", tmp_path / "no.csv", *still): "no such file",
-        ("--presses", tmp_path / "one.csv", *still): "one.csv: found 1 presses; at least 5 are needed",
-        ("--presses", tmp_path / "grey.csv", *still): "grey.png: is a grey image",
-        ("--presses", tmp_path / "columns.csv", *still): "found image, angle; expected a CSV with columns file and",
-        ("--presses", tmp_path / "nameless.csv", *still): "row 1: file is ''; expected the name of an image",
-        ("--presses", tmp_path / "newline.csv", *still): "expected the name of an image",
-        ("--presses", tmp_path / "one.csv", *out): "give either a recording or --untouched images",
-        out: "a recording",
-        (tmp_path / "rest.mcap", *out, "--model", tmp_path / "gone"): "--model",
-    }
-    for words, said in cases.items():
-        code, printed, error = run_palpate("calibrate", *words)
-        assert (code, printed) == (2, "") and said in error and error.count("\n") == 1, error
+    table, out = tmp_path / "table.csv", ("--out", tmp_path / "unit.npz")
+
+    def refuse(words: str, *options: Any) -> None:
+        code, printed, error = run_palpate("calibrate", *options, *out)
+        assert (code, printed) == (2, "") and words in error and error.count("\n") == 1, error
+
+    for text, words in {
+        "file,angle_deg\na.png,left\n": "row 1: angle_deg is 'left'",
+        "file,angle_deg\na.png,3\n": "table.csv: found 1 presses; at least 5 are needed",
+        "file,angle_deg\ngrey.png,3\n": "grey.png: is a grey image",
+        "image,angle\na.png,3\n": "found image, angle; expected a CSV with columns file and",
+        "angle_deg,file\n10\n": "row 1: file is ''; expected the name of an image",
+        'file,angle_deg\n"a\nb",10\n': "expected the name of an image",
+    }.items():
+        table.write_text(text)
+        refuse(words, "--presses", table, "--untouched", tmp_path / "a.png")
+    refuse("no such file", "--presses", tmp_path / "no.csv", "--untouched", tmp_path / "a.png")
+    refuse("give either a recording or --untouched images", "--presses", table)
+    refuse("a recording")
+    refuse("--model", tmp_path / "rest.mcap", "--model", tmp_path / "gone")
     assert not (tmp_path / "unit.npz").exists()
 
 
@@ -301,8 +284,8 @@ def recorded(shape: Any, touching: Array, images: Any, still: Array, object_pose
     poses = np.concatenate([[away] * 10 + [there] * 9 for away, there in zip(free, touching, strict=True)])
     seen = [still if place < 10 else image for image in images for place in range(19)]
     count, truth = len(poses), None if object_pose is None else np.tile(object_pose, (len(poses), 1))
-    flags, encoded = np.tile(np.arange(19) >= 10, len(touching)), [encode_image(image) for image in seen]
-    return Recording(np.arange(count) / 30.0, poses, shape, DIGIT, truth, flags, image=encoded)
+    flags, coded = np.tile(np.arange(19) >= 10, len(touching)), [encoded(image, "jpeg") for image in seen]
+    return Recording(np.arange(count) / 30.0, poses, shape, DIGIT, truth, flags, image=coded)
 
 
 def around_a_ball(unit: SensorUnit, yaw: Array, place: Array = PLACE, with_images: bool = False) -> Recording:
@@ -336,18 +319,17 @@ def test_a_ball_that_moves_or_is_touched_from_one_side_is_refused(unit):
 def test_the_command_takes_a_recording_of_presses(tmp_path, unit, run_palpate):
     out = tmp_path / "unit.npz"
     write_recording(around_a_ball(unit, ALL_ROUND, with_images=True), tmp_path / "ball.mcap")
-    assert (
-        "6 presses: directions are off by"
-        in run_palpate("calibrate", "--presses", tmp_path / "ball.mcap", "--out", out)[1]
-    )
+    _, said, _ = run_palpate("calibrate", "--presses", tmp_path / "ball.mcap", "--out", out)
+    assert "6 presses: directions are off by" in said
     assert load_calibration(out).view.keeps_left_and_right
     # A mirrored camera, on a sensor that leans against the side of a rectangle.
     shape, yaw, pose = Rectangle(0.1, 0.1), -ANGLES, np.array([0.3, -0.2, 0.7])
     left = np.column_stack([-0.05 - unit.radius * (1.0 - np.cos(yaw)), unit.radius * np.sin(yaw), yaw])
-    images = [
-        np.ascontiguousarray(each[:, ::-1]) for each in render(unit, shape, left, 6e-4, rng=np.random.default_rng(0))
-    ]
-    still = np.ascontiguousarray(unit.no_contact[:, ::-1])
+    rendered = render(unit, shape, left, 6e-4, rng=np.random.default_rng(0))
+    images, still = (
+        [np.ascontiguousarray(each[:, ::-1]) for each in rendered],
+        np.ascontiguousarray(unit.no_contact[:, ::-1]),
+    )
     recording = recorded(shape, se2.compose(pose, left), images, still, pose)
     np.testing.assert_allclose(presses_of(recording).angle, ANGLES, atol=1e-3)
     write_recording(recording, tmp_path / "edge.mcap")

@@ -1,5 +1,7 @@
-"""Contact and camera view on images of real sensors: untouched, pressed and gripping."""
+"""Contact, camera view and readings on images of real sensors: untouched, pressed and gripping."""
 
+import importlib
+import json
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -12,6 +14,9 @@ from palpate import DIGIT, Background, Calibration, Disc, Frame, FrameError, Tra
 
 Array = np.ndarray
 FIRST = 15  # frames of half a second
+ROOT = Path(__file__).parents[2]
+WITHIN = {"correlation": 0.002, "slope": 0.02, "offset_deg": 0.2, "rms_about_line_deg": 0.1, "pairs_rms_deg": 0.2}
+"""Less than exchanged colours make of each; mirrored or upturned images turn the correlation's sign."""
 
 
 def read(file: Path) -> Array:
@@ -122,3 +127,16 @@ def test_a_grip_is_told_from_the_untouched_gel(shared_data, pair):
     rng = np.random.default_rng(6)
     images = [noisy(untouched, rng) for _ in range(FIRST + 5)] + [noisy(gripped, rng) for _ in range(5)]
     assert contacts([*images, noisy(untouched, rng)]) == [False] * (FIRST + 5) + [True] * 5 + [False]
+
+
+def test_real_presses_are_read_as_reported(shared_data, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    script = importlib.import_module("measure_real_gel")
+    reported = json.loads((ROOT / "docs/study/real_gel.json").read_text())
+    assert list(reported) == list(script.CASES)
+    found = script.measured(shared_data / "digit_balls", "as it is", 0)
+    for name, margin in WITHIN.items():
+        assert found[name] == pytest.approx(reported["as it is"][name], abs=margin), name
+    # A side that rolls would move the imprint as the presses do; a constant model is off by all of the change.
+    assert found["turns_rms_deg"] < 0.25 * found["constant_pairs_rms_deg"]
+    assert found["n"] == 20 and found["in_95_share"] > 0.85
