@@ -203,9 +203,6 @@ def test_markers_are_taken_off():
     assert camera(noisy(dotted, rng, 1.0))
 
 
-# Faults
-
-
 def gel(rng: np.random.Generator) -> Array:
     """Return a gel with different light from all sides, with one level of noise."""
     rows, columns = np.indices((60, 60)) / 60
@@ -317,9 +314,6 @@ def test_a_calibration_is_doubted_until_its_gel_is_seen(caplog):
 def test_a_calibration_of_another_size_is_refused_before_any_image():
     with pytest.raises(SettingError, match=re.escape("is of images of 60 x 60 px; those of sensor 'DIGIT' have 320 x")):
         Camera(still(), sensor=DIGIT)
-
-
-# Colours of an untouched DIGIT
 
 
 def slopes(*slope: float) -> Array:

@@ -212,9 +212,6 @@ def test_a_tracker_reads_images_in_the_calibrations_view(unit, presses):
     np.testing.assert_array_equal(*estimates)
 
 
-# The command
-
-
 def write(folder: Path, presses: Presses, untouched: Array) -> tuple[Any, ...]:
     """Write presses, their table and the untouched gel; return the options that calibrate on them."""
     for name, image in (*zip(presses.names, presses.images, strict=True), ("still.png", untouched)):
