@@ -197,7 +197,9 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
 
     The response (height, width, 3) is the camera's grey levels per grey level of light; it is 1 at a level of 100.
     """
-    right, up = unit.rest_slope
+    y, z = unit.place
+    beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * unit.flat_width), 0.0)
+    right, up = -beyond / np.float32(unit.radius), -z / np.float32(unit.length_radius)
     shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
     light = unit.light.astype(np.float32)[:, :, None, None]
     lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)

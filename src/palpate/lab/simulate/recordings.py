@@ -213,10 +213,8 @@ def fill_folder(
 ) -> Outcome:
     """Make a recording of each item by file name and write it to a folder, each whole or not at all.
 
-    With `resume`, recordings that are there are kept if their source is that of the item; otherwise they are an error.
-    A PalpateError of `make` does not stop the rest. `workers` and `dask` are those of `parallel.spread`; `progress` is
-    called with the number of recordings done. Raises SettingError on recordings made with other options, FileError if
-    the folder cannot be written.
+    `resume` keeps recordings of the same source; `workers` and `dask` are those of `parallel.spread`. A PalpateError of
+    `make` does not stop the rest. Raises SettingError on recordings made with other options, FileError on the folder.
     """
     with held_folder(folder):
         there = {path.name for path in folder.glob(f"*{SUFFIX}")}

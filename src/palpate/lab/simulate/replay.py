@@ -1,12 +1,10 @@
 """Replays: the motion of a real push with rendered touch images, as a DIGIT in the place of the real tip sees it.
 
-The object moves as recorded, and so does the contact on its outline, with the same gap between robot and motion
-capture. The DIGIT's gel has a larger radius R than the tip's r, and its yaw is chosen so that the gel slides over the
-object as much as the tip did: if the contact's direction in the tip turns by an angle, it turns by r / R of it in the
-gel, and the sensor makes up for the rest; at constant yaw the contact would leave the pad. So the sensor's pose tells
-something of the object's yaw, which the real tip's did not: comparisons between touch models on the same replay are
-fair, those with the real recording are not. A hand of several fingers becomes one gel at their middle that keeps the
-hand's yaw; a single round gel could not have held the object as two fingers did, so these replays test touch alone.
+Object and contact move as recorded, with the same gap between robot and motion capture. The gel slides over the object
+as much as the tip did: as its radius R is larger than the tip's r, the contact turns in it by r / R of the angle in the
+tip, and the sensor turns by the rest. So the sensor's pose tells something of the object's yaw, which the real tip's
+did not: compare touch models on the same replay, not with the real recording. A hand of several fingers becomes one
+gel at their middle that keeps the hand's yaw; such replays test touch alone.
 """
 
 import zlib

@@ -93,13 +93,6 @@ class SensorUnit:
         """Return the drop of the gel's surface at z on the pad [m]."""
         return _arc(z, self.length_radius)
 
-    @cached_property
-    def rest_slope(self) -> Image:
-        """Slopes of the gel's normal at rest to the right and up at each pixel, (2, height, width)."""
-        y, z = self.place
-        beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * self.flat_width), 0.0)
-        return np.stack([-beyond / np.float32(self.radius), -z / np.float32(self.length_radius)])
-
     def shown_angle(self, pad_angle: Any) -> Any:
         """Return the angle (...) [rad] at which a nominal sensor would see a contact that is at pad_angle (...) [rad].
 

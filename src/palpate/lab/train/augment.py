@@ -85,11 +85,9 @@ def varied_batch(
 ) -> Batch:
     """Return differences of groups of samples (G, F) as of other units, touched elsewhere.
 
-    A group is of one unit. Brightness, colours and their slopes differ from those seen, and half of the units are
-    mirrored, upside down or have their lights exchanged. Half of the groups are moved over the gel: turning the contact
-    by an angle moves the imprint, so that its place, and not the light there, has to tell the direction. Clouds lie
-    over the images because the untouched gel is never known exactly, and a gel gives way a little everywhere. Each
-    colour's light is stronger here and weaker there: on real gels a light from the left hardly reaches the right.
+    A group is of one unit. Half of the groups are moved over the gel, so that the place of an imprint, and not the
+    light there, has to tell the direction. Clouds stand for errors of the untouched gel. Each colour's light varies
+    over the image: on real gels a light from the left hardly reaches the right.
     """
     by = by or Augmentation()
     groups, size = chosen.shape

@@ -75,9 +75,7 @@ def read_samples(
 ) -> tuple[Samples, SensorProfile, dict[Path, str]]:
     """Return the samples of recordings, their sensor, and of those that have none to give the reason.
 
-    `calibration` is of the unit that they are all of.
-
-    Raises FileError where none is left, or where the sensors of two differ.
+    `calibration` is of the unit that they are all of. Raises FileError if none is left or two sensors differ.
     """
     parts: dict[int, tuple[Samples, SensorProfile]] = {}
     failed: dict[Path, str] = {}
@@ -103,9 +101,8 @@ def read_samples(
 def samples_of(recording: Recording, number: int = 0, calibration: Calibration | None = None) -> Samples:
     """Return the samples of one recording; raises FileError where it lacks what is needed.
 
-    With the calibration of its unit, images are seen as it says they lie, directions and turns are what its correction
-    makes the true ones of, and a recording without untouched frames is compared with its untouched gel. A simulated
-    recording says itself at which angles its images show contacts: what a unit has of its own no image tells.
+    The calibration of its unit turns images, corrects directions and turns, and replaces missing untouched frames.
+    A simulated recording states the angles at which its images show contacts.
     """
     name = recording.file or "the recording"
     if lacks := lacking(recording):
@@ -152,10 +149,7 @@ def lacking(recording: Recording) -> list[str]:
 def _at_rest(
     recording: Recording, image: Callable[[int], Image], calibration: Calibration | None
 ) -> tuple[Background, bool]:
-    """The untouched gel without markers, and whether it has some.
-
-    It is that of a recording, whose images are had by number, or of the unit where that shows none.
-    """
+    """Return the untouched gel of a recording, else of its unit, without markers, and true if it has markers."""
     name = recording.file or "the recording"
     known, sensor = calibration and calibration.background, turned_as(recording.sensor, calibration)
     if calibration and (wrong := misfit(calibration, sensor)):
@@ -265,10 +259,9 @@ def _middles(touched: NDArray[np.bool_]) -> list[int]:
 
 
 def _with_disc_placed(recording: Recording) -> Recording:
-    """A recording of presses with the pose of its disc, which stays where it is.
+    """Return a recording of presses with the pose of its disc, which stays where it is.
 
-    Where the sensor touches, the centre of its tip is away from the disc's by both radii less how deep it is pressed
-    in. The depth is an unknown besides the place.
+    In contact, the centres of tip and disc are both radii less the depth apart; place and depth are fitted.
     """
     from scipy.optimize import least_squares
 

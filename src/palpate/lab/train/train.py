@@ -89,12 +89,11 @@ def train(
 ) -> dict[str, Any]:
     """Train a touch model on recordings, write its folder and return its scores; see `scores.judge`.
 
-    Besides the model, `out` gets the folder `training`: log, checkpoint and `results.json`. The scores are
-    of the recordings `test`, or, without any, of a held-out share of `files`. With `start`, a model folder, its network
-    is trained further. With `calibration`, of the unit that all recordings are of, images are seen through it, and
-    tracking takes model and calibration together. With `resume`, an interrupted run continues from its checkpoint.
-    `bar` makes progress bars of a title and a total. Raises FileError on files and folders, SettingError where there
-    is too little to learn from.
+    Besides the model, `out` gets the folder `training`: log, checkpoint and `results.json`. Scores are of the
+    recordings `test`, or else of a held-out share of `files`. The network of the model folder `start` is trained
+    further. Images are seen through a `calibration` of the unit that all recordings are of. With `resume`, an
+    interrupted run continues from its checkpoint. Raises FileError on files and folders, SettingError where there is
+    too little to learn from.
     """
     with held_folder(out):
         work = work_folder(out, resume)
@@ -170,7 +169,11 @@ def train_on_presses(
     with held_folder(out):
         work = work_folder(out, resume)
         work.mkdir(exist_ok=True)
-        samples = samples_of_presses(presses, untouched)
+        mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
+        seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
+        # Each press is a contact of its own, of which only the direction is known.
+        each, unknown = np.arange(count), np.zeros(count)
+        samples = Samples(seen, each, each, unknown, presses.angle, unknown, np.zeros(count, int))
         order, apart = np.random.default_rng(settings.seed).permutation(count), round(settings.test * count)
         judged, checked, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart, 2 * apart]))
         held_out = samples.of(np.sort(order[: 2 * apart]))
@@ -185,14 +188,6 @@ def train_on_presses(
         write_model(out, ModelSettings(sensor, height, width, spread, training), exported(network))
         scores = judge(errors_of(network, judged), spread)["direction"]
     return {"presses": count, "held_out": apart} | {name: scores[name] for name in ("rms_deg", "median_deg")}
-
-
-def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:
-    """Return presses as samples, each a contact of its own with a known direction."""
-    mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
-    seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
-    each, unknown = np.arange(len(seen)), np.zeros(len(seen))
-    return Samples(seen, each, each, unknown, presses.angle, unknown, np.zeros(len(seen), int))
 
 
 def learn(
