@@ -18,7 +18,7 @@ from palpate.lab.simulate.pushes import draw_sequence, measured
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.pipeline.track import track
 
-SEED = 89102
+SEED = 948102
 OBJECTS = {"rectangle": "rectangle-edges", "ellipse": "ellipse", "disc": "disc", "triangle": "polygon-edges"}
 """Names of objects, and the kind of contact."""
 
