@@ -43,7 +43,7 @@ def test_every_number_is_that_of_its_file(numbers):
     ("text", "complaint"),
     [
         ("It ends 2.0 mm off.\n", "stands in no block"),
-        ("<!-- numbers: from step-times -->\nA step takes 1.9 ms.\n<!-- end -->\n", "says 1.9"),
+        ("<!-- numbers: from step-times -->\nA step takes 0.123 ms.\n<!-- end -->\n", "says 0.123"),
         ("<!-- numbers: plain -->\n\n| objects |\n|---|\n| disc |\n\n<!-- end -->\n", "differs"),
         ("<!-- numbers: nobody -->\n5\n<!-- end -->\n", "nobody"),
     ],
