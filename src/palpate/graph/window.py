@@ -234,7 +234,7 @@ class Window:
 
 
 def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Return the steps (B, 1) and rows (B,) of a window in which the sensor touches the object as is believed."""
+    """Return the first step (B, 1) and the rows (B,) of a window that begins with these beliefs."""
     steps, rows = np.zeros((len(belief), 1), STEP), np.zeros(len(belief), ROW)
     steps["g"][:, 0], steps["e"] = se2.between(belief.pose, sensor_pose), sensor_pose
     rows["shared"][:, CONTACT_SIZE:], rows["sign"] = belief.values, sign

@@ -33,7 +33,7 @@ Size = tuple[int, int]
 OWN_POSES = "palpate.poses"
 """Group of entry points: functions without arguments that yield time [s since 1970], x [m], y [m], theta [rad]."""
 STALLED = 0.15
-"""Age of a sensor pose beyond which it says nothing of an image [s]; the user is told then."""
+"""Largest age of a sensor pose that is used for an image [s]; a live session reports when poses are older."""
 
 
 class Clock:
