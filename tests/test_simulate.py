@@ -143,7 +143,7 @@ def test_an_outline_that_cannot_be_pushed_does_not_stop_the_rest(simulate):
         (("--seed", "-1"), "seed is -1; allowed is 0 or more"),
         (("--workers", "0"), "workers is 0; allowed is 1 or more"),
         (("--dask", "nowhere"), "no Dask scheduler answers at 'nowhere'"),
-        (("--replay", "real.txt", "--knocks", "--ideal"), "its file; --knocks, --ideal cannot go with it"),
+        (("--replay", "real.txt", "--knocks", "--ideal"), "its file; no options of pushes can go with it"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_nothing(simulate, words, said):

@@ -43,9 +43,8 @@ def stills(count: int, height: int = 320, width: int = 240) -> list[str]:
 
 def test_frames_without_contact_are_a_calibration(succeeds, json_of, fails):
     recorded()
-    assert succeeds("calibrate", "rest.mcap", "--out", "unit.npz") == (
-        "unit.npz: 48 x 32 px, noise 2.0 grey levels, from 56 frames without contact\n"
-    )
+    shown = " ".join(succeeds("calibrate", "rest.mcap", "--out", "unit.npz").split())
+    assert "out unit.npz frames 56 height 48 width 32 noise levels" in shown
     found = palpate.load_calibration("unit.npz").background
     assert found.mean.shape == (48, 32, 3)
     assert found.mean.mean() == pytest.approx(100.0, abs=0.1)
@@ -53,9 +52,10 @@ def test_frames_without_contact_are_a_calibration(succeeds, json_of, fails):
     assert "--force replaces it" in fails("calibrate", "rest.mcap", "--out", "unit.npz")
     told = json_of("calibrate", "rest.mcap", "--out", "unit.npz", "--force")
     assert told.pop("noise_levels") == pytest.approx(2.0, abs=0.1)
-    assert told == {"file": "rest.mcap", "out": "unit.npz", "frames": 56, "height": 48, "width": 32}
-    shown = [line.split() for line in succeeds("info", "unit.npz").splitlines()]
-    assert ["height", "48"] in shown and ["is", "view", "measured", "no"] in shown
+    shown = {"file": "rest.mcap", "out": "unit.npz", "frames": 56, "height": 48, "width": 32, "offset_deg": None}
+    assert shown.items() <= told.items()
+    lines = [line.split() for line in succeeds("info", "unit.npz").splitlines()]
+    assert ["height", "48"] in lines and ["is", "view", "measured", "no"] in lines
 
 
 @pytest.mark.parametrize(
@@ -76,21 +76,21 @@ def test_recordings_that_show_no_untouched_gel(fails, make: Callable[[], Any], m
     assert not Path("unit.npz").exists()
 
 
-def test_without_flags_all_frames_count(succeeds):
+def test_without_flags_all_frames_count(json_of):
     recorded(touched=slice(0, 0), flags=False)
-    assert "from 80 frames" in succeeds("calibrate", "rest.mcap", "--out", "unit.npz")
+    assert json_of("calibrate", "rest.mcap", "--out", "unit.npz")["frames"] == 80
 
 
-def test_untouched_images_are_a_calibration(succeeds, json_of):
+def test_untouched_images_are_a_calibration(json_of):
     names = stills(4)
-    out = succeeds("calibrate", "--untouched", *names, "--out", "unit.npz")
-    assert out.startswith("unit.npz: 320 x 240 px, noise 1.") and out.endswith("from 4 images\n")
+    told = json_of("calibrate", "--untouched", *names, "--out", "unit.npz")
+    assert told["images"] == 4 and 1.0 < told["noise_levels"] < 2.0
     read: Any = [cv2.imread(name) for name in names]
     mean = np.array(read, np.float32)[..., ::-1].mean(axis=0)
     np.testing.assert_allclose(palpate.load_calibration("unit.npz").background.mean, mean, atol=1e-3)
     told = json_of("calibrate", "--untouched", names[0], "--sensor", "digit", "--out", "unit.npz", "--force")
     size = {"height": 320, "width": 240, "noise_levels": None, "images": 1}
-    assert told == {"file": None, "out": "unit.npz", **size}
+    assert ({"file": None, "out": "unit.npz"} | size).items() <= told.items()
 
 
 @pytest.mark.parametrize(

@@ -19,21 +19,12 @@ def _colourful(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
 
 
-def test_a_line_comes_every_half_minute(capsys, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
-    with console.progress_bar("touch", 5) as show:
-        for done, now[0] in enumerate((110.0, 130.0, 140.0, 159.0, 160.0), 1):
-            show(done)
-    assert capsys.readouterr().err == "palpate: touch: 2 of 5\npalpate: touch: 5 of 5\n"
-
-
 @pytest.mark.parametrize(("term", "bars"), [("xterm", True), ("dumb", False)])
 def test_a_terminal_gets_bars_if_it_can_draw_them(monkeypatch, term, bars):
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     monkeypatch.setenv("TERM", term)
-    with console.busy("reading"), console.progress_bar("touch", 3) as show:
+    with console.progress_bar("reading"), console.progress_bar("touch", 3) as show:
         show(1)
         show(2, "loss 0.5")
     assert ("touch" in terminal.getvalue() and "\r" in terminal.getvalue()) == bars

@@ -157,7 +157,7 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate):
         (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
         (("recordings", "--tactile", "learnt"), "no recording can be tracked by these methods"),
-        (("recordings", "--faults", "--tactile", "none", "--resume"), "remove --tactile"),
+        (("recordings", "--faults", "--tactile", "none", "--resume"), "with default settings"),
         (("recordings", "--faults"), "disc-1.mcap: has no images"),
     ],
 )

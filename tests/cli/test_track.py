@@ -82,7 +82,7 @@ def test_a_first_pose_that_is_unknown(succeeds, fails):
     assert (settings["first_pose"], settings["first_pose_sigma"]) == ([0.0, 0.0, 0.0], [1.0, 1.0, 2.0])
     for option in ("--first-pose", "--first-pose-sigma"):
         error = fails("track", "push.mcap", "--first-pose-unknown", option, "1", "1", "1")
-        assert f"--first-pose-unknown cannot be combined with {option}" in error
+        assert "--first-pose-unknown cannot be combined with" in error and option in error
 
 
 def test_the_choice_of_touch_is_reported(json_of, succeeds):
@@ -182,7 +182,7 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["push.mcap", "--hypotheses", 0], "hypotheses is 0"),
         (["push.mcap", "--first-pose-sigma", 0, 1, 1], "it must be three numbers above 0"),
         (["push.mcap", "--tactile", "none", "--model", "m"], "--model m is not used with --tactile none"),
-        (["push.mcap", "--time-offset", "-0.1"], "--time-offset: only for bags, together with --shape"),
+        (["push.mcap", "--time-offset", "-0.1"], "options for bags need --shape, too"),
         (["push.mcap", "--shape", "disc"], "push.mcap is no bag"),
         (["push.mcap", "sub/push.mcap"], "several files would go to"),
     ],

@@ -10,7 +10,6 @@ import pytest
 from view_samples import CAMERA
 
 from palpate import Estimate, FrameError
-from palpate.cli.live import table_of
 from palpate.live.session import LiveState, track_live
 from palpate.live.sources import Clock, Sources, TimedPose, TouchImage
 
@@ -150,11 +149,3 @@ def test_errors_of_sources_and_trackers_come_through():
         with pytest.raises((OSError, ValueError, FrameError), match=message):
             run(tracker, images, times)
     assert threading.active_count() == before
-
-
-def test_the_table_keeps_its_rows():
-    state, _ = run(FakeTracker(), np.arange(6) / 30, np.arange(60) / 100)
-    before, after = (
-        [list(column.cells) for column in table_of("live", one).columns] for one in (LiveState(print), state)
-    )
-    assert before[0] == after[0] and before[1][1] == "-" and after[1][2:4] == ["no", "resting"]

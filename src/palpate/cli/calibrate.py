@@ -6,18 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import print_json, print_line, progress_bar
+from palpate.cli.console import print_line, progress_bar, report
 from palpate.cli.options import Force, Json, arg, check_new
-from palpate.cli.recordings import noise_levels
+from palpate.cli.recordings import about_calibration
 from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
     from palpate.types.recording import Recording
     from palpate.types.sensor import SensorProfile
-
-Result = tuple["Calibration", dict[str, Any], str]
-"""A calibration, numbers about it for --json, and a description."""
 
 
 def calibrate(
@@ -52,9 +49,11 @@ def calibrate(
         model: Folder of the touch model that reads the presses.
     """
     from palpate import io as formats
-    from palpate.touch.calibration import Calibration, write_calibration
+    from palpate.touch.background import background_of
+    from palpate.touch.calibration import Calibration, misfit, write_calibration
     from palpate.touch.press_calibration import calibrate as by_recording
-    from palpate.touch.press_calibration import untouched_frames
+    from palpate.touch.press_calibration import read_image, untouched_frames
+    from palpate.types.sensor import DIGIT, known_sensor
 
     is_table = presses is not None and presses.suffix.lower() == ".csv"
     if presses is not None and file is None and not untouched and not is_table:
@@ -66,55 +65,45 @@ def calibrate(
     check_new(out, force)
     paths = [path for path in (file, None if is_table else presses) if path is not None]
     recordings = {path: formats.load_recording(path) for path in paths}
-    profile, rest = _sensor_of(recordings, sensor), None if file is None else recordings[file]
+    given = [recording.sensor for recording in recordings.values()]
+    profile = known_sensor(sensor) if sensor else given[0] if given else DIGIT
+    for path, recording in recordings.items():
+        if recording.sensor.name != profile.name:
+            raise SettingError(f"{path}: is of sensor {recording.sensor.name!r}, expected {profile.name!r}")
     if presses is not None:
-        given = presses if is_table else recordings[presses]
-        calibration, numbers, found = _by_presses(presses, given, rest, untouched, profile, model)
-    elif rest is not None:
-        with progress_bar("calibrating", len(untouched_frames(rest))) as progress:
-            background, frames = by_recording(rest, progress)
+        rest = untouched if file is None else recordings[file]
+        calibration, numbers = _by_presses(presses, recordings.get(presses), rest, profile, model)
+    elif file is not None:
+        with progress_bar("calibrating", len(untouched_frames(recordings[file]))) as progress:
+            background, frames = by_recording(recordings[file], progress)
         calibration, numbers = Calibration(background), {"frames": frames}
-        found = f"from {frames} frames without contact"
     else:
-        calibration, numbers, found = _by_images(untouched, profile if sensor else None)
+        images = [read_image(each, grey=True) for each in untouched]
+        for name, image in zip(untouched, images, strict=True):
+            if image.shape != images[0].shape:
+                sizes = ["{} x {} px".format(*each.shape) for each in (image, images[0])]
+                raise FileError(f"{name}: is an image of {sizes[0]}, and {untouched[0]} of {sizes[1]}")
+        calibration, numbers = Calibration(background_of(images), file=untouched[0]), {"images": len(images)}
+        if sensor and (wrong := misfit(calibration, profile)):
+            raise FileError(wrong)
     write_calibration(calibration, out, overwrite=force)
-    height, width = calibration.background.mean.shape[:2]
-    levels = noise_levels(calibration)
-    if json:
-        size = {"height": height, "width": width, "noise_levels": levels}
-        print_json({"file": file and str(file), "out": str(out), **size, **numbers})
-    else:
-        noise = "unknown from a single image" if levels is None else f"{levels:.1f} grey levels"
-        print_line(f"{out}: {height} x {width} px, noise {noise}, {found}")
+    files = {"file": file and str(file), "out": str(out)}
+    report(json, "calibration", files | numbers | about_calibration(calibration))
+    if presses is not None and not json:
+        print_line("Presses find left and right only; up and down, and an unusual order of colours, may be wrong.")
+        if not calibration.view.keeps_left_and_right:
+            print_line("Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y.")
     return 0
-
-
-def _by_images(untouched: tuple[Path, ...], sensor: "SensorProfile | None") -> Result:
-    """Calibrate by images of the untouched gel, of the size of a sensor's if one is named."""
-    from palpate.touch.background import background_of
-    from palpate.touch.calibration import Calibration, misfit
-    from palpate.touch.press_calibration import read_image
-
-    images = [read_image(each, grey=True) for each in untouched]
-    size, *others = (f"{image.shape[0]} x {image.shape[1]} px" for image in images)
-    for each, other in zip(untouched[1:], others, strict=True):
-        if other != size:
-            raise FileError(f"{each}: is an image of {other}, and {untouched[0]} of {size}")
-    calibration = Calibration(background_of(images), file=untouched[0])
-    if sensor is not None and (wrong := misfit(calibration, sensor)):
-        raise FileError(wrong)
-    return calibration, {"images": len(images)}, f"from {len(images)} image{'s' * (len(images) > 1)}"
 
 
 def _by_presses(
     path: Path,
-    presses: "Path | Recording",
-    rest: "Recording | None",
-    untouched: tuple[Path, ...],
+    presses: "Recording | None",
+    rest: "tuple[Path, ...] | Recording",
     sensor: "SensorProfile",
     model: Path | None,
-) -> Result:
-    """Calibrate by presses, of a table or a recording, and the untouched gel."""
+) -> "tuple[Calibration, dict[str, Any]]":
+    """Return the calibration by presses, of a table or a recording, and numbers about it."""
     from palpate.files import in_file
     from palpate.lab.train.samples import presses_of
     from palpate.touch.cells import is_grey
@@ -123,41 +112,18 @@ def _by_presses(
     from palpate.touch.touch_model import TouchModel, shipped_model
 
     may_be_grey = model is not None  # a model of the user's own
-    still = [read_image(each, may_be_grey) for each in untouched] if rest is None else list(untouched_images(rest))
-    given = read_presses(presses, may_be_grey, in_order=True) if isinstance(presses, Path) else presses_of(presses)
-    for name, images in ((rest and rest.file, still), (path, given.images)):
-        if not may_be_grey and any(map(is_grey, images)):
-            raise FileError(f"{name}: {GREY}")
+    if isinstance(rest, tuple):
+        still = [read_image(each, may_be_grey) for each in rest]
+    else:
+        still = list(untouched_images(rest))
+    given = read_presses(path, may_be_grey, in_order=True) if presses is None else presses_of(presses)
     with in_file(path):
+        if not may_be_grey and any(map(is_grey, (*still, *given.images))):
+            raise FileError(GREY)
         fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
-    view, direction = fit.calibration.view, fit.calibration.direction
-    offset, scatter, known = math.degrees(direction.offset), math.degrees(fit.scatter), given.is_measured
     numbers = {
         "presses": len(given.images),
-        "view": str(view),
-        "keeps_left_and_right": view.keeps_left_and_right,
-        "offset_deg": offset if known else None,
-        "scale": direction.scale if known else None,
-        "scatter_deg": scatter,
+        "keeps_left_and_right": fit.calibration.view.keeps_left_and_right,
+        "scatter_deg": math.degrees(fit.scatter),
     }
-    error = f"are off by {offset:+.2f} degrees and {direction.scale - 1.0:+.1%}, and scatter" if known else "scatter"
-    lines = [
-        f"images read {view}; {len(given.images)} presses: directions {error} by {scatter:.2f} degrees",
-        "Presses find left and right only; up and down, and the order of colours of an unusual unit, may be wrong.",
-    ]
-    if not view.keeps_left_and_right:
-        wrong = "angles of the wrong sign" if known else "presses in the wrong order"
-        lines.append(f"Left and right are exchanged, as with {wrong}: positive is towards +y.")
-    return fit.calibration, numbers, "\n".join(lines)
-
-
-def _sensor_of(recordings: "dict[Path, Recording]", name: str | None) -> "SensorProfile":
-    """Return the named sensor, else that of recordings, else a DIGIT; SettingError if a recording's is another."""
-    from palpate.types.sensor import DIGIT, known_sensor
-
-    given = [recording.sensor for recording in recordings.values()]
-    sensor = known_sensor(name) if name else given[0] if given else DIGIT
-    for path, recording in recordings.items():
-        if recording.sensor.name != sensor.name:
-            raise SettingError(f"{path}: is of sensor {recording.sensor.name!r}, expected {sensor.name!r}")
-    return sensor
+    return fit.calibration, numbers

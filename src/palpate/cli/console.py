@@ -2,15 +2,17 @@
 
 import json
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from palpate.errors import printable
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.table import Table
+
+UNITS = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg"}
+"""Ends of keys, as in `delay_s`, and their units."""
 
 
 def print_json(data: dict[str, Any]) -> None:
@@ -19,20 +21,25 @@ def print_json(data: dict[str, Any]) -> None:
 
 
 def report(json: bool, title: str, data: dict[str, Any]) -> None:
-    """Print the result of a command as one JSON object or as tables, one for each list of objects in it."""
+    """Print the result of a command as one JSON object or as tables, one for each list or dictionary of objects."""
     if json:
         print_json(data)
         return
-    tables = [key for key, value in data.items() if isinstance(value, list) and value and isinstance(value[0], dict)]
-    print_quantities(title, {key: value for key, value in data.items() if key not in tables})
-    for key in tables:
-        print_rows(key, dict(enumerate(data[key])))
+    several = {key: dict(enumerate(value)) if isinstance(value, list) else value for key, value in data.items()}
+    tables = {
+        key: rows
+        for key, rows in several.items()
+        if isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())
+    }
+    print_table(quantities(title, {key: value for key, value in data.items() if key not in tables}))
+    for key, rows in tables.items():
+        print_rows(key.replace("_", " "), rows)
 
 
-def print_quantities(title: str, data: Mapping[str, Any]) -> None:
-    """Print a table of quantities, each with its unit, which its key ends with as in `delay_s`."""
-    rows = [(*_name_and_unit(key), cell(key, value)) for key, value in data.items()]
-    _print_table(title, ("quantity", "value", "unit"), [(name, value, unit) for name, unit, value in rows], right=False)
+def quantities(title: str, data: Mapping[str, Any]) -> "Table":
+    """Return a table of quantities with their units."""
+    rows = [(name, cell(key, value), unit) for key, value in data.items() for name, unit in [_name_and_unit(key)]]
+    return _table(title, ("quantity", "value", "unit"), rows, "left")
 
 
 def print_rows(title: str, rows: Mapping[Any, Mapping[str, Any]]) -> None:
@@ -40,7 +47,7 @@ def print_rows(title: str, rows: Mapping[Any, Mapping[str, Any]]) -> None:
     keys = list(dict.fromkeys(key for row in rows.values() for key in row))
     headings = [f"{name} [{unit}]" if unit else name for name, unit in map(_name_and_unit, keys)]
     cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in rows.items()]
-    _print_table(title, ("", *headings), cells, right=True)
+    print_table(_table(title, ("", *headings), cells, "right"))
 
 
 def cell(key: str, value: Any) -> str:
@@ -58,25 +65,30 @@ def cell(key: str, value: Any) -> str:
 
 
 def _name_and_unit(key: str) -> tuple[str, str]:
-    name, _, unit = key.rpartition("_")
-    units = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg"}
-    return (name.replace("_", " "), units[unit]) if name and unit in units else (key.replace("_", " "), "")
+    name, _, end = key.rpartition("_")
+    return (name.replace("_", " "), UNITS[end]) if name and end in UNITS else (key.replace("_", " "), "")
 
 
-def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], right: bool) -> None:
-    """Print a table, all columns but the first aligned to the right or none. Long cells are wrapped, not cut off."""
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], justify: Any) -> "Table":
+    """Return a table, all columns but the first aligned to one side. Long cells are wrapped, not cut off."""
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(title=printable(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
     for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if right and index else "left", overflow="fold")
+        table.add_column(column, justify=justify if index else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(printable, row))
+    return table
+
+
+def print_table(table: "Table") -> None:
+    """Print a table; one for a file is wide, since there is no window to wrap for."""
+    from rich.console import Console
+
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = max(console.width, 240)  # there is no window to wrap for
+        console.width = max(console.width, 240)
     console.print(table)
 
 
@@ -91,41 +103,18 @@ def complain(error: Exception | str) -> None:
 
 
 @contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """Yield a function that shows the number done, and maybe a note: by a bar, or in a log a line each half minute."""
-    console = _terminal()
-    if console is None:
-        yield _progress_lines(title, total)
+def progress_bar(title: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+    """Show a bar on standard error while the block runs; nothing where that is no terminal, even with FORCE_COLOR.
+
+    Yields a function that takes the number done, and maybe a note.
+    """
+    if not sys.stderr.isatty():
+        yield lambda done, note="": None
         return
+    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(title, total=total)
         yield lambda done, note="": progress.update(task, completed=done, description=f"{title} {note}".strip())
-
-
-def busy(title: str) -> AbstractContextManager[Any]:
-    """Show a spinner on standard error, if it is a terminal, while the block runs."""
-    console = _terminal()
-    return nullcontext() if console is None else console.status(title)
-
-
-def _terminal() -> "Console | None":
-    """Return the terminal of standard error, None for a file even with FORCE_COLOR: bars do not belong in a log."""
-    from rich.console import Console
-
-    console = Console(stderr=True, force_terminal=sys.stderr.isatty())
-    return console if console.is_terminal and not console.is_dumb_terminal else None
-
-
-def _progress_lines(title: str, total: int) -> Callable[..., None]:
-    last = time.monotonic()
-
-    def show(done: int, note: str = "") -> None:
-        nonlocal last
-        if time.monotonic() - last >= 30.0:
-            last = time.monotonic()
-            complain(f"{title}: {done} of {total}{f', {note}' if note else ''}")
-
-    return show

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from palpate import __version__
-from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
-from palpate.cli.options import NOISE, Json, RecordingsFolder, Smoother, Touch, arg, check_torch, positional
+from palpate.cli.console import complain, print_json, progress_bar, report
+from palpate.cli.options import NOISE, Json, RecordingsFolder, Touch, arg, check_torch, positional
 from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
@@ -66,10 +66,8 @@ def train(
     begin = time.perf_counter()
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     if source.suffix.lower() == ".csv":
-        if not untouched or not sensor:
-            raise SettingError("train: presses take --untouched and --sensor")
-        if start or calibration or test:
-            raise SettingError("train: --from, --calibration and --test are of no use with presses (.csv)")
+        if not untouched or not sensor or start or calibration or test:
+            raise SettingError("train: presses (.csv) take --untouched and --sensor, not --from, --calibration, --test")
         still, presses = [read_image(path, grey=True) for path in untouched], read_presses(source, grey=True)
         with in_file(source):
             results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
@@ -80,14 +78,10 @@ def train(
         unit = calibration and load_calibration(calibration)
         results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
     results["wall_s"] = time.perf_counter() - begin
-    left_out = results["recordings"]["left_out"] if "recordings" in results else {}
+    left_out = results.get("recordings", {}).get("left_out", {})
     for why in left_out.values():
         complain(f"left out: {why}")
-    if json or "scores" not in results:
-        report(json, "training", {"model": str(out), **results})
-    else:
-        print_rows("accuracy and calibration on recordings not trained on", results["scores"])
-        print_line(f"model: {out}   {results['wall_s']:.0f} s")
+    report(json, "training", {"model": str(out), **results})
     return 3 if left_out else 0
 
 
@@ -97,8 +91,6 @@ def tune(
     *,
     out: Annotated[Path, arg("FILE")],
     touch: Touch = Touch(tactile="learnt"),
-    smoother: Smoother = "fixed-lag",
-    parameters: Annotated[tuple[str, ...], arg("NAME...", "those that count with this touch")] = (),
     start: Annotated[str, arg(NOISE)] = "palpate",
     evaluations: Annotated[int, arg("N")] = 100,
     workers: Annotated[int, arg("N")] = 1,
@@ -111,73 +103,66 @@ def tune(
     Args:
         out: File of the settings (.json), for --noise of other commands.
         touch: Measurements of touch; auto is learnt where there are images, else oracle.
-        parameters: Settings to learn, such as contact.deviation.
         start: Settings to start from; the file of a tuning continues it.
         evaluations: Number of times that all recordings are tracked.
         workers: Processes that share the work.
     """
     from palpate.config import TrackerSettings, noise_of, write_noise
-    from palpate.files import held_folder
+    from palpate.files import held_folder, new_file
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.recorded_touch import record_touch_of_files
     from palpate.lab.tune.tuning import check_parameters, is_held_out
     from palpate.lab.tune.tuning import tune as tune_settings
 
     begin = time.perf_counter()
-    settings = TrackerSettings(tactile=touch.tactile, smoother=smoother, noise=noise_of(start))
-    check_parameters(settings, parameters, evaluations)
+    settings = TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
+    check_parameters(settings, evaluations=evaluations)
     model, unit = touch.load(touch.tactile)
     if out.exists() and not (Path(start).exists() and out.samefile(start)):
         raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
-    if not out.parent.is_dir():
-        raise FileError(f"{out}: the folder {out.parent} does not exist")
-    with held_folder(out.parent, out.name):
+    with held_folder(new_file(out, overwrite=True).parent, out.name):
         files = find_recordings(folder)
         with progress_bar("reading touch", len(files)) as progress:
             recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit)
         for error in left_out.values():
             complain(f"left out: {error}")
         about = {
+            "palpate": __version__,
             "tactile": touch.tactile,
             "model": model and model.hash,
             "calibration": unit and unit.hash,
-            "smoother": smoother,
+            "smoother": settings.smoother,
             "start": start,
             "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
             "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
             "sources": {name: each.recording.source for name, each in recorded.items()},
         }
 
+        def write(tuning: "Tuning") -> dict[str, Any]:
+            """Write the settings of a tuning, and return what is said of it."""
+            before, after = tuning.held_out or (None, None)
+            found = about | {
+                "evaluations": tuning.evaluations,
+                "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
+                "before": asdict(tuning.before),
+                "after": asdict(tuning.after),
+                "held_out_before": before and asdict(before),
+                "held_out_after": after and asdict(after),
+            }
+            write_noise(tuning.settings.noise, out, found, overwrite=True)
+            return found
+
         def keep(tuning: "Tuning") -> None:
             show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
-            write_noise(tuning.settings.noise, out, about | _found(tuning), overwrite=True)
+            write(tuning)
 
         with progress_bar("tuning", evaluations) as show:
-            tuning = tune_settings(list(recorded.values()), settings, parameters, evaluations, workers, keep)
-        tuned = about | _found(tuning)
-        write_noise(tuning.settings.noise, out, tuned, overwrite=True)
-    tuned |= {"wall_s": time.perf_counter() - begin}
+            tuning = tune_settings(list(recorded.values()), settings, (), evaluations, workers, keep)
+        tuned = write(tuning) | {"wall_s": time.perf_counter() - begin}
     if json:
         missing = [{"file": str(files[name]), "error": error} for name, error in left_out.items()]
         print_json({"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing})
     else:
-        print_rows("settings", tuned["parameters"])
-        names = ("before", "after", "held_out_before", "held_out_after")
-        scores = {name.replace("_", " "): tuned[name] for name in names if tuned[name]}
-        print_rows("scores: a negative log likelihood, lower is better; medians of RMSE", scores)
-        print_line(f"settings: {out}   {tuning.evaluations} evaluations, {tuned['wall_s']:.0f} s")
+        hidden = ("recordings", "held_out", "sources")
+        report(json, "tuning", {"out": str(out), **{key: tuned[key] for key in tuned if key not in hidden}})
     return 3 if left_out else 0
-
-
-def _found(tuning: "Tuning") -> dict[str, Any]:
-    """Return a tuning as plain data."""
-    before, after = tuning.held_out or (None, None)
-    return {
-        "palpate": __version__,
-        "evaluations": tuning.evaluations,
-        "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-        "before": asdict(tuning.before),
-        "after": asdict(tuning.after),
-        "held_out_before": before and asdict(before),
-        "held_out_after": after and asdict(after),
-    }

@@ -5,6 +5,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import tyro
 
@@ -20,22 +21,12 @@ from palpate.cli.track import demo, track
 from palpate.cli.truth import truth, truth_camera, truth_print
 from palpate.errors import PalpateError, printable
 
-COMMANDS = {
-    "demo": demo,
-    "info": info,
-    "track": track,
-    "live": live,
-    "convert": convert,
-    "simulate": simulate,
-    "calibrate": calibrate,
-    "train": train,
-    "paper": paper,
-    "evaluate": evaluate,
-    "tune": tune,
-    "view": view,
-    "truth-print": truth_print,
-    "truth-camera": truth_camera,
-    "truth": truth,
+COMMANDS: Any = {
+    command.__name__.replace("_", "-"): command
+    for command in (
+        *(demo, info, track, live, convert, simulate, calibrate, train, paper, evaluate, tune, view),
+        *(truth_print, truth_camera, truth),
+    )
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files failed. "

@@ -5,8 +5,7 @@ help from the docstrings. Nothing heavy is imported before a method is called, s
 """
 
 import os
-from collections.abc import Collection
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
@@ -78,8 +77,8 @@ class Start:
 
         if not self.first_pose_unknown:
             return self.first_pose, self.first_pose_sigma
-        if given := given_options(self, but=["first_pose_unknown"]):
-            raise SettingError(f"--first-pose-unknown cannot be combined with {given}")
+        if self != Start(first_pose_unknown=True):
+            raise SettingError("--first-pose-unknown cannot be combined with --first-pose or --first-pose-sigma")
         return ANYWHERE, ANYWHERE_SIGMA
 
 
@@ -174,8 +173,8 @@ class Bag:
         from palpate.types.sensor import known_sensor
 
         if self.shape is None:
-            if given := given_options(self):
-                raise SettingError(f"{given}: only for bags, together with --shape")
+            if self != Bag():
+                raise SettingError("--sensor, --images and the other options for bags need --shape, too")
             return formats.load_recording(file), None
         if formats.detect_format(file) != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
@@ -192,17 +191,6 @@ class Workers:
     """Processes on this machine."""
     dask: Annotated[str | None, arg("ADDRESS", "none")] = None
     """Address of the scheduler of a Dask cluster, which sees the same files."""
-
-
-def given_options(*groups: Any, but: Collection[str] = ()) -> str:
-    """Return the options of groups that differ from their defaults, as a list in words."""
-    given = [
-        f"--{name.replace('_', '-')}"
-        for group in groups
-        for name, value in asdict(group).items()
-        if value != getattr(type(group)(), name) and name not in but
-    ]
-    return ", ".join(given)
 
 
 def check_new(path: Path, force: bool) -> None:

@@ -2,11 +2,11 @@
 
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import busy, print_json, print_line, print_quantities, print_rows, report
+from palpate.cli.console import print_json, print_line, print_rows, print_table, progress_bar, quantities, report
 from palpate.cli.options import Bag, Force, Json, arg, check_new, positional
 from palpate.errors import FileError
 
@@ -30,7 +30,10 @@ def info(
 
     kind = formats.detect_format(file)
     if kind is None and file.suffix.lower() == ".npz":
-        _show_calibration(file, json)
+        from palpate.touch.calibration import load_calibration
+
+        about = about_calibration(load_calibration(file))
+        report(json, file.name, {"file": str(file), "format": "calibration", **about})
     elif kind in ("bag", "estimates-mcap"):
         _show_bag(file, json)
     else:
@@ -60,7 +63,7 @@ def convert(
     from palpate.types.recording import Recording
 
     check_new(target, force)
-    with busy(f"converting {source.name}"):
+    with progress_bar(f"converting {source.name}"):
         found = formats.read(source) if bag == Bag() else bag.read(source)[0]
         formats.write(found, target, overwrite=force)
     kind = "recording" if isinstance(found, Recording) else "trajectory"
@@ -91,7 +94,7 @@ def view(
     file = save if save or has_display() else Path(f"{path.resolve().stem}.rrd")
     if file:
         check_new(file, force)
-    with busy(f"reading {path.name}"):
+    with progress_bar(f"reading {path.name}"):
         scene = load_scene(path)
         if file is None:
             show_scene(scene)
@@ -101,12 +104,24 @@ def view(
     return 0
 
 
-def noise_levels(calibration: "Calibration") -> float | None:
-    """Return the median change of an untouched image over time [grey levels]; None if it is of a single image."""
+def about_calibration(calibration: "Calibration") -> dict[str, Any]:
+    """Return a calibration as plain data; noise is the median change of an untouched image over time [grey levels]."""
     import numpy as np
 
-    deviation = calibration.background.deviation
-    return float(np.median(deviation)) if deviation.any() else None
+    gel, direction = calibration.background, calibration.direction
+    height, width = gel.mean.shape[:2]
+    has_noise, is_measured = gel.deviation.any(), direction.offset_sigma is not None
+    return {
+        "height": height,
+        "width": width,
+        "noise_levels": float(np.median(gel.deviation)) if has_noise else None,  # a single image has none
+        "view": str(calibration.view),
+        "is_view_measured": calibration.is_view_known,
+        "offset_deg": degrees(direction.offset) if is_measured else None,
+        "offset_sigma_deg": degrees(direction.offset_sigma) if direction.offset_sigma is not None else None,
+        "scale": direction.scale if is_measured else None,
+        "scale_sigma": direction.scale_sigma,
+    }
 
 
 def _show_recording(file: Path, kind: str | None, json: bool) -> None:
@@ -115,45 +130,33 @@ def _show_recording(file: Path, kind: str | None, json: bool) -> None:
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import sensor_to_dict
 
-    with busy(f"inspecting {file.name}"):
+    with progress_bar(f"inspecting {file.name}"):
         recording = formats.load_recording(file)
         found = check_recording(recording)
     shape = shape_to_dict(recording.shape)
-    about = {"file": str(file), "format": kind, "source": recording.source}
+    about: dict[str, Any] = {"file": str(file), "format": kind, "source": recording.source, "shape": shape}
     if json:
-        exact = {"shape": shape, "sensor": sensor_to_dict(recording.sensor), "pose_sources": recording.frames}
-        print_json(about | exact | found)
+        print_json(about | {"sensor": sensor_to_dict(recording.sensor), "pose_sources": recording.frames} | found)
         return
     if "vertices" in shape:
         shape["vertices"] = len(shape["vertices"])
-    origins = {f"{name.replace('_', ' ')} is": words for name, words in recording.frames.items()}
+    contacts, findings, verdict = (found.pop(name) for name in ("contacts", "findings", "verdict"))
     units = {"duration": "duration_s", "rate": "median rate_hz", "jitter": "jitter_s"}
-    numbers = (
-        "frames",
-        "duration",
-        "rate",
-        "jitter",
-        "contact",
-        "contact_share",
-        "truth_share",
-        "images",
-        "image_size",
-    )
-    table = {**about, "shape": shape, "sensor": recording.sensor.name, **origins}
-    print_quantities(file.name, table | {units.get(key, key): found[key] for key in numbers})
-    for title in ("contacts", "findings"):
-        some, begin = found[title], recording.time[0]
+    about |= {"sensor": recording.sensor.name, **{f"{name} is": words for name, words in recording.frames.items()}}
+    print_table(quantities(file.name, about | {units.get(key, key): value for key, value in found.items()}))
+    for title, some in (("contacts", contacts), ("findings", findings)):
+        begin = recording.time[0]
         rows = [{"start_s": one.pop("start") - begin, "end_s": one.pop("end") - begin, **one} for one in some[:20]]
         if rows:
             print_rows(title if len(some) <= 20 else f"{title}: the first 20 of {len(some)}", dict(enumerate(rows)))
-    print_line(found["verdict"])
+    print_line(verdict)
 
 
 def _show_bag(path: Path, json: bool) -> None:
     from palpate.io.rosbag_reader import contents
     from palpate.io.rosbag_recording import BagChoices, check_stamps, mapping, written
 
-    with busy(f"inspecting {path.name}"):
+    with progress_bar(f"inspecting {path.name}"):
         found = contents(path)
     images = sensor = None
     try:
@@ -179,25 +182,3 @@ def _show_bag(path: Path, json: bool) -> None:
     ]
     bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": topics, "frames": found.parents}
     report(json, path.name, bag | {"images": images, "sensor_poses": sensor, "advice": advice})
-
-
-def _show_calibration(path: Path, json: bool) -> None:
-    from palpate.touch.calibration import load_calibration
-
-    calibration = load_calibration(path)
-    height, width = calibration.background.mean.shape[:2]
-    direction, sigma = calibration.direction, calibration.direction.offset_sigma
-    found = {
-        "file": str(path),
-        "format": "calibration",
-        "height": height,
-        "width": width,
-        "noise_levels": noise_levels(calibration),
-        "view": str(calibration.view),
-        "is_view_measured": calibration.is_view_known,
-        "offset_deg": degrees(direction.offset),
-        "offset_sigma_deg": None if sigma is None else degrees(sigma),
-        "scale": direction.scale,
-        "scale_sigma": direction.scale_sigma,
-    }
-    report(json, path.name, found)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from palpate.cli.console import complain, print_json, print_line, progress_bar
-from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, given_options, positional
+from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, positional
 from palpate.errors import SettingError
 
 if TYPE_CHECKING:
@@ -90,8 +90,8 @@ def simulate(
     begin = time.perf_counter()
     options = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
     if replay:
-        if given := given_options(pushes):
-            raise SettingError(f"--replay takes object and motion from its file; {given} cannot go with it")
+        if pushes != Pushes():
+            raise SettingError("--replay takes object and motion from its file; no options of pushes can go with it")
         recordings = {Path(file.name.removesuffix(".gz")).stem + SUFFIX: load_recording(file) for file in replay}
         if len(recordings) < len(replay):
             raise SettingError("--replay: files of one name would give one file; replay them apart")

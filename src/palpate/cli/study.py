@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from palpate.cli.console import busy, complain, print_json, print_line, print_rows, progress_bar, report
+from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
 from palpate.cli.options import (
     Estimator,
     Json,
@@ -17,7 +17,6 @@ from palpate.cli.options import (
     Workers,
     arg,
     check_torch,
-    given_options,
 )
 from palpate.errors import FileError, SettingError
 
@@ -57,9 +56,11 @@ def evaluate(
     from palpate.lab.study.study import StudySettings, run_study
 
     if faults:
-        given = given_options(methods, estimator, work, but=("model", "workers"))
-        if given or resume:
-            raise SettingError(f"--faults tracks by learnt touch with default settings; remove {given or '--resume'}")
+        allowed = Methods(methods.model), Estimator(), Workers(work.workers)
+        if (methods, estimator, work) != allowed or resume:
+            raise SettingError(
+                "--faults tracks by learnt touch with default settings, with --model and --workers alone"
+            )
         return _evaluate_faults(folder, out, methods.model, work.workers, json)
     ways = tuple(dict.fromkeys(methods.tactile))
     settings = StudySettings(ways, estimator.settings("none"), *methods.load(*methods.tactile))
@@ -75,7 +76,7 @@ def evaluate(
     results = results_of(study, settings, folder, work.workers, command)
     write_results(out, results, study.trials)
     if study.trials:
-        with busy("drawing figures"):
+        with progress_bar("drawing figures"):
             write_report(out, results, study.trials)
     if json:
         print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}})
@@ -108,12 +109,8 @@ def paper(
         raise SettingError(f"seed is {seed}; allowed is 0 or more")
     settings = replace(FULL if full else StudySettings(), seed=seed)
     results = run(out, settings, progress_bar, workers.workers, workers.dask)
-    if json:
-        print_json({"table2": results["table2"], "tracking": results["tracking"]})
-        return 0
-    print_rows("Table II: validation loss", results["table2"])
-    print_rows("tracking, medians", results["tracking"])
-    print_line(f"results.json and figures: {out}")
+    tables = {"table2": results["table2"], "tracking": results["tracking"]}
+    report(json, "experiments of the paper", tables if json else {"folder": str(out), **tables})
     return 0
 
 
@@ -122,19 +119,19 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     from palpate.lab.study.results import ALL
 
     methods = results["table"].get(ALL, {})
+    shares = {
+        "in 95 %, contact_share": "contact_inside_95",
+        "in 95 %, end_share": "final_inside_95",
+        "silently_wrong_share": "silently_wrong",
+        "ambiguous_share": "ambiguous",
+        "knocks": "knocks",
+        "recovered in 2 s_share": "recovered_in_2s",
+    }
     rows = {
         method: {
-            "final_mm": row["final_mm"]["median"],
-            "worst_mm": row["final_mm"]["worst"],
-            "final_deg": row["final_deg"]["median"],
-            "worst_deg": row["final_deg"]["worst"],
-            "in 95 %, contact_share": row["contact_inside_95"],
-            "in 95 %, end_share": row["final_inside_95"],
-            "silently_wrong_share": row["silently_wrong"],
-            "ambiguous_share": row["ambiguous"],
+            **{f"{name}_{unit}": row[f"final_{unit}"][name] for unit in ("mm", "deg") for name in ("median", "worst")},
+            **{name: row[key] for name, key in shares.items()},
             "lost": f"{row['lost']} of {row['sequences']}",
-            "knocks": row["knocks"],
-            "recovered in 2 s_share": row["recovered_in_2s"],
             "step_ms": row["step_ms"]["p50"],
         }
         for method, row in methods.items()

@@ -1,21 +1,18 @@
 """`palpate track` and `palpate demo`: track recordings, leave a folder for each and print its scores."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import busy, complain, print_json, print_line, print_quantities, print_rows, progress_bar
+from palpate.cli.console import complain, print_json, print_line, print_rows, print_table, progress_bar, quantities
 from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg, positional
 from palpate.errors import PalpateError, SettingError
 
 if TYPE_CHECKING:
-    from palpate.pipeline.track import Run
     from palpate.types.recording import Recording
-    from palpate.types.space import Plane
 
 SCORES = {
     "translation RMSE_mm": "translation_rmse_mm",
@@ -29,47 +26,23 @@ SCORES = {
     "silently wrong_share": "silently_wrong_share",
 }
 """Name and unit of a score in tables, and its key in `summary.json`."""
+FACTS = {
+    "frames": "frames",
+    "in contact": "contact_frames",
+    "contacts": "episodes",
+    "scored frames": "scored_frames",
+    **SCORES,
+    "step time_ms": "step_ms",
+    "status": "statuses",
+}
+"""The same of a single run."""
 KNOCKS = {
     "knocks": "knocks",
     "recovered after_s": "knock_recovery_s",
     "recovered after, in contact_s": "knock_recovery_contact_s",
     "silently wrong before a touch_share": "silently_wrong_before_touch_share",
 }
-"""The same of recordings with knocks."""
-
-
-@dataclass(frozen=True)
-class Output:
-    """Files of the run."""
-
-    out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None
-    """Folder of the run; for several FILEs, the folder of their runs."""
-    mcap: bool = False
-    """Write the estimates as ROS 2 messages too, estimates.mcap."""
-    html: bool = False
-    """Write a page that shows the push in any browser, page.html."""
-    force: Force = False
-
-    def folders(self, files: tuple[Path, ...]) -> list[Path]:
-        """Return the folder of each file's run. Raises SettingError if two would be the same."""
-        if len(files) == 1 and self.out is not None:
-            return [self.out]
-        stems = ((file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name for file in files)
-        folders = [(self.out or Path("runs")) / stem for stem in stems]
-        if twice := next((folder for folder in folders if folders.count(folder) > 1), None):
-            raise SettingError(f"several files would go to {twice}; track them one by one, each with its --out")
-        return folders
-
-    def write(self, run: "Run", folder: Path, plane: "Plane | None") -> None:
-        """Write the files of a run, with those that were asked for."""
-        from palpate.pipeline.run_folder import PAGE, write_files
-        from palpate.types.space import flat
-
-        write_files(run, folder, (plane or flat()) if self.mcap else None)
-        if self.html:
-            from palpate.viewer.page import write_page
-
-            write_page(run, run.recording.file.name if run.recording.file else "recording", folder / PAGE)
+"""The same of a recording with knocks."""
 
 
 def track(
@@ -84,30 +57,40 @@ def track(
     touch: Touch = Touch(),
     estimator: Estimator = Estimator(),
     bag: Bag = Bag(),
-    output: Output = Output(),
+    out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
+    mcap: bool = False,
+    html: bool = False,
+    force: Force = False,
 ) -> int:
     """Track the object of each recording, and write poses, covariances, scores and a figure to a folder.
 
     Example: palpate track push.mcap --first-pose 0.1 0 0.3 --first-pose-sigma 0.01 0.01 0.1
-    """
-    from palpate.pipeline.run_folder import new_run
-    from palpate.pipeline.track import track as track_recording
 
-    if not files:
-        raise SettingError("track: no FILE given; name one or more recordings")
-    folders = output.folders(files)
+    Args:
+        out: Folder of the run; for several FILEs, the folder of their runs.
+        mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
+        html: Write a page that shows the push in any browser, page.html.
+    """
+    from palpate.pipeline.run_folder import PAGE, new_run, write_files
+    from palpate.pipeline.track import track as track_recording
+    from palpate.types.space import flat
+
+    folders = run_folders(files, out)
     settings = estimator.settings(touch.tactile)
     first_pose, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
     known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
 
     def track_file(file: Path, folder: Path) -> dict[str, Any]:
-        with new_run(folder, output.force) as part:
-            with busy(f"reading {file.name}"):
-                recording, plane = bag.read(file)
+        with new_run(folder, force) as part:
+            recording, plane = bag.read(file)
             with progress_bar(file.name, len(recording)) as progress:
                 run = track_recording(recording, settings, first_pose, **known, progress=progress)
-            output.write(run, part, plane)
+            write_files(run, part, (plane or flat()) if mcap else None)
+            if html:
+                from palpate.viewer.page import write_page
+
+                write_page(run, file.name, part / PAGE)
         return run.summary
 
     if len(files) == 1:
@@ -126,6 +109,19 @@ def track(
     elif runs:
         report_runs(runs)
     return 3 if failed else 0
+
+
+def run_folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:
+    """Return the folder of each file's run. Raises SettingError without files, and if two folders would be the same."""
+    if not files:
+        raise SettingError("track: no FILE given; name one or more recordings")
+    if len(files) == 1 and out is not None:
+        return [out]
+    stems = ((file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name for file in files)
+    folders = [(out or Path("runs")) / stem for stem in stems]
+    if twice := next((folder for folder in folders if folders.count(folder) > 1), None):
+        raise SettingError(f"several files would go to {twice}; track them one by one, each with its --out")
+    return folders
 
 
 def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = False) -> int:
@@ -173,19 +169,9 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
     if "unusual_colours" in summary:
         print_line(summary["unusual_colours"])
-    names = {
-        "frames": "frames",
-        "in contact": "contact_frames",
-        "contacts": "episodes",
-        "scored frames": "scored_frames",
-        **SCORES,
-        **(KNOCKS if summary["knocks"] else {}),
-        "step time_ms": "step_ms",
-        "status": "statuses",
-    }
     rows = {"final pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    rows |= {name: summary[key] for name, key in names.items()}
-    print_quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows)
+    rows |= {name: summary[key] for name, key in (FACTS | (KNOCKS if summary["knocks"] else {})).items()}
+    print_table(quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows))
     print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
 
 

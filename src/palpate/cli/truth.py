@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from palpate.cli.console import busy, print_line, report
+from palpate.cli.console import print_line, progress_bar, report
 from palpate.cli.options import Force, Json, arg, check_new, positional
 
 Video = Annotated[tyro.conf.Positional[Path], positional("VIDEO", "A video file.")]
@@ -47,7 +47,7 @@ def truth_camera(video: Video, /, *, out: Annotated[Path, arg("CAMERA.json")], f
     from palpate.lab.truth.camera import calibrated, read_video, save_camera
 
     check_new(out, force)
-    with busy(f"looking for the board in {video.name}"):
+    with progress_bar(f"looking for the board in {video.name}"):
         camera = calibrated(picture for _, picture in read_video(video))
     save_camera(camera, out, force)
     print_line(f"{out}: reprojection error {camera.error:.2f} px; half a pixel or less is good")
@@ -83,7 +83,7 @@ def truth(
 
     check_new(out, force)
     given, overhead = formats.load_recording(recording), load_camera(camera)
-    with busy(f"looking for tags in {video.name}"), in_file(video):
+    with progress_bar(f"looking for tags in {video.name}"), in_file(video):
         tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
         alignment = align(given.time, given.sensor_pose, tag_on_sensor)
     found = with_truth(given, tag_on_object, alignment)
