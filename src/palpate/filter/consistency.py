@@ -107,10 +107,9 @@ class ConsistencyMonitor:
         gap, deviation = self.clearance(rows.belief, step.sensor_pose)
         rows = rows.displaced(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
         for angles, variance in true_directions(step, rows.belief, rows.sign):
-            each = enumerate(angles.tolist())
-            turns = [self._turn(rows.belief.take([row]), step.sensor_pose, angle, variance) for row, angle in each]
+            turn = self._turn(rows.belief, step.sensor_pose, angles, variance)
             # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
-            rows = rows.displaced(0.5 * self._model.friction_radius * np.array(turns))
+            rows = rows.displaced(0.5 * self._model.friction_radius * turn)
         return rows
 
     def test_object_poses(
@@ -192,19 +191,18 @@ class ConsistencyMonitor:
         sizes = np.stack([length, length, length / self._model.friction_radius], axis=-1)
         return np.square(sizes)[..., None] * np.eye(3)
 
-    def _turn(self, belief: Belief, sensor_pose: Array, angle: float, variance: float) -> float:
-        """Return the least turn [rad] that a contact direction shows; 0 if the outline has it near the contact."""
-        g, covariance = se2.between(belief.pose[0], sensor_pose), belief.pose_covariance[0]
-        touch = self._model.touching(g[None, None])[0, 0]
+    def _turn(self, belief: Belief, sensor_pose: Array, angles: Array, variance: float) -> Array:
+        """Return the least turn (B,) [rad] that contact directions (B,) show; 0 if the outline has them near."""
+        g, covariance = se2.between(belief.pose, sensor_pose), belief.pose_covariance
+        touch = self._model.touching(g[:, None])[:, 0]
         along = 1j * touch["normal"]
-        by_object = np.array([along.real, along.imag, (along * touch["point"].conjugate()).imag])
-        likely = _SURPRISE * np.sqrt(by_object @ covariance @ by_object) * _ALONG
-        places = self._model.moved_along(np.tile(g, (len(likely), 1)), likely)
-        normals = self._model.touching(places[None])[0]["normal"]
-        off = np.angle(-normals * np.exp(1j * (-angle - g[2])))
-        deviation = np.sqrt(covariance[2, 2] + self._calibration[2, 2] + variance)
-        least = float(np.abs(off).min())
-        return least if least > _SURPRISE * deviation else 0.0
+        by_object = np.stack([along.real, along.imag, (along * touch["point"].conjugate()).imag], axis=1)
+        likely = _SURPRISE * np.sqrt(np.einsum("bi,bij,bj->b", by_object, covariance, by_object))[:, None] * _ALONG
+        places = self._model.moved_along(np.repeat(g, len(_ALONG), axis=0), likely.ravel())
+        normals = self._model.touching(places.reshape(*likely.shape, 3))["normal"]
+        off = np.abs(np.angle(-normals * np.exp(-1j * (angles + g[:, 2]))[:, None])).min(axis=1)
+        deviation = np.sqrt(covariance[:, 2, 2] + self._calibration[2, 2] + variance)
+        return np.where(off > _SURPRISE * deviation, off, 0.0)
 
     def _gap(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
         """Return the distance between sensor and object (B,) [m], and its derivative (B, 3 + OBJECT_SIZE) by belief."""
@@ -218,9 +216,9 @@ class ConsistencyMonitor:
         return gap + overlap(belief, reach), np.concatenate([by_pose, by_object], axis=1)
 
 
-def is_uncertain(covariance: Array) -> bool:
-    """Return True if a covariance (3, 3) of the object's pose is too large to be reliable."""
-    return bool((np.diagonal(covariance) > _UNCERTAIN**2).any())
+def is_uncertain(covariance: Array) -> Flags:
+    """Return True (...) where covariances (..., 3, 3) of the object's pose are too large to be reliable."""
+    return np.asarray(np.any(np.diagonal(covariance, axis1=-2, axis2=-1) > _UNCERTAIN**2, axis=-1))
 
 
 def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:

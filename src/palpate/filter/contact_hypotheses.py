@@ -6,7 +6,7 @@ of how far something moved the object: it only says which places are likely.
 """
 
 from dataclasses import replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.filter.consistency import is_uncertain, true_directions
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near, branched
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, overlap
+from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel, reaches
 from palpate.graph.factors import Step
+from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 LOG_UNLIKELY = 1.0
 """Log of the odds that nothing else moved the object against that something did."""
@@ -36,69 +39,73 @@ _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
 
 def contact_hypotheses(
     rows: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, step: Step
-) -> tuple[Hypotheses, NDArray[np.int64]]:
+) -> tuple[Hypotheses, Indices]:
     """Return the hypotheses with which a contact begins, likeliest first, and the row each of them comes from.
 
     Those that take images as mirrored come last. The beliefs `rest` hold if nothing moved the object since, `displaced`
     are inflated by the covariance of its displacement. `was_found` is False while only a rough first pose is known.
     """
-    origins, groups = [], []
-    for is_mirror in np.unique(rows.is_mirror):
-        group = np.flatnonzero(rows.is_mirror == is_mirror)
-        parts = ((rows.take([row]), rest.take([row]), displaced.take([row])) for row in group.tolist())
-        each = [_begun(*part, was_found, model, step) for part in parts]
-        begun = reduce(Hypotheses.joined, each)
-        log_prior, order = begun.log_prior, np.argsort(-begun.log_prior, kind="stable")
-        if not was_found:
-            log_prior, order = _merged(begun, order)
-        origins.append(np.repeat(group, [len(one.age) for one in each])[order[:MOST_YOUNG]])
-        groups.append(replace(begun, log_prior=log_prior).take(order[:MOST_YOUNG]))
-    return reduce(Hypotheses.joined, groups), np.concatenate(origins)
-
-
-def _begun(
-    row: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, step: Step
-) -> Hypotheses:
-    """Return the hypotheses that come from one: that it is where it was, or at one of several places."""
-    if was_found and not is_rough(displaced, model):
-        return replace(row, belief=displaced)
-    poses, likely = poses_in_contact(displaced, model, step, row.sign, is_guess=was_found)
-    places = branched(row, poses, row.log_prior + likely - LOG_UNLIKELY)  # pushing is ignored in their first steps
-    places = replace(places, disturbed_steps_left=np.full(len(likely), AHEAD + 1))
+    count, is_rough_now = len(rest), is_rough(displaced, model)
+    searched = np.flatnonzero(is_rough_now) if was_found else np.arange(count)
+    poses, origin, likely = poses_in_contact(displaced, searched, rows.sign, model, step, is_guess=was_found)
+    log_prior = rows.log_prior
+    if not was_found:
+        is_displaced = rows.displacement > 0.0
+        as_left = _of_each_row(origin, likely, count)
+        if is_displaced.any():
+            left = poses_in_contact(rest, np.flatnonzero(is_displaced), rows.sign, model, step, is_guess=False)
+            as_left = np.where(is_displaced, _of_each_row(*left[1:], count), as_left)
+        log_prior = log_prior + np.maximum(as_left, -_IMPOSSIBLE)
+        rough = np.flatnonzero(is_rough_now[origin])
+        poses, origin, likely = poses.take(rough), origin[rough], likely[rough]
+    has_places = np.bincount(origin, minlength=count) > 0
+    stays = is_rough_now & (has_places | (not was_found))
+    expected = replace(rows, belief=displaced.joined(rest).take(np.arange(count) + count * stays))
     if was_found:
-        if not len(likely):
-            return replace(row, belief=displaced)
-        return branched(row, rest, row.log_prior).joined(places)
-    is_displaced = row.displacement[0] > 0.0
-    as_left = poses_in_contact(rest, model, step, row.sign, is_guess=False)[1] if is_displaced else likely
-    as_expected = row.log_prior + max(np.logaddexp.reduce(as_left), -_IMPOSSIBLE)
-    if not is_rough(displaced, model):
-        return branched(row, displaced, as_expected)
-    is_too_far = is_uncertain(displaced.pose_covariance[0])  # for one graph to find it
-    if is_too_far and len(likely) and not is_displaced:
-        return places
-    return branched(row, rest, as_expected).joined(places)
+        expected = expected.as_new(stays)
+        keeps = np.ones(count, np.bool_)
+    else:
+        expected = replace(expected, log_prior=log_prior).as_new(np.ones(count, np.bool_))
+        # Too far for one graph to find it.
+        keeps = ~(is_rough_now & is_uncertain(displaced.pose_covariance) & has_places & ~(rows.displacement > 0.0))
+    places = branched(rows.take(origin), poses, rows.log_prior[origin] + likely - LOG_UNLIKELY)
+    # Pushing is ignored in their first steps.
+    places = replace(places, disturbed_steps_left=np.full(len(likely), AHEAD + 1))
+    begun, origin = expected.take(keeps).joined(places), np.concatenate([np.flatnonzero(keeps), origin])
+    order = np.lexsort([-begun.log_prior, begun.is_mirror])
+    groups = [order[~begun.is_mirror[order]], order[begun.is_mirror[order]]]
+    chosen = np.concatenate([group[:MOST_YOUNG] if was_found else _merged(begun, group) for group in groups])
+    return begun.take(chosen), origin[chosen]
 
 
-def _merged(rows: Hypotheses, order: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Return log probabilities (B,) and the rows of different poses, of rows in the order of likelihood."""
-    log_prior, kept = rows.log_prior.copy(), []
-    for row in order:
-        same = [other for other in kept if are_near(rows.belief.pose[other], rows.belief.pose[row])]
-        if same:
-            log_prior[same[0]] = np.logaddexp(log_prior[same[0]], log_prior[row])
-        elif len(kept) < MOST_YOUNG:
-            kept.append(row)
-    return log_prior, np.array(kept)
+def _of_each_row(origin: Indices, likely: Array, count: int) -> Array:
+    """Return the log probabilities (count,) of all places that come from each row together."""
+    total = np.full(count, -np.inf)
+    np.logaddexp.at(total, origin, likely)
+    return total
 
 
-def is_rough(belief: Belief, model: ContactModel) -> bool:
-    """Return True if the first belief leaves several places where the sensor may meet the object.
+def _merged(rows: Hypotheses, order: Indices) -> Indices:
+    """Return the rows of different poses, and add to their log probabilities those of the same poses.
+
+    `order` are some rows, the likeliest first.
+    """
+    kept = []
+    while len(order) and len(kept) < MOST_YOUNG:
+        is_same = are_near(rows.belief.pose[order[0]], rows.belief.pose[order])
+        kept.append(order[0])
+        rows.log_prior[order[0]] = np.logaddexp.reduce(rows.log_prior[order[is_same]])
+        order = order[~is_same]
+    return np.array(kept, np.int64)
+
+
+def is_rough(belief: Belief, model: ContactModel) -> Flags:
+    """Return True (B,) where beliefs leave several places at which the sensor may meet the object.
 
     A round object is met alike at every yaw.
     """
-    rough = np.diagonal(belief.pose_covariance[0]) > _ROUGH**2
-    return bool(rough[: 2 if is_round(model) else 3].any())
+    rough = np.diagonal(belief.pose_covariance, axis1=1, axis2=2) > _ROUGH**2
+    return np.any(rough[:, : 2 if is_round(model) else 3], axis=1)
 
 
 def is_round(model: ContactModel) -> bool:
@@ -107,62 +114,78 @@ def is_round(model: ContactModel) -> bool:
 
 
 def poses_in_contact(
-    belief: Belief, model: ContactModel, step: Step, sign: Array, is_guess: bool = True
-) -> tuple[Belief, Array]:
-    """Return beliefs (N rows) at places where a contact may begin, likeliest first, and their log probabilities (N,).
+    beliefs: Belief, rows: Indices, sign: Array, model: ContactModel, step: Step, is_guess: bool
+) -> tuple[Belief, Indices, Array]:
+    """Return beliefs (N rows) at places where a contact may begin, their rows and their log probabilities (N,).
 
-    A belief that is a guess only says how likely each place is: the object is within _PLACE of it. Another counts as
-    much as the contact: the product of both Gaussians is the belief at each place, its weight the probability.
+    They come from some rows of `beliefs`. One that is a guess only says how likely each place is: the object is within
+    _PLACE of it. Another counts as much as the contact: the product of both Gaussians is the belief at each place, its
+    weight the probability.
     """
-    pose, around = _at_places(belief, model, step, sign)
-    known = belief.pose_covariance[0]
+    belief = beliefs.take(rows)
+    pose, around, origin = _at_places(belief, sign[rows], model, step)
+    known = belief.pose_covariance.copy()
     if is_guess:
         if is_round(model):
-            around[:, 2, 2] = known[2, 2]
-        off = se2.log(se2.between(belief.pose[0], pose))
+            around[:, 2, 2] = known[origin, 2, 2]
+        off = se2.log(se2.between(belief.pose[origin], pose))
         # After a long doubt a covariance may be singular.
-        far = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(known, hermitian=True), off)
-        likely = -0.5 * far
+        far = np.einsum("ni,nij,nj->n", off, np.linalg.pinv(known, hermitian=True)[origin], off)
+        near = np.flatnonzero(far < _LIKELY**2)
+        pose, around, origin, likely = pose[near], around[near], origin[near], -0.5 * far[near]
     else:
-        off = belief.pose[0] - pose
+        off = belief.pose[origin] - pose
         off[:, 2] = se2.wrap(off[:, 2])
-        if known[2, 2] > _ANY_YAW**2 and not is_round(model):
-            known = known + _UNKNOWN_YAW
-        known = _turned(known, belief.pose[0, 2])
-        gain = around @ np.linalg.pinv(around + known, hermitian=True)
-        by_gain = (gain @ off[..., None])[..., 0]
-        far = np.einsum("ni,ni->n", off, np.linalg.solve(around, by_gain[..., None])[..., 0])
+        if not is_round(model):
+            known[known[:, 2, 2] > _ANY_YAW**2] += _UNKNOWN_YAW
+        joint = around + _turned(known, belief.pose[:, 2])[origin]
+        by_yaw = np.square(off[:, 2]) / joint[:, 2, 2]  # no more than by all three
+        near = np.flatnonzero(by_yaw < _LIKELY**2)
+        pose, around, origin, off = pose[near], around[near], origin[near], off[near]
+        inverse = np.linalg.inv(joint[near])
+        far = np.einsum("ni,nij,nj->n", off, inverse, off)
+        near = np.flatnonzero(far < _LIKELY**2)
+        pose, around, origin, off, far = pose[near], around[near], origin[near], off[near], far[near]
+        gain = around @ inverse[near]
         likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
-        pose, around = pose + by_gain, around - gain @ around
-    order = np.array([index for index in np.argsort(-likely, kind="stable") if far[index] < _LIKELY**2], np.int64)
-    here = belief.take(np.zeros(len(order), np.int64))
-    joint, pose, around = here.covariance, pose[order], around[order]
-    joint[:, :3, :], joint[:, :, :3] = 0.0, 0.0
-    joint[:, :3, :3] = _turned(0.5 * (around + around.transpose(0, 2, 1)), -pose[:, 2])
+        pose, around = pose + (gain @ off[..., None])[..., 0], around - gain @ around
+    here = belief.take(origin)
+    here.covariance[:, :3, :], here.covariance[:, :, :3] = 0.0, 0.0
+    here.covariance[:, :3, :3] = _turned(0.5 * (around + around.transpose(0, 2, 1)), -pose[:, 2])
     pose[:, 2] = se2.wrap(pose[:, 2])
-    return replace(here, pose=pose, covariance=joint), likely[order]
+    return replace(here, pose=pose), rows[origin], likely
 
 
-def _at_places(belief: Belief, model: ContactModel, step: Step, sign: Array) -> tuple[Array, Array]:
-    """Return object poses (N, 3) at which the sensor touches each place, and covariances (N, 3, 3) in the world."""
+def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> tuple[Array, Array, Indices]:
+    """Return object poses (N, 3) at which the sensor touches each place, covariances (N, 3, 3) in the world, and rows.
+
+    Places of B beliefs are (B, P, 1), with Y yaws of the sensor in the object frame (B, 1 or P, Y).
+    """
     center, normal = outline_places(model)
-    center = center - overlap(belief, reaches(model, center - model.radius * normal, normal)) * normal
-    directions, sensor_pose = true_directions(step, belief, sign), step.sensor_pose
-    around = _PLACE
+    reach = reaches(model, center - model.radius * normal, normal)
+    center = center - (belief[DEPTH] - belief[OUTLINE_SCALE] * reach) * normal
+    normal = np.broadcast_to(normal, center.shape)
+    directions, around = true_directions(step, belief, sign), _PLACE
+    yaw = (step.sensor_pose[2] - belief.pose[:, 2])[:, None, None]
+    is_likely = np.ones((1, 1, 1), np.bool_)
     if is_round(model):
-        yaw = np.array([[sensor_pose[2] - belief.pose[0, 2]]])
-        if directions:  # the place follows from yaw
-            turn = -np.exp(1j * (yaw[0] + directions[0][0])) / normal[:1]
-            center, normal = (center[:1] - model.friction_center) * turn + model.friction_center, normal[:1] * turn
         around = _PLACE + _UNKNOWN_YAW
+        if directions:  # the place follows from yaw
+            turn = -np.exp(1j * (yaw[:, 0] + directions[0][0][:, None])) / normal[:, :1]
+            center, normal = (
+                (center[:, :1] - model.friction_center) * turn + model.friction_center,
+                normal[:, :1] * turn,
+            )
     elif directions:
-        yaw = (np.angle(-normal) - directions[0][0])[:, None]
+        yaw = (np.angle(-normal) - directions[0][0][:, None])[..., None]
     else:
-        yaw = np.array(_likely_yaws(belief, sensor_pose))[None]
-    place = center[:, None] - np.exp(1j * yaw) * model.center
-    seen = np.stack([place.real, place.imag, np.broadcast_to(yaw, place.shape)], axis=-1).reshape(-1, 3)
-    pose = se2.compose(sensor_pose, se2.inverse(seen))
-    return pose, _turned(around, pose[:, 2] + np.repeat(np.angle(normal), yaw.shape[1]))
+        turns, is_likely = _likely_turns(np.sqrt(belief.pose_covariance[:, 2, 2]))
+        yaw, is_likely = yaw + turns[:, None], is_likely[:, None]
+    place = center[..., None] - np.exp(1j * yaw) * model.center
+    origin, at, which = np.nonzero(np.broadcast_to(is_likely, place.shape))
+    place, yaw = place[origin, at, which], np.broadcast_to(yaw, place.shape)[origin, at, which]
+    pose = se2.compose(step.sensor_pose, se2.inverse(np.stack([place.real, place.imag, yaw], axis=-1)))
+    return pose, _turned(around, pose[:, 2] + np.angle(normal)[origin, at]), origin
 
 
 def _turned(covariance: Array, angle: ArrayLike) -> Array:
@@ -172,14 +195,14 @@ def _turned(covariance: Array, angle: ArrayLike) -> Array:
     return turn @ covariance @ np.swapaxes(turn, -1, -2)
 
 
-def _likely_yaws(belief: Belief, sensor_pose: Array) -> list[float]:
-    """Return likely yaws of the sensor in the object frame [rad]."""
-    yaw, deviation = float(sensor_pose[2] - belief.pose[0, 2]), float(np.sqrt(belief.pose_covariance[0, 2, 2]))
-    if deviation < _KNOWN_YAW:
-        return [yaw]
-    reach = min(2.0 * deviation, np.pi)
-    count = int(np.ceil(_YAWS * reach / np.pi))
-    return [yaw + reach * step / count for step in range(-count, count + (reach < np.pi))]
+def _likely_turns(deviation: Array) -> tuple[Array, Flags]:
+    """Return turns (B, Y) [rad] of a yaw of this deviation (B,), and True where they are likely and not repeated."""
+    reach = np.minimum(2.0 * deviation, np.pi)
+    count = np.where(deviation < _KNOWN_YAW, 0, np.ceil(_YAWS * reach / np.pi))[:, None]
+    most = count.max(initial=0.0)
+    steps = np.arange(-most, most + 1.0)
+    is_likely = (np.abs(steps) <= count) & ~((reach[:, None] >= np.pi) & (steps == count))
+    return reach[:, None] * steps / np.maximum(count, 1.0), is_likely
 
 
 @lru_cache(maxsize=8)

@@ -114,6 +114,10 @@ class Hypotheses(RowArrays):
         """Return hypotheses about an object that was moved by at least these distances (B,) [m]."""
         return replace(self, displacement=np.maximum(self.displacement, least))
 
+    def as_new(self, rows: Flags) -> "Hypotheses":
+        """Return hypotheses of which some (B,) count as added now."""
+        return replace(self, weight=np.where(rows, 1.0, self.weight), age=np.where(rows, 0, self.age))
+
     @property
     def is_lost(self) -> Flags:
         """True where the solution has diverged, (B,)."""
@@ -121,11 +125,9 @@ class Hypotheses(RowArrays):
         return np.any(variances[:, :2] > _LOST**2, axis=1)
 
 
-def branched(row: Hypotheses, belief: Belief, log_prior: Array) -> Hypotheses:
-    """Return new hypotheses, with these beliefs and log probabilities (N,), that come from one."""
-    count = len(log_prior)
-    new = row.take(np.zeros(count, np.int64))
-    return replace(new, belief=belief, log_prior=log_prior, weight=np.ones(count), age=np.zeros(count, np.int64))
+def branched(rows: Hypotheses, belief: Belief, log_prior: Array) -> Hypotheses:
+    """Return new hypotheses that come from others, with these beliefs and log probabilities (B,)."""
+    return replace(rows, belief=belief, log_prior=log_prior).as_new(np.ones(len(log_prior), np.bool_))
 
 
 def costs_of_contact(rows: Hypotheses, costs: Array) -> Array:

@@ -76,7 +76,7 @@ class HypothesisBank:
         joint[:3, :3] = covariance
         belief = Belief(pose[None], priors.mean[None], joint[None])
         self._rows = Hypotheses.one(belief, sign=-1.0 if self._is_mirrored else 1.0)
-        self._is_found = not is_rough(belief, self._model)  # once there was one hypothesis that is sure
+        self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
         self._history: list[NDArray] = []  # poses (B, N, 3) up to the current window, and rows (B,) that were taken
         self._sensor_pose: Array | None = None  # at the last frame
         self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
@@ -309,7 +309,7 @@ class HypothesisBank:
         self._take([*range(before), *[row] * len(new)])
         window.disturb(new, steps, _SLIDES, _SPREAD)
         log_prior = np.repeat(rows.log_prior[row] - LOG_UNLIKELY, len(new))
-        added = branched(rows.take([row]), window.belief().take(new), log_prior)
+        added = branched(rows.take([row] * len(new)), window.belief().take(new), log_prior)
         added.ignored_motion[:, added.ignored_motion.shape[1] - steps :] = True
         added.squares[:], added.disturbed_steps_left[:] = 0.0, AHEAD
         self._rows = rows.joined(added)
@@ -339,7 +339,7 @@ class HypothesisBank:
             ignored_motion=rows.ignored_motion & ~is_single[:, None],
         )
         if is_single[0] and not self._is_found:
-            self._is_found = not is_rough(rows.belief, self._model)
+            self._is_found = not is_rough(rows.belief, self._model)[0]
 
     def _decide_mirrored(self, window: Window, time: float) -> None:
         """Decide if touch images are mirrored once one group is contradicted for a while, and the other is not.

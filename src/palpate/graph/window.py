@@ -112,11 +112,12 @@ class Window:
         first, last = max(len(self._times) - steps, 1), len(self._times)
         count, changing = max(last - first, 1), np.zeros(self.rows, np.bool_)
         changing[rows] = True
-        for row, length in zip(np.arange(self.rows)[rows], slide / count, strict=True):
-            disturbed = self._steps[row, first:]
-            disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
-            # Seen from the object, the sensor moves the other way.
-            disturbed["g"] = self._model.moved_along(disturbed["g"], -length * np.arange(1.0, last - first + 1))
+        disturbed, length = self._steps[rows, first:], slide[:, None] / count
+        disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
+        # Seen from the object, the sensor moves the other way.
+        back = -length * np.arange(1.0, last - first + 1)
+        disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
+        self._steps[rows, first:] = disturbed
         self._solve(changing, np.arange(self.rows))
 
     @property
@@ -246,16 +247,18 @@ def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.
             rows["past_information"][:, place, place] = deviation**-2.0
     rows["past_g"], rows["past_e"], rows["past_shared"] = steps["g"][:, 0], steps["e"][:, 0], rows["shared"]
     rows["first_pose"], rows["first_values"] = belief.pose, belief.values
-    rows["first_root"] = [_whitening(one) for one in belief.covariance]
+    rows["first_root"] = _whitening(belief.covariance)
     return steps, rows
 
 
-def _whitening(covariance: Array) -> Array:
-    """Return the inverse Cholesky root; NaN, which leaves a hypothesis without a solution, if there is none."""
+def _whitening(covariances: Array) -> Array:
+    """Return inverse Cholesky roots (B, N, N); NaN, which leaves no solution, where there is none."""
     try:
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariances)), np.float64)
     except np.linalg.LinAlgError:
-        return np.full_like(covariance, np.nan)
+        if len(covariances) == 1:
+            return np.full_like(covariances, np.nan)
+        return np.concatenate([_whitening(one[None]) for one in covariances])
 
 
 def joined(arrays: Sequence[NDArray[np.void]], axis: int = 0) -> NDArray[np.void]:
