@@ -1,7 +1,7 @@
 """Background: statistics of the untouched gel, from its images, with which an image is compared."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,7 +23,7 @@ class Background:
     mean: Levels
     """(height, width, 3) RGB [grey levels]."""
     deviation: Levels
-    """Standard deviation over time, (height, width, 3) [grey levels]."""
+    """Standard deviation over the time of the first images or the calibration, (height, width, 3) [grey levels]."""
     noise: Levels = field(default_factory=lambda: np.empty((0, 0, 3), np.float32))
     """Standard deviation of the cells, (rows, columns, 3) [grey levels]. By default pixels have independent noise; some
     cameras have stripes, which cells share."""
@@ -35,12 +35,8 @@ class Background:
             object.__setattr__(self, "noise", cells_of(self.deviation) * np.float32(part))
 
     def followed(self, image: Image, part: float) -> "Background":
-        """Return the statistics updated with an image, which has the weight `part`; the past has the rest."""
-        change = image.astype(np.float32) - self.mean
-        mean = np.asarray(self.mean + part * change, np.float32)
-        # Variance of a mixture: that within the past, and that between the past and the image.
-        variance = (1.0 - part) * (np.square(self.deviation) + part * np.square(change))
-        return Background(mean, np.sqrt(variance, dtype=np.float32), self.noise)
+        """Return the background with a mean in which an image has the weight `part`, and the past the rest."""
+        return replace(self, mean=self.mean + np.float32(part) * (image.astype(np.float32) - self.mean))
 
     def check_colours(self, image: Image) -> None:
         """Raise SettingError on a grey image, not black or saturated, if the untouched gel has colours."""

@@ -40,8 +40,8 @@ def is_dark(image: Image | Levels) -> bool:
 
 
 def is_flat(image: Image | Levels) -> bool:
-    """Return true if an image has one level within 4, as black and saturated ones have."""
-    return float(np.ptp(image[::SPARSE, ::SPARSE])) < 4.0
+    """Return true if an image, or its cells, have one level within 4, as black and saturated ones have."""
+    return float(np.ptp(image)) < 4.0
 
 
 def is_grey(image: Image | Levels) -> bool:
@@ -83,11 +83,10 @@ def wide_cells_of(image: Image) -> Levels:
 def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
     """Return the means (rows, columns, 3) of an image (height, width, 3) over areas of equal size.
 
-    The result is that of OpenCV's INTER_AREA, in half the time.
+    The result is that of OpenCV's INTER_AREA, in a quarter of the time.
     """
-    height, width, channels = image.shape
-    out = np.empty((rows, columns, channels), np.float32)
-    _put_area_means(np.ascontiguousarray(image).reshape(height, width * channels), channels, out)
+    out = np.empty((rows, columns, 3), np.float32)
+    _put_area_means(np.ascontiguousarray(image), out)
     return out
 
 
@@ -98,48 +97,51 @@ def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) ->
     less than half of the pad does not matter.
     """
     light = _planes(cells, untouched)
-    return float((np.abs(cells - _lit(untouched, light)) > tolerance).mean()), light
+    lit = np.empty(untouched.shape, np.float32)
+    _put_lit(untouched, light, lit)
+    return np.count_nonzero(np.abs(cells - lit) > tolerance) / cells.size, light
 
 
-def in_light_of(image: Levels, untouched: Levels, columns: int) -> Levels:
-    """Return the untouched gel (rows, width, 3) in the light of an image of that size, found in so many columns."""
-    rows = image.shape[0]
-    return _lit(untouched, _planes(area_means(image, rows, columns), area_means(untouched, rows, columns)))
+def change_in_light(image: Levels, untouched: Levels, columns: int) -> Levels:
+    """Return the change (rows, width, 3) of an image from the untouched gel in its light, found in so many columns.
 
-
-def _lit(untouched: Levels, light: Light) -> Levels:
-    out = np.empty(untouched.shape, np.float32)
+    In memory each channel is whole, as networks read it.
+    """
+    rows, width, channels = image.shape
+    light = _planes(area_means(image, rows, columns), area_means(untouched, rows, columns))
+    out = np.empty((channels, rows, width), np.float32).transpose(1, 2, 0)
     _put_lit(untouched, light, out)
-    return out
+    return np.subtract(image, out, out=out)
 
 
 @compiled
-def _put_area_means(lines: Records, channels: int, out: Records) -> None:
-    height, length = lines.shape
-    rows, columns = out.shape[0], out.shape[1]
-    down, across = height / rows, length / channels / columns
+def _put_area_means(image: Records, out: Records) -> None:
+    height, width, (rows, columns, _) = image.shape[0], image.shape[1], out.shape
+    lines = image.reshape(height, 3 * width)
+    down, across = height / rows, width / columns
     shares = np.zeros((columns, int(across) + 2), np.float32)  # of each pixel in its column
     for column in range(columns):
         left, right = column * across, (column + 1) * across
-        for x in range(int(left), min(math.ceil(right - 1e-9), length // channels)):
+        for x in range(int(left), min(math.ceil(right - 1e-9), width)):
             share = (min(x + 1.0, right) - max(float(x), left)) / (down * across)
             shares[column, x - int(left)] = np.float32(share)
-    line = np.empty(length, np.float32)
+    line = np.empty(3 * width, np.float32)
     for row in range(rows):
         top, bottom = row * down, (row + 1) * down
         line[:] = np.float32(0.0)
         for y in range(int(top), min(math.ceil(bottom - 1e-9), height)):
             share = np.float32(min(y + 1.0, bottom) - max(float(y), top))
-            for i in range(length):  # one long loop, which the compiler turns into vector instructions
+            for i in range(3 * width):  # one long loop, which the compiler turns into vector instructions
                 line[i] += share * np.float32(lines[y, i])
         for column in range(columns):
             first = int(column * across)
-            end = min(math.ceil((column + 1) * across - 1e-9), length // channels)
-            for channel in range(channels):
-                total = np.float32(0.0)
-                for x in range(first, end):
-                    total += shares[column, x - first] * line[channels * x + channel]
-                out[row, column, channel] = total
+            red = green = blue = np.float32(0.0)  # three sums at a time, as each waits for its last addition
+            for x in range(first, min(math.ceil((column + 1) * across - 1e-9), width)):
+                share = shares[column, x - first]
+                red += share * line[3 * x]
+                green += share * line[3 * x + 1]
+                blue += share * line[3 * x + 2]
+            out[row, column, 0], out[row, column, 1], out[row, column, 2] = red, green, blue
 
 
 @compiled

@@ -1,6 +1,7 @@
 """Contact detection: the share of an image that differs from the untouched gel (paper Sec. V-A)."""
 
 import logging
+import math
 from collections import deque
 from dataclasses import replace
 
@@ -38,6 +39,7 @@ _SIGNIFICANT = 4.0  # standard deviations of a cell, as in the paper
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are above the steps, up to 3, of JPEG at quality 75
 _NO_GEL, _NO_GEL_IN_DOUBT = 0.8, 0.6  # shares from which no gel is seen; touches make 0.55, other units mostly over 0.6
 _THIN = 0.5  # part of the share left without thin lines, below which they are a scratch and no touch
+_FALLS = 0.5  # part of the most share in half a second, below which a touch may have ended
 _MOST_REPEATS, _NOISE = 6, 0.25  # identical images in a row from a camera whose noise changes this share of values
 _MEMORY, _EVERY = 90, 5  # frames over which the background follows the light, 3 s at 30 Hz; one in five is used
 
@@ -156,13 +158,14 @@ class ContactDetector:
         self.background = background
         self._cells, self._wide_cells = cells_of(background.mean), None
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
-        self._is_flat = is_flat(background.mean)
+        self._is_flat = is_flat(self._cells)
 
     def _significant_share(self, image: Image, cells: Levels) -> tuple[float, Light]:
         share, light = compare(cells, self._cells, self._tolerance)
-        if is_flat(image) and not self._is_flat:
+        if is_flat(cells) and not self._is_flat:
             return 1.0, light
-        if share <= END:
+        # Thin lines decide where a touch may begin or end, which is where its share falls.
+        if share <= END or share > _FALLS * max((each for each, _ in self._recent), default=math.inf):
             return share, light
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
@@ -187,7 +190,7 @@ class ContactDetector:
 
     def _check_not_repeated(self, image: Image) -> None:
         sparse = image[::SPARSE, ::SPARSE].copy()
-        changed = 1.0 if self._sparse is None else float((sparse != self._sparse).mean())
+        changed = 1.0 if self._sparse is None else np.count_nonzero(sparse != self._sparse) / sparse.size
         self._sparse = sparse
         self._is_noisy = self._is_noisy or (self._repeats > 0 and changed > _NOISE)
         self._repeats = 1 if changed else self._repeats + 1

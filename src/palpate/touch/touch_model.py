@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_json, whole_file
-from palpate.touch.cells import area_means, in_light_of
+from palpate.touch.cells import area_means, change_in_light
 
 Difference = NDArray[np.float32]
 
@@ -54,8 +54,9 @@ def difference(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference
 
 def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
     """Return the same with the background in the light of the image, which may have changed."""
-    seen = reduced(image)
-    return (seen - in_light_of(seen, reduced_mean, _LIGHT_COLUMNS)) / np.float32(_LEVELS)
+    change = change_in_light(reduced(image), reduced_mean, _LIGHT_COLUMNS)
+    change /= np.float32(_LEVELS)
+    return change
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,12 @@ class TouchModel:
 
     def read(self, difference: Difference) -> TouchReading:
         """Return the reading of a difference (ROWS, COLUMNS, 3)."""
+        means = dict(zip(self.settings.spread, self._run(difference), strict=True))
+        place = means.get("place")
+        return TouchReading(means["direction"], means.get("turn"), place and (1e-2 * place[0], 1e-4 * place[1]))
+
+    def _run(self, difference: Difference) -> list[tuple[float, float]]:
+        """Return mean and variance of each output; opens the network at the first call."""
         batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
         path, outputs = self.folder / NETWORK, list(self.settings.spread)
         try:
@@ -134,16 +141,13 @@ class TouchModel:
                 given = {each.name for each in self._session.get_outputs()}
                 if given != set(outputs):
                     raise ValueError(f"gives {sorted(given)}, expected {sorted(outputs)}")
-            found = dict(zip(outputs, self._session.run(outputs, {"difference": batch}), strict=True))
+            found = self._session.run(outputs, {"difference": batch})
+            if any(values.shape != (1, 2) for values in found):
+                raise ValueError(f"gives {[values.shape for values in found]}, expected (1, 2) each")
         except Exception as error:  # a damaged network raises many kinds
             raise FileError(f"{path}: is no network that can be run ({one_line(error)})") from error
-        for name, values in found.items():
-            if np.shape(values) != (1, 2):
-                raise FileError(f"{path}: gives {name} of shape {np.shape(values)}, expected (1, 2)")
-        with np.errstate(over="ignore"):  # a foreign network may give any log variance
-            means = {name: (float(one[0, 0]), float(np.exp(np.float64(one[0, 1])))) for name, one in found.items()}
-        place = means.get("place")
-        return TouchReading(means["direction"], means.get("turn"), place and (1e-2 * place[0], 1e-4 * place[1]))
+        # A foreign network may give any log variance.
+        return [(float(mean), float(np.exp(min(log, 700.0)))) for ((mean, log),) in map(np.ndarray.tolist, found)]
 
 
 _opened = cache(TouchModel)
