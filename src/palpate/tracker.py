@@ -129,7 +129,8 @@ class Tracker:
 
         # 3. Read touch, and correct all hypotheses.
         if frame.contact:
-            self._contact_step(frame)
+            measured = self._measure(frame)
+            bank.contact_step(frame.sensor_pose, (*measured, *frame.measurements), frame.time, len(measured))
         else:
             bank.rest_step(frame.sensor_pose, frame.measurements, frame.time)
 
@@ -177,24 +178,6 @@ class Tracker:
         if apart > SPAN + 3.0 * float(np.sqrt(np.diagonal(covariance)[:2].max())):
             logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
         self._touch.begin(frame.image)
-
-    def _contact_step(self, frame: Frame) -> None:
-        """Take a frame of contact; if its graph has no solution, begin another with it from the last pose."""
-        for is_second in (False, True):
-            touch = self._measure(frame)
-            try:
-                self._bank.contact_step(frame.sensor_pose, (*touch, *frame.measurements), frame.time, len(touch))
-                return
-            except EstimationError as error:
-                reason = (
-                    f"frame at {frame.time:.3f} s: {error}; the likely reason is a motion that pushing, contact and "
-                    "touch together leave undetermined, or a sensor pose far from the object"
-                )
-                self._touch.end_contact()
-                if is_second:
-                    raise EstimationError(reason) from error
-                logger.warning("%s; starting a new graph from the last pose", reason)
-                self._bank.abandon_contact(frame.sensor_pose)
 
     def _measure(self, frame: Frame) -> Sequence[Measurement]:
         """Return the measurements by touch at a frame of contact."""

@@ -10,7 +10,6 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,9 +59,7 @@ def disturbance_alarms(window: Window, steps: int, is_suspicion_enough: bool = F
     A suspicion is a fit so bad that other hypotheses may fit as well.
     """
     count, limit = _COSTLY
-    found = np.zeros(len(window.is_lost), np.bool_)
-    if steps >= count:
-        found |= window.costs()[:, -count:, 0].sum(axis=1) > limit
+    found = window.costs()[:, -count:, 0].sum(axis=1) > (limit if steps >= count else np.inf)
     for name, count, limit in (*_ALARMS, _SUSPICION) if is_suspicion_enough else _ALARMS:
         if steps >= count:
             found |= window.mean_squares(name, count) > limit
@@ -70,7 +67,7 @@ def disturbance_alarms(window: Window, steps: int, is_suspicion_enough: bool = F
 
 
 class ConsistencyMonitor:
-    """The tests, for one object and sensor. Those named `test_...` return the hypotheses with their results."""
+    """The tests, for one object and sensor. Those named `test_...` write their results to the hypotheses."""
 
     def __init__(self, model: ContactModel, settings: NoiseSettings) -> None:
         self._model, self._contact_deviation = model, settings.contact.deviation
@@ -81,46 +78,39 @@ class ConsistencyMonitor:
 
         The inconsistency is not included: it concerns pushing, not the last contact.
         """
-        gap, by_belief = self._gap(belief, sensor_pose)
-        variance = np.einsum("bi,bij,bj->b", by_belief, belief.covariance, by_belief) + self._contact_deviation**2
-        return gap, np.sqrt(variance)
+        gap, by_belief = self._gap(belief, sensor_pose[None])
+        return gap[:, 0], np.sqrt(_variance(by_belief[:, 0], belief) + self._contact_deviation**2)
 
-    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: tuple[Array, float] | None) -> Hypotheses:
+    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array, ago: float) -> None:
         """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
-        `touched` is its last pose in contact (3,) and the time since then [s].
+        `touched` is its last pose in contact (3,), so many seconds `ago`.
         """
-        gap, deviation = self.clearance(rows.belief, sensor_pose)
-        rows = rows.displaced(np.where(gap < -_SURPRISE * deviation, -gap, 0.0))
-        if touched is None:
-            return rows
-        before, by_before = self._gap(rows.belief, touched[0])
-        now, by_now = self._gap(rows.belief, sensor_pose)
-        apart = by_now - by_before
-        variance = np.einsum("bi,bij,bj->b", apart, rows.belief.covariance, apart)
-        deviation = np.sqrt(rows.inconsistency * variance + _STILL**2)
-        by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * touched[1])
-        return rows.displaced(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
+        gap, by_belief = self._gap(rows.belief, np.stack([sensor_pose, touched]))
+        now, before = gap.T
+        deviation = np.sqrt(_variance(by_belief[:, 0], rows.belief) + self._contact_deviation**2)
+        rows.displace(np.where(now < -_SURPRISE * deviation, -now, 0.0))
+        deviation = np.sqrt(rows.inconsistency * _variance(by_belief[:, 0] - by_belief[:, 1], rows.belief) + _STILL**2)
+        by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * ago)
+        rows.displace(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
 
-    def test_first_contact(self, rows: Hypotheses, step: Step) -> Hypotheses:
+    def test_first_contact(self, rows: Hypotheses, step: Step) -> None:
         """Test that a contact begins where the object's outline is, and with the direction that it has there."""
         gap, deviation = self.clearance(rows.belief, step.sensor_pose)
-        rows = rows.displaced(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
+        rows.displace(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
         for angles, variance in true_directions(step, rows.belief, rows.sign):
             turn = self._turn(rows.belief, step.sensor_pose, angles, variance)
             # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
-            rows = rows.displaced(0.5 * self._model.friction_radius * turn)
-        return rows
+            rows.displace(0.5 * self._model.friction_radius * turn)
 
     def test_object_poses(
         self, rows: Hypotheses, expected: Sequence[Array], measured: Sequence[ObjectPose], moved: float = 0.0
-    ) -> Hypotheses:
+    ) -> None:
         """Test measured poses of the object, which moved by up to `moved` [m], against the estimates (B, 3)."""
         if not measured:
-            return rows
-        belief = rows.belief
-        known = belief.pose_covariance + self._calibration + self.covariance_of_motion(moved)
-        worst = worst_apart = np.zeros(len(belief))
+            return
+        known = rows.belief.pose_covariance + self._calibration + self.covariance_of_motion(moved)
+        worst = worst_apart = np.zeros(len(rows.age))
         for pose, one in zip(expected, measured, strict=True):
             off = se2.log(se2.between(pose, one.pose))
             inverse = np.linalg.pinv(known + one.covariance, hermitian=True)  # a solution may have diverged
@@ -128,23 +118,22 @@ class ConsistencyMonitor:
             apart = np.maximum(np.hypot(off[:, 0], off[:, 1]), self._model.friction_radius * np.abs(off[:, 2]))
             worst_apart = np.where(deviations > worst, apart, worst_apart)
             worst = np.maximum(deviations, worst)
-        return _with_frame(rows, _POSES, worst_apart, worst)
+        rows.apart = _with_frame(rows.apart, _POSES, worst_apart, worst)
 
-    def test_outline(self, rows: Hypotheses, sensor_pose: Array, is_measured: bool) -> Hypotheses:
+    def test_outline(self, rows: Hypotheses, sensor_pose: Array, is_measured: bool) -> None:
         """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
         tested = np.asarray(is_measured | (rows.apart[:, _OUTLINE] > 0.0).any(axis=1))
         gap, deviation = self.clearance(rows.belief.inflated(self._calibration), sensor_pose)
-        longer = _with_frame(rows, _OUTLINE, np.abs(gap), np.abs(gap) / deviation)
-        return replace(rows, apart=np.where(tested[:, None, None], longer.apart, rows.apart))
+        apart = _with_frame(rows.apart, _OUTLINE, np.abs(gap), np.abs(gap) / deviation)
+        rows.apart = np.where(tested[:, None, None], apart, rows.apart)
 
-    def test_innovations(self, rows: Hypotheses, errors: Array, tested: Flags) -> Hypotheses:
+    def test_innovations(self, rows: Hypotheses, errors: Array, tested: Flags) -> None:
         """Test the errors (B, rows) [standard deviations] of a step's pushing factors, in some hypotheses (B,)."""
         squares = np.concatenate([rows.squares[:, 1:], np.square(errors)[:, None]], axis=1)
         worst = squares.sum(axis=1).max(axis=1) / squares.shape[1]
         inflated = np.where(worst > _INCONSISTENT, worst / _TYPICAL, 1.0)
-        squares = np.where(tested[:, None, None], squares, rows.squares)
-        inconsistency = np.where(tested, np.maximum(rows.inconsistency, inflated), rows.inconsistency)
-        return replace(rows, squares=squares, inconsistency=inconsistency)
+        rows.squares = np.where(tested[:, None, None], squares, rows.squares)
+        rows.inconsistency = np.where(tested, np.maximum(rows.inconsistency, inflated), rows.inconsistency)
 
     def assessed(self, rows: Hypotheses, in_contact: bool) -> tuple[Array, Array, Status, str]:
         """Return what to report: the covariance of all hypotheses about the best, those of each, status and reason.
@@ -204,16 +193,25 @@ class ConsistencyMonitor:
         deviation = np.sqrt(covariance[:, 2, 2] + self._calibration[2, 2] + variance)
         return np.where(off > _SURPRISE * deviation, off, 0.0)
 
-    def _gap(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
-        """Return the distance between sensor and object (B,) [m], and its derivative (B, 3 + OBJECT_SIZE) by belief."""
-        g = se2.between(belief.pose, sensor_pose)
-        nearest = self._model.touching(g[:, None])[:, 0]
+    def _gap(self, belief: Belief, sensor_poses: Array) -> tuple[Array, Array]:
+        """Return distances between sensor and object (B, P) [m] at poses (P, 3) of the sensor, and their derivatives.
+
+        These are by the belief, (B, P, 3 + OBJECT_SIZE).
+        """
+        g = se2.between(belief.pose[:, None], sensor_poses)
+        nearest = self._model.touching(g)
         gap, normal = nearest["gap"], nearest["normal"]
         reach = reaches(self._model, nearest["point"] - gap * normal, normal)
-        by_object = np.zeros((len(gap), OBJECT_SIZE))
-        by_object[:, IN_OBJECT[DEPTH].start], by_object[:, IN_OBJECT[OUTLINE_SCALE].start] = 1.0, -reach
-        by_pose = -(nearest["gap_by_g"][:, None] @ se2.adjoint(se2.inverse(g)))[:, 0]
-        return gap + overlap(belief, reach), np.concatenate([by_pose, by_object], axis=1)
+        by_belief = np.zeros((*gap.shape, 3 + OBJECT_SIZE))
+        by_belief[..., None, :3] = -(nearest["gap_by_g"][..., None, :] @ se2.adjoint(se2.inverse(g)))
+        by_belief[..., 3 + IN_OBJECT[DEPTH].start] = 1.0
+        by_belief[..., 3 + IN_OBJECT[OUTLINE_SCALE].start] = -reach
+        return gap + overlap(belief, reach), by_belief
+
+
+def _variance(by_belief: Array, belief: Belief) -> Array:
+    """Return the variance (B,) of a quantity with these derivatives (B, 3 + OBJECT_SIZE)."""
+    return np.einsum("bi,bij,bj->b", by_belief, belief.covariance, by_belief)
 
 
 def is_uncertain(covariance: Array) -> Flags:
@@ -252,12 +250,12 @@ def true_directions(step: Step, belief: Belief, sign: Array) -> list[tuple[Array
     ]
 
 
-def _with_frame(rows: Hypotheses, kind: int, apart: Array, deviations: Array) -> Hypotheses:
-    """Return rows with the distances (B,) [m] of another frame, which contradict from some deviations on."""
-    longer = rows.apart.copy()
-    longer[:, kind, :-1] = rows.apart[:, kind, 1:]
-    longer[:, kind, -1] = np.where(deviations > _CONTRADICTS, apart, 0.0)
-    return replace(rows, apart=longer)
+def _with_frame(apart: Array, kind: int, distance: Array, deviations: Array) -> Array:
+    """Return `Hypotheses.apart` with the distances (B,) [m] of another frame, which contradict from 5 deviations on."""
+    longer = apart.copy()
+    longer[:, kind, :-1] = apart[:, kind, 1:]
+    longer[:, kind, -1] = np.where(deviations > _CONTRADICTS, distance, 0.0)
+    return longer
 
 
 def _contradictions(rows: Hypotheses) -> Array:

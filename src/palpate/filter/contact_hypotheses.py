@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.filter.consistency import is_uncertain, true_directions
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near, branched
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
+from palpate.graph.belief import Belief, overlap
 from palpate.graph.contact_geometry import ContactModel, reaches
 from palpate.graph.factors import Step
-from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -45,35 +44,38 @@ def contact_hypotheses(
     Those that take images as mirrored come last. The beliefs `rest` hold if nothing moved the object since, `displaced`
     are inflated by the covariance of its displacement. `was_found` is False while only a rough first pose is known.
     """
-    count, is_rough_now = len(rest), is_rough(displaced, model)
-    searched = np.flatnonzero(is_rough_now) if was_found else np.arange(count)
+    is_displaced, rough = rows.displacement > 0.0, is_rough(displaced, model)
+    searched = np.flatnonzero(rough) if was_found else np.arange(len(rough))
     poses, origin, likely = poses_in_contact(displaced, searched, rows.sign, model, step, is_guess=was_found)
     log_prior = rows.log_prior
     if not was_found:
-        is_displaced = rows.displacement > 0.0
-        as_left = _of_each_row(origin, likely, count)
+        as_left = _of_each_row(origin, likely, len(rough))
         if is_displaced.any():
             left = poses_in_contact(rest, np.flatnonzero(is_displaced), rows.sign, model, step, is_guess=False)
-            as_left = np.where(is_displaced, _of_each_row(*left[1:], count), as_left)
+            as_left = np.where(is_displaced, _of_each_row(*left[1:], len(rough)), as_left)
         log_prior = log_prior + np.maximum(as_left, -_IMPOSSIBLE)
-        rough = np.flatnonzero(is_rough_now[origin])
-        poses, origin, likely = poses.take(rough), origin[rough], likely[rough]
-    has_places = np.bincount(origin, minlength=count) > 0
-    stays = is_rough_now & (has_places | (not was_found))
-    expected = replace(rows, belief=displaced.joined(rest).take(np.arange(count) + count * stays))
-    if was_found:
-        expected = expected.as_new(stays)
-        keeps = np.ones(count, np.bool_)
-    else:
-        expected = replace(expected, log_prior=log_prior).as_new(np.ones(count, np.bool_))
-        # Too far for one graph to find it.
-        keeps = ~(is_rough_now & is_uncertain(displaced.pose_covariance) & has_places & ~(rows.displacement > 0.0))
-    places = branched(rows.take(origin), poses, rows.log_prior[origin] + likely - LOG_UNLIKELY)
-    # Pushing is ignored in their first steps.
-    places = replace(places, disturbed_steps_left=np.full(len(likely), AHEAD + 1))
-    begun, origin = expected.take(keeps).joined(places), np.concatenate([np.flatnonzero(keeps), origin])
-    order = np.lexsort([-begun.log_prior, begun.is_mirror])
-    groups = [order[~begun.is_mirror[order]], order[begun.is_mirror[order]]]
+        of_rough = np.flatnonzero(rough[origin])
+        poses, origin, likely = poses.take(of_rough), origin[of_rough], likely[of_rough]
+    has_places = np.bincount(origin, minlength=len(rough)) > 0
+    stays = rough & (has_places | (not was_found))
+    belief = displaced.joined(rest).take(np.arange(len(rough)) + len(rough) * stays)
+    stayed = replace(rows, belief=belief, log_prior=log_prior)
+    is_new = stays if was_found else np.ones_like(stays)
+    stayed = replace(stayed, weight=np.where(is_new, 1.0, rows.weight), age=np.where(is_new, 0, rows.age))
+    # One graph cannot find an object from too far.
+    is_hopeless = rough & has_places & ~is_displaced & is_uncertain(displaced.pose_covariance) & (not was_found)
+    places = replace(
+        rows.take(origin),
+        belief=poses,
+        log_prior=rows.log_prior[origin] + likely - LOG_UNLIKELY,
+        weight=np.ones(len(likely)),
+        age=np.zeros_like(origin),
+        disturbed_steps_left=np.full_like(origin, AHEAD + 1),  # pushing is ignored in their first steps
+    )
+    begun, origin = stayed.take(~is_hopeless).joined(places), np.concatenate([np.flatnonzero(~is_hopeless), origin])
+    likeliest = np.argsort(-begun.log_prior, kind="stable")
+    is_mirror = (begun.sign != rows.sign[0])[likeliest]
+    groups = [likeliest[~is_mirror], likeliest[is_mirror]]
     chosen = np.concatenate([group[:MOST_YOUNG] if was_found else _merged(begun, group) for group in groups])
     return begun.take(chosen), origin[chosen]
 
@@ -162,8 +164,7 @@ def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> 
     Places of B beliefs are (B, P, 1), with Y yaws of the sensor in the object frame (B, 1 or P, Y).
     """
     center, normal = outline_places(model)
-    reach = reaches(model, center - model.radius * normal, normal)
-    center = center - (belief[DEPTH] - belief[OUTLINE_SCALE] * reach) * normal
+    center = center - overlap(belief, reaches(model, center - model.radius * normal, normal)) * normal
     normal = np.broadcast_to(normal, center.shape)
     directions, around = true_directions(step, belief, sign), _PLACE
     yaw = (step.sensor_pose[2] - belief.pose[:, 2])[:, None, None]

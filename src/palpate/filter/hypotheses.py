@@ -34,7 +34,7 @@ _LOST = 2.0  # [m] standard deviation at which a solution has diverged
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Hypotheses(RowArrays):
     """State of B hypotheses, the best first."""
 
@@ -57,8 +57,6 @@ class Hypotheses(RowArrays):
     """Probability among all hypotheses, (B,)."""
     sign: Array
     """(B,) -1.0 if touch images are taken as mirrored."""
-    is_mirror: Flags
-    """True for the second group of hypotheses that takes images as mirrored, until this is decided, (B,)."""
     age: Counts
     """Frames of contact since it was added, (B,)."""
     disturbed_steps_left: Counts
@@ -67,38 +65,25 @@ class Hypotheses(RowArrays):
     """First step of the contact at which an alarm is of something new, (B,)."""
     ignored_motion: Flags
     """True in the last steps of the contact in which pushing is ignored, (B, N), at least those of `Window.costs`."""
-    online: Array
-    """Poses in the last steps of the contact as they were estimated at their frames, (B, N, 3)."""
 
-    @staticmethod
-    def one(belief: Belief, sign: float) -> "Hypotheses":
-        """Return a single hypothesis."""
-        none = np.zeros(1, np.int64)
-        return Hypotheses(
-            belief,
-            unobservable_yaw=np.zeros(1),
-            squares=np.zeros((1, _STEPS, 3)),
-            inconsistency=np.ones(1),
-            displacement=np.zeros(1),
-            apart=np.zeros((1, 2, _FRAMES)),
-            log_prior=np.zeros(1),
-            weight=np.ones(1),
-            sign=np.full(1, sign),
-            is_mirror=np.zeros(1, np.bool_),
-            age=none,
-            disturbed_steps_left=none,
-            next_alarm=none,
-            ignored_motion=np.zeros((1, 0), np.bool_),
-            online=np.zeros((1, 0, 3)),
-        )
+    @property
+    def is_mirror(self) -> Flags:
+        """True for the second group of hypotheses, which takes touch images the other way, until this is decided."""
+        return self.sign != self.sign[0]
 
     @property
     def whole_belief(self) -> Belief:
         """Belief with the unobservable yaw."""
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * np.diag([0.0, 0.0, 1.0]))
 
-    def with_observable_yaw(self, is_observable: bool) -> "Hypotheses":
-        """Return hypotheses with a large variance of yaw kept out of the graph, unless it is observable.
+    @property
+    def is_lost(self) -> Flags:
+        """True where the solution has diverged, (B,)."""
+        variances = np.diagonal(self.belief.pose_covariance, axis1=1, axis2=2)
+        return np.any(variances[:, :2] > _LOST**2, axis=1)
+
+    def hold_out_yaw(self, is_observable: bool) -> None:
+        """Keep a large variance of yaw out of the graph, unless it is observable.
 
         The graph would otherwise learn the yaw of a round object from its own linearisation errors.
         """
@@ -107,27 +92,32 @@ class Hypotheses(RowArrays):
         held_out = np.zeros_like(variance) if is_observable else np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
         less = np.ones(whole.covariance.shape[:2])
         less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
-        belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
-        return replace(self, belief=belief, unobservable_yaw=held_out)
+        self.belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
+        self.unobservable_yaw = held_out
 
-    def displaced(self, least: Array) -> "Hypotheses":
-        """Return hypotheses about an object that was moved by at least these distances (B,) [m]."""
-        return replace(self, displacement=np.maximum(self.displacement, least))
-
-    def as_new(self, rows: Flags) -> "Hypotheses":
-        """Return hypotheses of which some (B,) count as added now."""
-        return replace(self, weight=np.where(rows, 1.0, self.weight), age=np.where(rows, 0, self.age))
-
-    @property
-    def is_lost(self) -> Flags:
-        """True where the solution has diverged, (B,)."""
-        variances = np.diagonal(self.belief.pose_covariance, axis1=1, axis2=2)
-        return np.any(variances[:, :2] > _LOST**2, axis=1)
+    def displace(self, least: Array) -> None:
+        """Take the object as moved by at least these distances (B,) [m]."""
+        self.displacement = np.maximum(self.displacement, least)
 
 
-def branched(rows: Hypotheses, belief: Belief, log_prior: Array) -> Hypotheses:
-    """Return new hypotheses that come from others, with these beliefs and log probabilities (B,)."""
-    return replace(rows, belief=belief, log_prior=log_prior).as_new(np.ones(len(log_prior), np.bool_))
+def single(belief: Belief, sign: float) -> Hypotheses:
+    """Return one hypothesis."""
+    zero, none = np.zeros(1), np.zeros(1, np.int64)
+    return Hypotheses(
+        belief,
+        unobservable_yaw=zero,
+        squares=np.zeros((1, _STEPS, 3)),
+        inconsistency=np.ones(1),
+        displacement=zero,
+        apart=np.zeros((1, 2, _FRAMES)),
+        log_prior=zero,
+        weight=np.ones(1),
+        sign=np.full(1, sign),
+        age=none,
+        disturbed_steps_left=none,
+        next_alarm=none,
+        ignored_motion=np.zeros((1, 0), np.bool_),
+    )
 
 
 def costs_of_contact(rows: Hypotheses, costs: Array) -> Array:
@@ -151,12 +141,11 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
     is_poor = (rows.age > _GRACE) & (relative < POOR)
     is_settled = rows.disturbed_steps_left == 0
     is_compared = is_settled & (rows.age >= _NEW)
-    near = are_near(rows.belief.pose[:, None], rows.belief.pose[None])
+    near = are_near(rows.belief.pose[:, None], rows.belief.pose[None]) & is_compared[:, None] & is_settled
     kept: list[int] = []
-    for row in np.argsort(-scores):
-        is_same = is_compared[row] and any(near[row, better] and is_settled[better] for better in kept)
-        if not is_poor[row] and not is_same:
-            kept.append(int(row))
+    for row in np.argsort(-scores).tolist():
+        if not is_poor[row] and not near[row, kept].any():
+            kept.append(row)
     if (rows.age[kept] <= _YOUNG).all():
         most = max(most, MOST_YOUNG)
     kept = kept[:most]

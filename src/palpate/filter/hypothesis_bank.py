@@ -20,7 +20,7 @@ from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Hypotheses, branched, costs_of_contact, worth_keeping
+from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
@@ -75,7 +75,7 @@ class HypothesisBank:
         joint = np.diag(np.concatenate([np.zeros(3), np.square(priors.deviation)]))
         joint[:3, :3] = covariance
         belief = Belief(pose[None], priors.mean[None], joint[None])
-        self._rows = Hypotheses.one(belief, sign=-1.0 if self._is_mirrored else 1.0)
+        self._rows = single(belief, sign=-1.0 if self._is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
         self._history: list[NDArray] = []  # poses (B, N, 3) up to the current window, and rows (B,) that were taken
         self._sensor_pose: Array | None = None  # at the last frame
@@ -156,8 +156,8 @@ class HypothesisBank:
         if measurements:
             self._rows, is_found = measured_at_rest(self._rows, measurements, (since, time), self._monitor)
             self._touched = None if is_found else self._touched
-        touched = self._touched and (self._touched[0], time - self._touched[1])
-        self._rows = self._monitor.test_rest(self._rows, sensor_pose, touched)
+        touched, when = self._touched or (sensor_pose, time)
+        self._monitor.test_rest(self._rows, sensor_pose, touched, time - when)
         self._history.append(self._rows.belief.pose[:, None])
         self._sensor_pose, self._resting_since, self._is_indeterminate = sensor_pose, since, False
 
@@ -166,36 +166,43 @@ class HypothesisBank:
     ) -> None:
         """Take a frame of contact, whose first `from_touch` measurements are read from touch images.
 
-        Raises EstimationError if no hypothesis has a solution.
+        If the graph has no solution, another one begins with this frame from the best last pose. Raises EstimationError
+        if a graph has none at its first frame; the next frame then begins another.
         """
         step = Step(sensor_pose, self._sensor_pose, measurements, [*self._times, time], from_touch=from_touch)
         if self._window is not None and self._rows.is_mirror.any():
             self._decide_mirrored(self._window, time)
-        window = self._begin_contact(step) if self._window is None else self._continue_contact(self._window, step)
-        is_measured = any(isinstance(one, ObjectPose) for one in measurements) and self._test_object_poses(step)
-        rows, is_disturbed = self._rows, self._rows.disturbed_steps_left > 0
-        belief, errors = window.belief(), window.last_errors()
+        path = None if self._window is None else self._window.object_path()
+        try:
+            is_measured = self._begin_contact(step) if path is None else self._continue_contact(step, path)
+        except EstimationError as error:
+            reason = (
+                f"frame at {time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
+                "together leave undetermined, or a sensor pose far from the object"
+            )
+            self._window = None
+            if path is None:
+                raise EstimationError(reason) from error
+            logger.warning("%s; starting a new graph from the last pose", reason)
+            self._abandon_contact(sensor_pose, path)
+            self.contact_step(sensor_pose, measurements, time, from_touch)
+            return
+        window, rows = self._in_window(), self._rows
+        is_disturbed, errors = rows.disturbed_steps_left > 0, window.last_errors()
         ignored = np.concatenate([rows.ignored_motion, is_disturbed[:, None]], axis=1)
-        rows = replace(
-            rows,
-            belief=belief,
-            age=rows.age + 1,
-            disturbed_steps_left=rows.disturbed_steps_left - is_disturbed,
-            ignored_motion=ignored[:, -window.steps_with_costs :],
-            online=np.concatenate([rows.online, belief.pose[:, None]], axis=1)[:, -self._lag :],
-        )
+        rows.ignored_motion = ignored[:, -window.steps_with_costs :]
+        rows.belief, rows.age = window.belief(), rows.age + 1
+        rows.disturbed_steps_left = rows.disturbed_steps_left - is_disturbed
         if errors is not None:
-            rows = self._monitor.test_innovations(rows, errors, ~is_disturbed)
+            self._monitor.test_innovations(rows, errors, ~is_disturbed)
         if is_measured or rows.apart.any():
-            rows = self._monitor.test_outline(rows, sensor_pose, is_measured)
-        self._rows = rows
+            self._monitor.test_outline(rows, sensor_pose, is_measured)
         self._times, self._steps = [*self._times, time][-LAG:], self._steps + 1
         self._sensor_pose, self._touched = sensor_pose, (sensor_pose, time)
         if self._most > 1:
             self._branch_at_alarms(window)
             self._reweight_and_prune(window)
-        mirror = np.flatnonzero(self._rows.is_mirror)
-        if len(mirror) and self._rows.displacement[mirror[0]]:
+        if self._rows.displacement[self._rows.is_mirror][:1].any():
             self._take(~self._rows.is_mirror)
 
     def end_contact(self, moved: float = 0.0) -> None:
@@ -208,88 +215,86 @@ class HypothesisBank:
         rows, self._is_indeterminate = self._rows, False
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
-        self._rows = replace(
-            rows,
-            belief=belief.inflated(self._monitor.covariance_of_motion(moved_by)),
-            squares=np.zeros_like(rows.squares),
-            displacement=np.zeros_like(rows.displacement),
-            log_prior=rows.log_prior - costs_of_contact(rows, self._window.costs()),
-            disturbed_steps_left=np.zeros_like(rows.age),
-            next_alarm=np.zeros_like(rows.age),
-            ignored_motion=rows.ignored_motion[:, :0],
-            online=rows.online[:, :0],
-        )
+        rows.log_prior = rows.log_prior - costs_of_contact(rows, self._window.costs())
+        rows.belief = belief.inflated(self._monitor.covariance_of_motion(moved_by))
+        rows.displacement, rows.squares = np.zeros_like(rows.displacement), np.zeros_like(rows.squares)
+        rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.age)
+        rows.ignored_motion = rows.ignored_motion[:, :0]
         self._history.append(self._window.object_path())
         self._begin_rest()
 
-    def abandon_contact(self, sensor_pose: Array) -> None:
-        """Give up a graph that has no solution; the next step begins another from the best last pose."""
-        self._window, self._is_indeterminate = None, True
+    def _abandon_contact(self, sensor_pose: Array, path: Array) -> None:
+        """Keep the best hypothesis of a graph that has no solution any more, with the poses (B, N, 3) that it had."""
         self._take([0])
         rows, before = self._rows, sensor_pose if self._sensor_pose is None else self._sensor_pose
-        self._history.append(rows.online)
+        self._history.append(path[:1])
         pushed = self._monitor.covariance_of_motion(float(np.hypot(*(sensor_pose - before)[:2])))
         self._rows = replace(
-            Hypotheses.one(rows.belief.inflated(pushed), float(rows.sign[0])),
+            single(rows.belief.inflated(pushed), float(rows.sign[0])),
             unobservable_yaw=rows.unobservable_yaw,
             inconsistency=rows.inconsistency,
             displacement=rows.displacement,
             apart=rows.apart,
         )
         self._begin_rest()
+        self._is_indeterminate = True
 
-    def _begin_contact(self, step: Step) -> Window:
-        """Take the first frame of a contact in all hypotheses with which it may begin."""
+    def _begin_contact(self, step: Step) -> bool:
+        """Take the first frame of a contact in all hypotheses with which it may begin.
+
+        Returns True if poses of the object were measured, and tests them, as `_continue_contact` does.
+        """
         touch = step.measurements[: step.from_touch]
         is_sure = self._is_found and len(self._rows.age) == 1
         if self._may_be_mirrored and is_sure and any(isinstance(one, ContactDirection) for one in touch):
             self._take([0, 0])
-            self._rows = replace(self._rows, sign=self._rows.sign * [1.0, -1.0], is_mirror=np.array([False, True]))
-        rows = self._monitor.test_first_contact(self._rows, step)
+            self._rows.sign = self._rows.sign * [1.0, -1.0]
+        rows = self._rows
+        self._monitor.test_first_contact(rows, step)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
         doubt = self._monitor.displacement_covariance(rows) + self._monitor.contradiction_covariance(rows)
-        displaced = rest.inflated(doubt)
         if self._most == 1:
-            rows = replace(rows, belief=displaced)
+            rows.belief = rest.inflated(doubt)
         else:
+            displaced = rest.inflated(doubt)
             rows, origins = contact_hypotheses(rows, rest, displaced, self._is_found, self._model, step)
             self._take(origins)
+            self._rows = rows
         is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
-        self._rows = rows.with_observable_yaw(is_observable=is_measured or not is_round(self._model))
+        rows.hold_out_yaw(is_observable=is_measured or not is_round(self._model))
         self._window = Window(
             self._factors,
             self._model,
-            self._rows.belief,
+            rows.belief,
             step.sensor_pose,
             step.measurements,
             step.times[-1],
             self._lag,
             self._settings.priors,
-            self._rows.sign,
+            rows.sign,
             step.from_touch,
         )
         self._drop_lost(self._window)
-        return self._window
+        return self._test_object_poses(step, self._rows.belief.pose[:, None])
 
-    def _continue_contact(self, window: Window, step: Step) -> Window:
-        """Take the next frame of a contact in all hypotheses."""
+    def _continue_contact(self, step: Step, path: Array) -> bool:
+        """Take the next frame of a contact in all hypotheses, whose poses in the window are `path` (B, N, 3)."""
+        window, is_measured = self._in_window(), self._test_object_poses(step, path)
         still_going_on = np.array([0.0, _SPREAD / np.sqrt(_BACK)])  # slide [m] by a hand: mean and standard deviation
         disturbance = np.where(self._rows.disturbed_steps_left[:, None] > 0, still_going_on, 0.0)
         leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], disturbance, step.from_touch)
-        is_lost = window.is_lost
+        is_found = ~window.is_lost
         self._drop_lost(window)
         if leaving is not None:
-            self._history.append(leaving[~is_lost, None])
+            self._history.append(leaving[is_found, None])
         self._is_indeterminate = False
-        return window
+        return is_measured
 
-    def _test_object_poses(self, step: Step) -> bool:
-        """Test measured poses of the object against the estimates before this step; return True if there are any."""
-        rows = self._rows
+    def _test_object_poses(self, step: Step, path: Array) -> bool:
+        """Test measured poses of the object against the poses (B, N, 3) before this step; True if there are any."""
         measured = [one for one in step.measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
-        estimated = np.concatenate([rows.online, rows.belief.pose[:, None]], axis=1)
-        expected = [estimated[:, place - 1] for place in step.nearest(measured)]
-        self._rows = self._monitor.test_object_poses(rows, expected, measured, step.moved)
+        expected = [path[:, min(place, -1)] for place in step.nearest(measured).tolist()]
+        self._monitor.test_object_poses(self._rows, expected, measured, step.moved)
         return bool(measured)
 
     def _branch_at_alarms(self, window: Window) -> None:
@@ -297,47 +302,44 @@ class HypothesisBank:
         rows = self._rows
         is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         alarms = is_watched & disturbance_alarms(window, self._steps, is_suspicion_enough=True)
-        for group in (np.flatnonzero(alarms & rows.is_mirror), np.flatnonzero(alarms & ~rows.is_mirror)):
-            if len(group):
-                self._branch(window, int(group[0]))
+        likeliest = [np.flatnonzero(alarms & group)[:1] for group in (rows.is_mirror, ~rows.is_mirror)]
+        for row in np.concatenate(likeliest).tolist():
+            self._branch(window, row)
 
     def _branch(self, window: Window, row: int) -> None:
         """Add the hypotheses that something else moved the object, sliding it by several lengths, to one row."""
-        rows, before = self._rows, len(self._rows.age)
-        steps = self._steps - max(self._steps - _BACK, 1)
-        new = np.arange(before, before + len(_SLIDES))
-        self._take([*range(before), *[row] * len(new)])
+        count = len(self._rows.age)
+        new, steps = np.arange(count, count + len(_SLIDES)), self._steps - max(self._steps - _BACK, 1)
+        self._take([*range(count), *[row] * len(new)])
         window.disturb(new, steps, _SLIDES, _SPREAD)
-        log_prior = np.repeat(rows.log_prior[row] - LOG_UNLIKELY, len(new))
-        added = branched(rows.take([row] * len(new)), window.belief().take(new), log_prior)
-        added.ignored_motion[:, added.ignored_motion.shape[1] - steps :] = True
-        added.squares[:], added.disturbed_steps_left[:] = 0.0, AHEAD
-        self._rows = rows.joined(added)
-        self._rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
+        rows, is_new = self._rows, np.arange(count + len(new)) >= count
+        moved = window.belief().take(new)
+        rows.belief = rows.belief.take(~is_new).joined(moved)
+        rows.log_prior = rows.log_prior - LOG_UNLIKELY * is_new
+        rows.weight, rows.age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
+        rows.ignored_motion[count:, rows.ignored_motion.shape[1] - steps :] = True
+        rows.squares[count:], rows.disturbed_steps_left[count:] = 0.0, AHEAD
+        rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
         self._drop_lost(window)
         self._take(np.argsort(self._rows.is_mirror, kind="stable"))
 
     def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
-        is_mirror, priors = self._rows.is_mirror, self._settings.priors
+        is_mirror, costs = self._rows.is_mirror, window.costs()
         kept, weights = [], []
         for group in (np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)):
+            order, weight = np.arange(len(group)), np.ones(len(group))
             if len(group) > 1:
                 is_sure = self._is_found or is_mirror[group[0]]
                 most = self._most if is_sure else max(self._most, MOST_YOUNG)
-                order, weight = worth_keeping(self._rows.take(group), window.costs()[group], priors, most)
-                kept, weights = [*kept, *group[order]], [*weights, *weight]
-            else:
-                kept, weights = [*kept, *group], [*weights, *np.ones(len(group))]
+                order, weight = worth_keeping(self._rows.take(group), costs[group], self._settings.priors, most)
+            kept, weights = [*kept, *group[order]], [*weights, *weight]
         self._take(kept)
-        rows, count = self._rows, np.count_nonzero(self._rows.is_mirror)
+        rows = self._rows
+        count = np.count_nonzero(rows.is_mirror)
         is_single = np.where(rows.is_mirror, count, len(kept) - count) == 1
-        self._rows = replace(
-            rows,
-            weight=np.array(weights),
-            log_prior=np.where(is_single, 0.0, rows.log_prior),
-            ignored_motion=rows.ignored_motion & ~is_single[:, None],
-        )
+        rows.weight, rows.log_prior = np.array(weights), np.where(is_single, 0.0, rows.log_prior)
+        rows.ignored_motion = rows.ignored_motion & ~is_single[:, None]
         if is_single[0] and not self._is_found:
             self._is_found = not is_rough(rows.belief, self._model)[0]
 
@@ -360,9 +362,12 @@ class HypothesisBank:
                 return
         self._may_be_mirrored, self._is_mirrored = False, as_is and not mirrored
         self._take(is_mirror == self._is_mirrored)
-        self._rows = replace(self._rows, is_mirror=np.zeros_like(self._rows.is_mirror))
         if self._is_mirrored:
             logger.warning("frame at %.3f s: %s", time, _MIRRORED)
+
+    def _in_window(self) -> Window:
+        assert self._window is not None
+        return self._window
 
     def _take(self, rows: Indices) -> None:
         """Keep these hypotheses, in this order; one may be taken several times."""
@@ -377,6 +382,5 @@ class HypothesisBank:
     def _drop_lost(self, window: Window) -> None:
         """Drop hypotheses without a solution; raises EstimationError if none with images as they are has one."""
         if window.is_lost[~self._rows.is_mirror].all():
-            self._window = None
             raise EstimationError("the linear system of the window is indeterminate")
         self._take(~window.is_lost)

@@ -5,7 +5,6 @@ The graph then has one pose, the object's, and the object's variables.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
 Array = NDArray[np.float64]
 _ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
+_INDETERMINATE = "measurements of the resting object leave it indeterminate"
 
 
 def measured_at_rest(
@@ -40,54 +40,53 @@ def measured_at_rest(
     step = Step(whole.pose[0], None, measurements, times, at_rest=True)
     poses, own = step.timed(ObjectPose), step.own()
     prior = whole.inflated(monitor.displacement_covariance(rows))
-    tested = monitor.test_object_poses(replace(rows, belief=prior), [prior.pose] * len(poses), poses)
-    tested = replace(tested, unobservable_yaw=np.zeros(len(rows.age)))
-    if not poses and not own:
-        return replace(tested, belief=whole), False
-    is_of_pose = bool(_linearised(poses, own, whole.pose[0], whole.values[0], now)[1][:, :3].any())
+    tested = replace(rows, belief=prior, unobservable_yaw=np.zeros_like(rows.unobservable_yaw))
+    monitor.test_object_poses(tested, [prior.pose] * len(poses), poses)
+    is_of_pose = False
+    if poses or own:
+        is_of_pose = bool(_linearised(poses, own, whole.pose, whole.values, now)[1][..., :3].any())
     if is_of_pose:  # the object may have been found elsewhere
         whole = prior.inflated(monitor.contradiction_covariance(rows))
-        tested = replace(tested, displacement=np.zeros(len(rows.age)))
-    solved = [_solved(whole.take([row]), poses, own, now) for row in range(len(whole))]
-    return replace(tested, belief=reduce(Belief.joined, solved)), is_of_pose
+        tested.displacement = np.zeros_like(rows.displacement)
+    tested.belief = _solved(whole, poses, own, now) if poses or own else whole
+    return tested, is_of_pose
 
 
 def _solved(prior: Belief, poses: list[ObjectPose], own: list[OwnMeasurement | None], now: float) -> Belief:
-    """Return a belief (one row) after measurements."""
-    before = np.linalg.inv(prior.covariance[0])
-    pose, values, covariance = prior.pose[0], prior.values[0], prior.covariance[0]
+    """Return the beliefs after measurements."""
+    before, pose, values, covariance = np.linalg.inv(prior.covariance), prior.pose, prior.values, prior.covariance
     for _ in range(_ITERATIONS):
-        off = np.concatenate([se2.log(se2.between(prior.pose[0], pose)), values - prior.values[0]])
+        off = np.concatenate([se2.log(se2.between(prior.pose, pose)), values - prior.values], axis=1)
         residual, jacobian = _linearised(poses, own, pose, values, now)
-        information = before + jacobian.T @ jacobian
-        gradient = -before @ off - jacobian.T @ residual
+        transposed = jacobian.transpose(0, 2, 1)
+        gradient = -before @ off[..., None] - transposed @ residual[..., None]
         try:
-            change = np.linalg.solve(information, gradient)
-            covariance = np.linalg.inv(information)
+            covariance = np.linalg.inv(before + transposed @ jacobian)
         except np.linalg.LinAlgError:
-            raise EstimationError("measurements of the resting object leave it indeterminate") from None
-        pose, values = se2.compose(pose, se2.exp(change[:3])), values + change[3:]
+            raise EstimationError(_INDETERMINATE) from None
+        change = (covariance @ gradient)[..., 0]
+        pose, values = se2.compose(pose, se2.exp(change[:, :3])), values + change[:, 3:]
         if np.abs(change).max() < _CONVERGED:
             break
     if not all(np.isfinite(found).all() for found in (pose, values, covariance)):
-        raise EstimationError("measurements of the resting object leave it indeterminate")
-    return Belief(pose[None], values[None], 0.5 * (covariance + covariance.T)[None])
+        raise EstimationError(_INDETERMINATE)
+    return Belief(pose, values, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
 
 
 def _linearised(
     poses: list[ObjectPose], own: list[OwnMeasurement | None], pose: Array, values: Array, now: float
 ) -> tuple[Array, Array]:
-    """Return whitened residuals (R,) at an object pose (3,) and variables, and their Jacobian by both."""
+    """Return whitened residuals (B, R) at object poses (B, 3) and variables, and their Jacobians by both."""
+    count = len(pose)
     residuals, jacobians = [], []
     for one in poses:
         root, off = np.linalg.inv(np.linalg.cholesky(one.covariance)), se2.log(se2.between(one.pose, pose))
-        residuals.append(root @ off)
-        jacobians.append(np.hstack([root @ se2.right_jacobian_inverse(off), np.zeros((3, OBJECT_SIZE))]))
+        residuals.append(off @ root.T)
+        jacobians.append(np.dstack([root @ se2.right_jacobian_inverse(off), np.zeros((count, 3, OBJECT_SIZE))]))
     # With the object in place of the sensor, g = 0 and e = o, a perturbation of e is one of the object.
-    shared = np.concatenate([np.zeros(CONTACT_SIZE), values])
-    rows = evaluated(own, [0] * len(own), np.zeros((1, 1, 3)), pose[None, None], shared[None], now)[0]
-    for row in rows:
-        by_values = row[:, 1 + STEP_SIZE + CONTACT_SIZE :]
-        residuals.append(row[:, 0])
-        jacobians.append(np.hstack([row[:, 1:][:, IN_STEP[SENSOR]], by_values]))
-    return np.concatenate(residuals), np.concatenate(jacobians)
+    shared = np.concatenate([np.zeros((count, CONTACT_SIZE)), values], axis=1)
+    rows = evaluated(own, [0] * len(own), np.zeros((count, 1, 3)), pose[:, None], shared, now)
+    for row in rows.swapaxes(0, 1):
+        residuals.append(row[..., 0])
+        jacobians.append(np.dstack([row[..., 1:][..., IN_STEP[SENSOR]], row[..., 1 + STEP_SIZE + CONTACT_SIZE :]]))
+    return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1)

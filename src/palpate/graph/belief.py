@@ -81,8 +81,8 @@ class Belief(RowArrays):
 
 
 def overlap(belief: Belief, reach: Array) -> Array:
-    """Return the believed overlap (B,) [m] of tip and outline in contact, where the outline has this reach (B,) [m]."""
-    return belief[DEPTH][:, 0] - belief[OUTLINE_SCALE][:, 0] * reach
+    """Return the believed overlap (B, P) [m] of tip and outline in contact, where the outline has these reaches [m]."""
+    return belief[DEPTH] - belief[OUTLINE_SCALE] * reach
 
 
 def true_angle(measured: ContactDirection, belief: Belief, sign: Array) -> Array:
