@@ -1,41 +1,57 @@
-"""palpate as a ROS 2 node: a live session whose sources and results are topics.
+"""palpate as a ROS 2 node: a live session whose sources and results are topics. rclpy comes with ROS 2.
 
 `python -m palpate.ros2 --ros-args -p shape:=NAME -p first_pose:='[x, y, theta]' -r image:=/digit/image_raw ...`
 """
 
+import math
+import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from functools import partial
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
 from palpate.errors import PalpateError, SettingError
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines import load_shape
-from palpate.io.ros_messages import BOOL, POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
-from palpate.live.camera import size_of_images
+from palpate.io.ros_messages import (
+    IMAGE_TYPES,
+    POSE,
+    POSE_ARRAY,
+    POSE_TYPES,
+    POSE_WITH_COVARIANCE,
+    MessageSink,
+    compressed_image,
+    poses_of,
+    raw_image,
+    stamp_of,
+)
 from palpate.live.recorder import add_live_estimate
-from palpate.live.ros2_topics import Ros2Clock, Ros2Node, Ros2Poses, message_type, ros2_images
-from palpate.live.session import LiveEstimate, LiveState, stop_on_signals, track_live
-from palpate.live.sources import Sources, TimedPose, TouchImage
-from palpate.touch.calibration import load_calibration
+from palpate.live.session import LiveEstimate, LiveSession, stop_on_signals
+from palpate.live.sources import Clock, Refused, Sources, TimedPose, TouchImage, checked_pose
+from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
 from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
-from palpate.types.space import Plane
+from palpate.types.space import STEEPEST, Plane, into_plane, plane_across
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""
-CONTACT = "/palpate/contact"
 TOPICS = {
     POSES: POSE,
     POSES_WITH_COVARIANCE: POSE_WITH_COVARIANCE,
     ANSWERS: POSE_ARRAY,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
-    CONTACT: BOOL,
 }
 """Topics that the node publishes, with their types."""
 
@@ -43,85 +59,186 @@ TOPICS = {
 def main(arguments: Sequence[str]) -> int:
     """Run the node until Ctrl-C and return its exit code."""
     try:
-        ros = Ros2Node("palpate", arguments)
+        with ros_node(arguments) as node, stop_on_signals() as stop:
+            counts = run(node, stop).counts
+            node.get_logger().info(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items()))
     except PalpateError as error:
         complain(error)
         return 2
-    logger = ros.node.get_logger()
-    try:
-        with stop_on_signals() as stop:
-            counts = run(ros, stop, logger.info).counts
-    except PalpateError as error:
-        logger.error(str(error))
-        return 2
-    else:
-        logger.info(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items()))
-        return 0
-    finally:
-        ros.close()
+    return 0
 
 
-def run(ros: Ros2Node, stop: threading.Event, say: Callable[[str], Any]) -> LiveState:
-    """Track until the event is set; `say` receives notes for the user. Returns the session's counts.
+def run(node: Any, stop: threading.Event) -> LiveSession:
+    """Track until the event is set, and return the session.
 
     Raises PalpateError if parameters, topics or images are unusable.
     """
-    shape, first_pose = _parameter(ros, "shape"), _numbers(ros, "first_pose")
+    shape, first_pose = _parameter(node, "shape"), _numbers(node, "first_pose")
     if shape is None or first_pose is None:
         raise SettingError(
             "the object is not known: the parameters shape and first_pose say it, "
             "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
         )
-    sigma, normal, unit = _numbers(ros, "first_pose_sigma"), _numbers(ros, "plane"), _parameter(ros, "calibration")
-    settings = TrackerSettings(_parameter(ros, "tactile") or "learnt")
+    sigma, normal, unit = _numbers(node, "first_pose_sigma"), _numbers(node, "plane"), _parameter(node, "calibration")
+    settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
     calibration = None if unit is None else load_calibration(Path(str(unit)))
-    clock, state, size = Ros2Clock(ros), LiveState(say), size_of_images(DIGIT, calibration)
-    images = partial(ros2_images, ros, IMAGES, clock)
-    poses = Ros2Poses(ros, SENSOR_POSES, clock, normal or (0.0, 0.0, 1.0))
     outline = load_shape(str(shape))
     tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
-    publisher = Publisher(ros, lambda: poses.plane, clock.epoch, state)
-    say(f"tracking: images of {ros.node.resolve_topic_name(IMAGES)}")
-    track_live(tracker, Sources(images, poses.poses, clock, DIGIT, size), state, stop, publisher.publish)
-    return state
+    topics = Topics(node, normal or (0.0, 0.0, 1.0))
+    sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration))
+    session = LiveSession(tracker, sources, node.get_logger().info)
+    session.say(f"tracking: images of {node.resolve_topic_name(IMAGES)}")
+    session.run(stop, [partial(topics.publish, session.counts)])
+    return session
 
 
-def _parameter(ros: Ros2Node, name: str) -> Any:
-    """Return the value of a parameter of the node, None if it is not set."""
+@contextmanager
+def ros_node(arguments: Sequence[str]) -> Iterator[Any]:
+    """Join ROS as a node, served by a thread of its own, while the block runs.
+
+    It keeps to this machine unless the environment says otherwise. Raises SettingError without rclpy.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    try:
+        rclpy = import_module("rclpy")
+    except ImportError as error:
+        raise SettingError(
+            "ROS 2 topics need rclpy, which comes with ROS 2 and cannot be imported here: source its setup.bash, "
+            "and use a Python environment that sees it (python3 -m venv --system-site-packages)"
+        ) from error
+    context = rclpy.Context()
+    no_signals = import_module("rclpy.signals").SignalHandlerOptions.NO
+    rclpy.init(args=list(arguments), context=context, signal_handler_options=no_signals)
+    node = rclpy.create_node("palpate", context=context)
+    executor = import_module("rclpy.executors").SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        yield node
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def _parameter(node: Any, name: str) -> Any:
+    """Return the value of a parameter, None if it is not set."""
     any_type = message_type("rcl_interfaces/msg/ParameterDescriptor")(dynamic_typing=True)
-    return ros.node.declare_parameter(name, None, any_type).value or None
+    return node.declare_parameter(name, None, any_type).value or None
 
 
-def _numbers(ros: Ros2Node, name: str) -> list[float] | None:
-    if (value := _parameter(ros, name)) is None:
-        return None
+def _numbers(node: Any, name: str) -> list[float] | None:
+    value = _parameter(node, name)
     numbers = finite_numbers(value, (3,))
-    if numbers is None:
+    if value is not None and numbers is None:
         raise SettingError(f"parameter {name} is {value!r}; allowed are three finite numbers: '[0.1, 0.0, 0.3]'")
-    return numbers.tolist()
+    return None if numbers is None else numbers.tolist()
 
 
-class Publisher(MessageSink):
-    """Publishes the estimates of a session; topics /palpate/... are those of the node, under any name of it."""
+class Ros2Clock(Clock):
+    """The clock of ROS, which may be simulated, in seconds after the session's start."""
 
-    def __init__(self, ros: Ros2Node, plane: Callable[[], Plane | None], epoch: int, state: LiveState) -> None:
-        """Take the node, the plane as soon as it is known, the stamp of 0 s [ns] and the session's counts."""
-        self._plane, self._epoch, self._state = plane, epoch, state
+    def __init__(self, node: Any) -> None:
+        """Start at 0 s, now."""
+        self._clock = node.get_clock()
+        self._epoch = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        return (self._clock.now().nanoseconds - self._epoch) * 1e-9
+
+    def stamp(self, time: float) -> int:
+        """Return the stamp [ns] of a time [s]."""
+        return self._epoch + round(time * 1e9)
+
+    def time_of(self, message: Any) -> float:
+        """Return the time of a message's stamp [s], or that of its arrival if it has none."""
+        stamp = stamp_of(message)
+        return (stamp - self._epoch) * 1e-9 if stamp else self.now()
+
+
+class Topics(MessageSink):
+    """The topics of a session: images and sensor poses come in, estimates go out.
+
+    Poses are projected into the plane with a normal through the first of them. Topics /palpate/... are those of the
+    node, under any name of it.
+    """
+
+    def __init__(self, node: Any, normal: ArrayLike) -> None:
+        """Take the node and the plane's normal (3,) in the frame of the poses."""
+        self._node, self._normal = node, np.asarray(normal, np.float64)
+        self.clock = Ros2Clock(node)
+        self._plane: Plane | None = None
         self._publishers: dict[str, Any] = {
-            topic: ros.node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
+            topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
             for topic, type_ in TOPICS.items()
         }
 
-    def publish(self, item: TouchImage | TimedPose | LiveEstimate) -> None:
+    def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
+        """Yield touch images as they arrive and notes for the user. Raises FileError if they are no colour images."""
+        return self._messages(IMAGES, IMAGE_TYPES, self._image, stop)
+
+    def poses(self, stop: threading.Event) -> Iterator[TimedPose | Refused | str]:
+        """Yield sensor poses as they arrive, with refusals and notes for the user."""
+        return self._messages(SENSOR_POSES, POSE_TYPES, self._pose, stop)
+
+    def _messages(
+        self, topic: str, types: Collection[str], convert: Callable[[Any], Any], stop: threading.Event
+    ) -> Iterator[Any]:
+        """Yield the converted messages of a topic as they arrive and, as text, notes for the user.
+
+        Type and reliability are those of the first publisher. Raises SettingError if its type is none of `types`.
+        """
+        topic, begin, publishers = self._node.resolve_topic_name(topic), time.monotonic(), []
+        while not publishers and not stop.wait(0.05):
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            if not publishers and time.monotonic() - begin > 2.0:
+                begin = math.inf
+                yield f"nobody publishes {topic} yet, of type {' or '.join(types)}"
+        if not publishers:
+            return
+        type_, waiting = publishers[0].topic_type, SimpleQueue[Any]()
+        if type_ not in types:
+            raise SettingError(f"topic {topic} has messages of type {type_}, allowed are {', '.join(types)}")
+        qos = import_module("rclpy.qos").QoSProfile(depth=100, reliability=publishers[0].qos_profile.reliability)
+        self._node.create_subscription(message_type(type_), topic, waiting.put, qos)
+        while not stop.is_set():
+            with suppress(Empty):
+                yield convert(waiting.get(timeout=0.05))
+
+    def _image(self, message: Any) -> TouchImage:
+        time = self.clock.time_of(message)
+        if hasattr(message, "format"):
+            return TouchImage(time, *compressed_image(message))
+        return TouchImage(time, raw_image(message))
+
+    def _pose(self, message: Any) -> TimedPose | Refused:
+        (pose,) = poses_of(message)
+        position, rotation = np.array([pose.numbers[:3]]), np.array([pose.numbers[3:]])
+        if not np.isfinite(position).all() or not abs(math.hypot(*pose.numbers[3:]) - 1.0) < 1e-2:
+            return Refused(f"{list(pose.numbers)}; allowed are a finite position and a quaternion of length 1")
+        if self._plane is None:
+            self._plane = plane_across(pose.frame, self._normal, position)
+        if pose.frame != self._plane.frame:
+            return Refused(f"it is given in frame {pose.frame!r}, the first was in {self._plane.frame!r}")
+        placed, height, angle = into_plane(self._plane, position, rotation)
+        if abs(off := height[0] - self._plane.height) > 0.01:
+            return Refused(f"it is {off * 1e3:.1f} mm off the plane of the first, allowed are 10 mm")
+        if abs(angle[0]) > STEEPEST:
+            found = f"its x axis is {np.degrees(angle[0]):.1f} degrees out of the plane"
+            return Refused(f"{found}, allowed are {np.degrees(STEEPEST):.0f}")
+        return checked_pose(self.clock.time_of(message), placed[0], self.clock.now())
+
+    def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | LiveEstimate) -> None:
         """Publish an estimate, with the session's counts in its diagnostics."""
         if not isinstance(item, LiveEstimate):
             return
-        plane = self._plane()
-        assert plane is not None
-        stamp = self._epoch + round(item.estimate.time * 1e9)
-        counts = {name.replace("_", " "): str(count) for name, count in self._state.counts.items()}
-        add_live_estimate(self, plane, stamp, item, counts)
-        self.add(CONTACT, BOOL, stamp, data=item.estimate.contact)
+        assert self._plane is not None
+        stamp = self.clock.stamp(item.estimate.time)
+        words = {name.replace("_", " "): str(count) for name, count in counts.items()}
+        add_live_estimate(self, self._plane, stamp, item, words)
 
     def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
         """Publish a message."""
@@ -132,6 +249,16 @@ class Publisher(MessageSink):
         if type_ == "diagnostic_msgs/msg/DiagnosticStatus":
             fields["level"] = bytes([fields["level"]])  # rclpy takes a byte
         return message_type(type_)(**fields)
+
+
+@cache
+def message_type(name: str) -> Any:
+    """Return the class of a message type such as geometry_msgs/msg/Pose. Raises SettingError if it is not installed."""
+    package, _, type_ = name.split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), type_)
+    except ImportError as error:
+        raise SettingError(f"messages of type {name} need {package}, which is not installed in this ROS") from error
 
 
 if __name__ == "__main__":

@@ -144,11 +144,11 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     begin = time.monotonic()
     code, out, err = run_palpate(*REPLAY, "--record", "live.mcap", "--json")
     assert code == 0 and time.monotonic() - begin > (FRAMES - 1) / 60
-    assert err == "" or "stalled" in err  # by a machine that is very busy
+    assert err == "" or "without a sensor pose" in err  # by a machine that is very busy
     found = json.loads(out)
     assert (found["images"], found["sensor_poses"], found["refused_poses"]) == (FRAMES, FRAMES, 0)
     assert found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"] == FRAMES
-    assert found["tracked"] > FRAMES // 2 and found["contact_frames"] > 5
+    assert found["tracked"] > FRAMES // 2
     assert found["rate_hz"] == pytest.approx(60.0)
     assert 0.0 < found["latency_ms"]["p50"] <= found["latency_ms"]["p99"] <= found["latency_ms"]["max"]
     same_frames("live.mcap", FRAMES)
@@ -222,7 +222,7 @@ def test_a_camera_with_poses_by_udp(camera, run_palpate, fails):
     assert code == 0 and camera.released == 2
     found = json.loads(out)
     assert "a sensor pose is refused, " in err and all(len(line) < 400 for line in err.splitlines())
-    assert found["tracked"] > 20 and found["contact_frames"] > 5 and found["refused_poses"] > len(RUBBISH)
+    assert found["tracked"] > 20 and found["refused_poses"] > len(RUBBISH)
     assert 5.0 < found["rate_hz"] < 110.0  # the camera's 100; a busy machine grabs fewer
     assert sorted(camera.asked.values()) == [1, 240, 320]
     recorded = palpate.load_recording("live.mcap")
@@ -246,7 +246,7 @@ def test_camera_and_poses_are_lost_and_come_back(camera, run_palpate):
         code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--seconds", "5", "--json")
     found = json.loads(out)
     assert code == 0 and camera.opened == camera.released == 2
-    for words in ("camera is lost", "camera is back after", "poses have stalled: none for 0.", "poses come, after"):
+    for words in ("camera is lost", "camera is back after", "without a sensor pose, 1 so far: the last one before it"):
         assert err.count(words) == 1
     assert found["without_pose"] > 0
     assert found["images"] == found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"]
@@ -256,7 +256,7 @@ def test_without_poses_or_with_turned_images_nothing_is_tracked(camera, run_palp
     port = free_port()
     code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--seconds", "0.5", "--json")
     found = json.loads(out)
-    assert code == 0 and "no sensor pose has come for 0." in err
+    assert code == 0 and "without a sensor pose, 1 so far: none has come before it" in err
     assert found["tracked"] == 0 and found["without_pose"] + found["dropped"] == found["images"] > 5
     camera.size = (240, 320)
     with sending(lambda n: pose_packet(), port):
@@ -272,7 +272,7 @@ def test_a_camera_that_cannot_be_used(camera, fails):
     assert "cannot be opened: another program" in fails(*words)
     assert camera.released == 1 == camera.opened
     Path("video0").unlink()
-    assert "there is no such device" in fails(*words)
+    assert "video0 fits 0 of the cameras that are connected" in fails(*words)
 
 
 def test_cameras_are_found_by_serial(camera, fails, run_palpate, tmp_path, monkeypatch):
@@ -285,9 +285,9 @@ def test_cameras_are_found_by_serial(camera, fails, run_palpate, tmp_path, monke
     def words(name: str) -> tuple[str, ...]:
         return ("live", "--camera", name, "--poses", f"udp:{free_port()}", *OBJECT, "--seconds", "0.1")
 
-    assert "'D2' fits 2 cameras; cameras are usb-DIGIT_D20001 (" in fails(*words("D2"))
-    assert "'D3' is no number, path or serial of a camera" in fails(*words("D3"))
-    assert "/dev/video97: there is no such device" in fails(*words("97"))
+    assert "camera D2 fits 2 of the cameras that are connected: usb-DIGIT_D20001" in fails(*words("D2"))
+    assert "camera D3 fits 0 of" in fails(*words("D3"))
+    assert "/dev/video97 fits 0 of" in fails(*words("97"))
     assert run_palpate(*words("D20002"))[0] == 0 and camera.opened == 1
 
 
@@ -297,8 +297,7 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
     assert "X Y THETA or --first-pose-unknown" in fails("live", "--camera", "0", "--poses", "udp:9")
     assert "only --shape and --shape-unit" in fails(*camera_words("udp:9"), "--plane", "fit")
     assert "'udp:x'; allowed are ports" in fails(*camera_words("udp:x"))
-    assert "allowed are udp:PORT, ros2:TOPIC or an entry point of palpate.poses" in fails(*camera_words("other"))
-    assert "ROS 2 topics need rclpy" in fails(*camera_words("ros2:/robot/pose"))
+    assert "allowed are udp:PORT or an entry point of palpate.poses" in fails(*camera_words("other"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", port := free_port()))
         assert f"cannot listen on port {port} of 127.0.0.1" in fails(*camera_words(f"udp:{port}"))

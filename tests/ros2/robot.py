@@ -16,7 +16,6 @@ from diagnostic_msgs.msg import DiagnosticArray  # pyright: ignore[reportMissing
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped  # pyright: ignore[reportMissingImports]
 from rclpy.executors import SingleThreadedExecutor  # pyright: ignore[reportMissingImports]
 from sensor_msgs.msg import Image  # pyright: ignore[reportMissingImports]
-from std_msgs.msg import Bool  # pyright: ignore[reportMissingImports]
 
 from palpate import read_recording
 
@@ -39,13 +38,12 @@ class Robot:
         self._images = self._node.create_publisher(Image, "/digit/image_raw", DEPTH)
         self._poses = self._node.create_publisher(PoseStamped, "/robot/sensor_pose", DEPTH)
         self._begin = time.time()
-        names = ("poses", "answers", "diagnoses", "contacts", "published")
+        names = ("poses", "answers", "diagnoses", "published")
         self.heard: dict[str, list[Any]] = {name: [] for name in names}
         for topic, type_, hear in (
             ("object_pose_with_covariance", PoseWithCovarianceStamped, self._hear_pose),
             ("object_pose_answers", PoseArray, self._hear_answers),
             ("diagnostics", DiagnosticArray, self._hear_diagnosis),
-            ("contact", Bool, lambda message: self.heard["contacts"].append(message.data)),
         ):
             self._node.create_subscription(type_, f"/palpate/{topic}", hear, DEPTH)
 

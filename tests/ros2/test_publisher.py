@@ -1,7 +1,7 @@
-"""Messages that the node publishes of an estimate, with a stand-in for rclpy: `rosbags` has the same types."""
+"""Topics of the node, with a stand-in for rclpy: `rosbags` has the same messages."""
 
+import sys
 import threading
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,36 +9,90 @@ import numpy as np
 import pytest
 
 from palpate import Estimate, ros2
-from palpate.io.ros_messages import ros_types
-from palpate.live.ros2_topics import Ros2Poses
-from palpate.live.session import LiveEstimate, LiveState
-from palpate.live.sources import Clock, Refused, SensorPlace, TimedPose
+from palpate.errors import SettingError
+from palpate.io.ros_messages import POSE, ros_types
+from palpate.live.session import LiveEstimate
+from palpate.live.sources import Refused, TimedPose
 from palpate.types.estimate import Answer
-from palpate.types.space import plane_across
 
 COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])
 POSES = np.array([[0.1, 0.2, 0.0], [0.1, 0.24, np.pi / 2]])
 
 
-def test_all_answers_are_published(monkeypatch):
-    published: dict[str, list[Any]] = {}
+class FakeNode:
+    """Stands for rclpy's node: somebody publishes `messages` of a type, and what palpate publishes is kept."""
 
-    def create_publisher(type_: type, topic: str, _: int) -> Any:
-        return SimpleNamespace(publish=published.setdefault(topic, []).append)
+    def __init__(self, messages: list[Any], type_: str = POSE) -> None:
+        self.messages, self.type, self.published = messages, type_, dict[str, list[Any]]()
 
+    def get_clock(self) -> Any:
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=10**9))
+
+    def create_publisher(self, type_: type, topic: str, _: int) -> Any:
+        return SimpleNamespace(publish=self.published.setdefault(topic, []).append)
+
+    def resolve_topic_name(self, topic: str) -> str:
+        return f"/{topic}"
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
+        return [SimpleNamespace(topic_type=self.type, qos_profile=SimpleNamespace(reliability="reliable"))]
+
+    def create_subscription(self, type_: type, topic: str, hear: Any, qos: Any) -> None:
+        for message in self.messages:
+            hear(message)
+
+
+@pytest.fixture(autouse=True)
+def _types(monkeypatch):
     monkeypatch.setattr(ros2, "message_type", lambda name: ros_types("cdr").types[name])
-    ros: Any = SimpleNamespace(node=SimpleNamespace(create_publisher=create_publisher))
-    plane = plane_across("base", np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 0.25]]))
-    publisher = ros2.Publisher(ros, lambda: plane, 10**9, LiveState(print))
+    monkeypatch.setitem(sys.modules, "rclpy.qos", SimpleNamespace(QoSProfile=lambda **_: None))
+
+
+def message(height: float, w: float = 1.0, frame: str = "base") -> Any:
+    stamp = ros_types("cdr").types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)  # none: that of the arrival
+    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=w)
+    pose = SimpleNamespace(position=SimpleNamespace(x=0.5, y=0.0, z=height), orientation=turn)
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id=frame), pose=pose)
+
+
+def heard(topics: ros2.Topics, count: int) -> list[Any]:
+    poses = topics.poses(threading.Event())
+    return [next(poses) for _ in range(count)]
+
+
+def test_poses_are_those_of_the_plane_through_the_first():
+    messages = [message(0.2), message(0.23), message(0.2, 0.5), message(0.2, frame="map"), message(0.205)]
+    topics = ros2.Topics(FakeNode(messages), (0.0, 0.0, 1.0))
+    first, off, broken, other, last = heard(topics, 5)
+    for pose in (first, last):
+        assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.5, 0.0, 0.0]) and pose.time == 0.0
+    words = ("30.0 mm off the plane of the first", "a quaternion of length 1", "the first was in 'base'")
+    for refused, expected in zip((off, broken, other), words, strict=True):
+        assert isinstance(refused, Refused) and expected in refused.reason
+
+
+def test_a_topic_of_another_type_is_refused():
+    topics = ros2.Topics(FakeNode([], "std_msgs/msg/String"), (0.0, 0.0, 1.0))
+    with pytest.raises(SettingError, match="/sensor_pose has messages of type std_msgs/msg/String, allowed are geom"):
+        heard(topics, 1)
+
+
+def test_all_answers_are_published():
+    node = FakeNode([message(0.25)])
+    topics = ros2.Topics(node, (0.0, 0.0, 1.0))
+    heard(topics, 1)
     several = tuple(Answer(pose, COVARIANCE, weight) for pose, weight in zip(POSES, (0.7, 0.3), strict=True))
     ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
     sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
+    frame: Any = None
     for estimate in (ambiguous, sure):
-        publisher.publish(LiveEstimate(estimate, SensorPlace(np.zeros(3), 0.0), 0.004))
+        topics.publish({"left_out": 3}, LiveEstimate(estimate, frame, None, 0.0, 0.004))
+    published = node.published
     arrays, diagnoses = published["~/object_pose_answers"], published["~/diagnostics"]
     for index, poses in enumerate((POSES, POSES[1:])):
         array, diagnosis, best = arrays[index], diagnoses[index], published["~/object_pose"][index]
         assert array.header == diagnosis.header == best.header and array.header.frame_id == "base"
+        assert (array.header.stamp.sec, array.header.stamp.nanosec) == (1, (500_000_000, 750_000_000)[index])
         found = [[one.position.x, one.position.y, one.position.z, one.orientation.z] for one in array.poses]
         assert np.allclose(found, [[x, y, 0.25, np.sin(yaw / 2)] for x, y, yaw in poses])
         assert array.poses[0] == best.pose
@@ -46,24 +100,4 @@ def test_all_answers_are_published(monkeypatch):
     words = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
     assert [one["answer weights"] for one in words] == ["0.7000 0.3000", "1.0000"]
     assert [one["answer sigmas y [mm]"] for one in words] == ["3.00 3.00", "3.00"]
-
-
-def test_poses_are_those_of_the_plane_through_the_first():
-    types = ros_types("cdr").types
-
-    def message(height: float, w: float = 1.0, frame: str = "base") -> Any:
-        pose = SimpleNamespace(
-            position=SimpleNamespace(x=0.5, y=0.0, z=height), orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=w)
-        )
-        stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)  # none: the time is that of the arrival
-        return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id=frame), pose=pose)
-
-    messages = [message(0.2), message(0.23), message(0.2, 0.5), message(0.2, frame="map"), message(0.205)]
-    ros: Any = SimpleNamespace(messages=lambda *_: iter(messages))
-    first, off, broken, other, last = Ros2Poses(ros, "/robot/sensor_pose", Clock()).poses(threading.Event())
-    for pose in (first, last):
-        assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.5, 0.0, 0.0])
-        assert pose.time == pytest.approx(time.time(), abs=60.0)
-    words = ("30.0 mm off the plane of the first", "a quaternion of length 1", "the first was in 'base'")
-    for refused, expected in zip((off, broken, other), words, strict=True):
-        assert isinstance(refused, Refused) and expected in refused.reason
+    assert [(one["left out"], one["contact"], one["latency [ms]"]) for one in words] == [("3", "true", "4.0")] * 2

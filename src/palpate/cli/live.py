@@ -11,13 +11,13 @@ from palpate.cli.options import Bag, Force, Json, Start, Touch, arg, check_new
 from palpate.errors import SettingError
 
 if TYPE_CHECKING:
-    from palpate.live.session import LiveState
+    from palpate.live.session import LiveSession
 
 
 def live(
     *,
     camera: Annotated[str | None, arg("SERIAL|PATH|N", "none; or --replay")] = None,
-    poses: Annotated[str | None, arg("udp:PORT|ros2:TOPIC|NAME", "none; --camera needs it")] = None,
+    poses: Annotated[str | None, arg("udp:PORT|NAME", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
     record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
     view: bool = False,
@@ -37,7 +37,7 @@ def live(
 
     Args:
         camera: Camera of a DIGIT.
-        poses: Sensor poses: JSON by UDP on this machine, a ROS 2 topic, or an entry point of palpate.poses.
+        poses: Sensor poses: JSON by UDP on this machine, or an entry point of palpate.poses.
         replay: A recording or a bag, played in real time.
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
         view: Show the session in Rerun too.
@@ -49,9 +49,10 @@ def live(
     from palpate.io.outlines import load_shape
     from palpate.live.camera import camera_sources
     from palpate.live.recorder import recorder
-    from palpate.live.session import LiveState, stop_on_signals, track_live
+    from palpate.live.session import LiveSession, stop_on_signals
     from palpate.live.sources import replayed
     from palpate.pipeline.track import first_pose_of
+    from palpate.touch.calibration import turned_as
     from palpate.tracker import Tracker
     from palpate.types.recording import Recording
     from palpate.types.sensor import DIGIT
@@ -88,26 +89,26 @@ def live(
             sources = replayed(scene)
             first, sigma = first_pose_of(scene, NoiseSettings(), first, sigma)
         settings = TrackerSettings(touch.tactile)
-        tracker = Tracker(scene.shape, sources.sensor, first, settings, model, unit, first_pose_sigma=sigma)
-        listen = watch = None
+        sensor, listeners = turned_as(sources.sensor, unit), []
+        tracker = Tracker(scene.shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
         if record:
-            listen = stack.enter_context(recorder(record, scene.shape, sources.recorded_sensor, force))
+            listeners.append(stack.enter_context(recorder(record, scene.shape, sources.sensor, force)))
         if view:
             from palpate.viewer.rerun_view import live_view
 
-            watch = stack.enter_context(live_view(scene, name))
+            listeners.append(stack.enter_context(live_view(scene, name)))
         stop = stack.enter_context(stop_on_signals())
-        state = LiveState(complain)
-        stack.enter_context(live_table(f"palpate live: {name}", state))
-        track_live(tracker, sources, state, stop, listen or (lambda item: None), watch, seconds)
-    report(json, "live", state.summary())
+        session = LiveSession(tracker, sources, complain)
+        stack.enter_context(live_table(f"palpate live: {name}", session))
+        session.run(stop, listeners, float("inf") if seconds is None else seconds)
+    report(json, "live", session.summary())
     if record and not json:
         print_line(f"recorded: {record}")
     return 0
 
 
 @contextmanager
-def live_table(title: str, state: "LiveState") -> Iterator[None]:
+def live_table(title: str, session: "LiveSession") -> Iterator[None]:
     """Show the table on standard error while the block runs; nothing is shown where that is no terminal."""
     if not sys.stderr.isatty():
         yield
@@ -116,20 +117,20 @@ def live_table(title: str, state: "LiveState") -> Iterator[None]:
     from rich.live import Live
 
     console = Console(stderr=True)
-    with Live(get_renderable=lambda: quantities(title, shown(state)), console=console, transient=True):
+    with Live(get_renderable=lambda: quantities(title, shown(session)), console=console, transient=True):
         yield
 
 
-def shown(state: "LiveState") -> dict[str, Any]:
+def shown(session: "LiveSession") -> dict[str, Any]:
     """Return the rows of the table of a session as it stands."""
     from palpate.pipeline.metrics import pose_words, world_sigma
 
-    counts = state.counts
-    rows: dict[str, Any] = {"images_hz": state.rate}
+    last, counts, found = session.last, session.counts, session.summary()
+    rows: dict[str, Any] = {"images_hz": found["rate_hz"]}
     rows |= {name.replace("_", " "): counts[name] for name in ("tracked", "dropped", "without_pose", "refused_poses")}
-    if state.last:
-        one, recent = state.last.estimate, state.latency_ms(600)
-        rows |= {"latency_ms": recent["p50"], "latency, 99 %_ms": recent["p99"], "contact": one.contact}
+    if last:
+        one, latency = last.estimate, found["latency_ms"]
+        rows |= {"latency_ms": latency["p50"], "latency, 99 %_ms": latency["p99"], "contact": one.contact}
         rows["status"] = f"{one.status}{one.reason and f': {one.reason}'}"
         rows["object"] = pose_words(one.pose, world_sigma(one.pose, one.covariance))
     return rows

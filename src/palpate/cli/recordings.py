@@ -81,7 +81,7 @@ def view(
     save: Annotated[Path | None, arg("FILE.rrd", "a window; without a display, <name>.rrd")] = None,
     force: Force = False,
 ) -> int:
-    """Show a run or a recording in Rerun: the push from above, touch, errors, status and friction over time.
+    """Show a run or a recording in Rerun: the push from above, touch, errors and status over time.
 
     Example: palpate view runs/push
 

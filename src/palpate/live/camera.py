@@ -11,21 +11,20 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Size, Sources, TouchImage, pose_source
-from palpate.touch.calibration import Calibration, view_of
+from palpate.live.sources import Clock, Sources, TouchImage, pose_source
+from palpate.touch.calibration import Calibration, turned_as
 from palpate.types.sensor import SensorProfile
 
 BY_ID = Path("/dev/v4l/by-id")
 """Folder in which Linux lists cameras by serial."""
-_IMAGES = "video-index0"  # ending of the link to a camera's images; further links are metadata
 
 
 class Camera:
     """A camera read through V4L2 by OpenCV, that survives being unplugged and plugged in again."""
 
-    def __init__(self, path: Path, size: Size, clock: Clock) -> None:
+    def __init__(self, path: Path, sensor: SensorProfile, clock: Clock) -> None:
         """Open the camera and measure its rate. Raises SettingError if it cannot be opened or gives no images."""
-        self._path, self._size, self._clock = path, size, clock
+        self._path, self._sensor, self._clock = path, sensor, clock
         self._capture: Any = None
         images = self._open()
         if not images:
@@ -64,8 +63,8 @@ class Camera:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_V4L2)
         if not capture.isOpened():
             return []
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[0])
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[1])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._sensor.image_height)
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._sensor.image_width)
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._capture = capture
         images, begin = [], self._clock.now()
@@ -97,9 +96,9 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, calibration: Ca
 
     Raises SettingError if one of them is missing.
     """
-    size, clock = size_of_images(sensor, calibration), Clock()
-    with closing(Camera(camera_path(name), size, clock)) as camera, pose_source(poses, clock) as source:
-        yield Sources(camera.images, source, clock, replace(sensor, rate=camera.rate), size)
+    arriving, clock = turned_as(sensor, calibration), Clock()
+    with closing(Camera(camera_path(name), arriving, clock)) as camera, pose_source(poses, clock) as source:
+        yield Sources(camera.images, source, clock, replace(arriving, rate=camera.rate))
 
 
 def camera_path(name: str) -> Path:
@@ -109,21 +108,11 @@ def camera_path(name: str) -> Path:
     """
     if name.isdecimal() and len(name) <= 2:
         name = f"/dev/video{name}"
-    links = sorted(BY_ID.glob(f"*{_IMAGES}"))
-    names = [f"{link.name.removesuffix(f'-{_IMAGES}')} ({link.resolve()})" for link in links]
-    listed = f"cameras are {', '.join(names)}" if names else "no camera is connected"
-    if name.startswith("/"):
-        if not Path(name).exists():
-            raise SettingError(f"camera {name}: there is no such device; {listed}")
-        return Path(name)
+    links = sorted(BY_ID.glob("*-video-index0"))  # further links of a camera are metadata
     found = [link for link in links if name in link.name]
+    if name.startswith("/"):
+        found = [Path(name)] if Path(name).exists() else []
     if len(found) != 1:
-        fault = f"fits {len(found)} cameras" if found else "is no number, path or serial of a camera"
-        raise SettingError(f"camera {name!r} {fault}; {listed}")
+        names = ", ".join(f"{link.name} ({link.resolve()})" for link in links) or "none"
+        raise SettingError(f"camera {name} fits {len(found)} of the cameras that are connected: {names}")
     return found[0]
-
-
-def size_of_images(sensor: SensorProfile, calibration: Calibration | None) -> Size:
-    """Return the size of a sensor's images as they arrive, before a calibration turns them."""
-    height, width = sensor.image_height, sensor.image_width
-    return (width, height) if view_of(calibration).quarter_turns % 2 else (height, width)

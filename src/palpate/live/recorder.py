@@ -1,6 +1,5 @@
 """The recording of a live session, written as it goes on; a kill loses at most the last second."""
 
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,38 +20,30 @@ from palpate.types.space import Plane, flat, out_of_plane
 
 @contextmanager
 def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = False) -> Iterator[Listen]:
-    """Yield a function that records into a new MCAP, from any thread; `sensor` has the size of arriving images.
+    """Yield a function that records into a new MCAP; `sensor` has the size of arriving images.
 
     Raises FileError if the file exists, unless `force`.
     """
     ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
-    lock = threading.Lock()
-    plane, is_open = flat(), True
+    plane = flat()
     with growing_mcap(path, force) as file:
         describe(file, shape, sensor)
         file.flush()
 
         def record(item: TouchImage | TimedPose | LiveEstimate) -> None:
             time = item.estimate.time if isinstance(item, LiveEstimate) else item.time
-            stamp = nanoseconds(path, np.array([time]))[0]
-            with lock:
-                if not is_open:  # a thread that was left behind may go on
-                    return
-                if isinstance(item, LiveEstimate):
-                    add_live_estimate(file, plane, stamp, item, {})
-                elif isinstance(item, TimedPose):
-                    (position,), (rotation,) = out_of_plane(plane, item.pose[None])
-                    header, pose = file.header(stamp, plane.frame), file.pose(position, rotation)
-                    file.add(SENSOR_POSES, POSE, stamp, header=header, pose=pose)
-                else:
-                    data, header = np.frombuffer(item.encoded(), np.uint8), file.header(stamp, "sensor")
-                    file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=item.codec, data=data)
+            (stamp,) = nanoseconds(path, np.array([time]))
+            if isinstance(item, LiveEstimate):
+                add_live_estimate(file, plane, stamp, item, {})
+            elif isinstance(item, TimedPose):
+                (position,), (rotation,) = out_of_plane(plane, item.pose[None])
+                header, pose = file.header(stamp, plane.frame), file.pose(position, rotation)
+                file.add(SENSOR_POSES, POSE, stamp, header=header, pose=pose)
+            else:
+                data, header = np.frombuffer(item.encoded(), np.uint8), file.header(stamp, "sensor")
+                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=item.codec, data=data)
 
-        try:
-            yield record
-        finally:
-            with lock:
-                is_open = False
+        yield record
 
 
 def add_live_estimate(sink: MessageSink, plane: Plane, stamp: int, last: LiveEstimate, more: Mapping[str, str]) -> None:
@@ -62,7 +53,7 @@ def add_live_estimate(sink: MessageSink, plane: Plane, stamp: int, last: LiveEst
     """
     values = {
         "reason": last.estimate.reason,
-        "sensor pose age [ms]": f"{1e3 * last.place.age:.1f}",
+        "sensor pose age [ms]": f"{1e3 * last.pose_age:.1f}",
         "latency [ms]": f"{1e3 * last.latency:.1f}",
         **more,
     }

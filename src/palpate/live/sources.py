@@ -12,10 +12,10 @@ import time
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,20 +27,14 @@ from palpate.types.images import Codec, decode_image, encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
+Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-Size = tuple[int, int]
-"""Rows and columns of an image."""
 OWN_POSES = "palpate.poses"
 """Group of entry points: functions without arguments that yield time [s since 1970], x [m], y [m], theta [rad]."""
-STALLED = 0.15
-"""Largest age of a sensor pose that is used for an image [s]; a live session reports when poses are older."""
 
 
 class Clock:
     """A clock that runs evenly, even if the computer's clock is set; it starts when it is first read."""
-
-    epoch: int = 0
-    """Stamp of 0 s [ns]."""
 
     def __init__(self, start: float | None = None) -> None:
         """Show the time since 1970 [s] or, if given, a time from `start` on."""
@@ -64,8 +58,9 @@ class TouchImage(NamedTuple):
     codec: Codec = "jpeg"
     """Encoding of the bytes, or the one to record pixels with."""
 
-    def pixels(self, size: Size) -> Image:
+    def pixels(self, sensor: SensorProfile) -> Image:
         """Return the pixels. Raises FileError if the bytes are damaged or hold an image of another size."""
+        size = sensor.image_height, sensor.image_width
         return decode_image(self.data, self.codec, size) if isinstance(self.data, bytes) else self.data
 
     def encoded(self) -> bytes:
@@ -78,7 +73,7 @@ class TimedPose(NamedTuple):
 
     time: float
     """Time on the session's clock [s]."""
-    pose: NDArray[np.float64]
+    pose: Array
     """world_T_sensor, (3,) [m, m, rad]."""
 
 
@@ -101,67 +96,44 @@ class Sources:
     """Poses of the sensor."""
     clock: Clock
     sensor: SensorProfile
-    """The sensor, with the measured rate of its images."""
-    size: Size
-    """Size of the images as they arrive, before a calibration turns them."""
-
-    @property
-    def recorded_sensor(self) -> SensorProfile:
-        """The sensor with the size of images as they arrive."""
-        return replace(self.sensor, image_height=self.size[0], image_width=self.size[1])
-
-
-class SensorPlace(NamedTuple):
-    """Sensor pose at the time of an image."""
-
-    pose: NDArray[np.float64]
-    """world_T_sensor, (3,) [m, m, rad]."""
-    age: float
-    """Time from the last pose to the image [s], over which motion is extrapolated; 0 if a pose follows the image."""
+    """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
 
 
 class PoseTrack:
-    """The latest sensor poses; one thread adds them while another interpolates."""
+    """The latest sensor poses, and the pose at the time of an image."""
 
     def __init__(self) -> None:
-        self._changed = threading.Condition()
         self._poses: deque[TimedPose] = deque(maxlen=4096)
-
-    @property
-    def last_time(self) -> float | None:
-        """Time of the last pose [s]; None before the first."""
-        with self._changed:
-            return self._poses[-1].time if self._poses else None
 
     def add(self, pose: TimedPose) -> Refused | None:
         """Add a pose; refuse one that is not later than the last."""
-        with self._changed:
-            if self._poses and pose.time <= self._poses[-1].time:
-                return Refused(f"its time {pose.time:.3f} s is not after the last one's, {self._poses[-1].time:.3f} s")
-            self._poses.append(pose)
-            self._changed.notify_all()
+        if self._poses and pose.time <= self._poses[-1].time:
+            return Refused(f"its time {pose.time:.3f} s is not after the last one's, {self._poses[-1].time:.3f} s")
+        self._poses.append(pose)
         return None
 
-    def at(self, time: float) -> SensorPlace | None:
-        """Return the sensor's pose at a time [s]; None if no pose is known shortly before.
+    def reaches(self, time: float) -> bool:
+        """Return True if there is a pose at or after a time [s]."""
+        return bool(self._poses) and self._poses[-1].time >= time
 
-        Waits up to 10 ms for a pose that follows. If none comes, the motion of the last 50 ms is extrapolated.
+    def at(self, time: float) -> tuple[Array, float] | Refused:
+        """Return the pose (3,) at a time [s], and the time over which motion is extrapolated to it [s].
+
+        The motion of the last 50 ms is extrapolated if no later pose is known, but not over more than 150 ms.
         """
-        with self._changed:
-            self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1].time >= time, 0.01)
-            poses = list(self._poses)
-        count = bisect_right(poses, time, key=lambda pose: pose.time)
-        if not count or time - poses[count - 1].time > STALLED:
-            return None
-        last = poses[count - 1]
-        if count < len(poses):
-            return SensorPlace(_on_line(last, poses[count], time), 0.0)
-        earlier = next(pose for pose in poses if pose.time >= last.time - 0.05)
-        is_at_last = time == last.time or earlier is last
-        return SensorPlace(last.pose if is_at_last else _on_line(earlier, last, time), time - last.time)
+        count = bisect_right(self._poses, time, key=lambda pose: pose.time)
+        if not count:
+            return Refused("none has come before it")
+        last = self._poses[count - 1]
+        if (age := time - last.time) > 0.15:
+            return Refused(f"the last one before it is {age:.2f} s older, allowed are 0.15 s")
+        if count < len(self._poses):
+            return _on_line(last, self._poses[count], time), 0.0
+        earlier = next(pose for pose in self._poses if pose.time >= last.time - 0.05)
+        return (last.pose if earlier is last else _on_line(earlier, last, time)), age
 
 
-def _on_line(start: TimedPose, end: TimedPose, time: float) -> NDArray[np.float64]:
+def _on_line(start: TimedPose, end: TimedPose, time: float) -> Array:
     """Return the pose at a time [s] on the straight line through two poses, turning by less than half a turn."""
     step = end.pose - start.pose
     step[2] = se2.wrap(step[2])
@@ -193,39 +165,28 @@ def replayed(recording: Recording) -> Sources:
     def play_poses(stop: threading.Event) -> Iterator[TimedPose]:
         return (TimedPose(time, recording.sensor_pose[index]) for index, time in due(stop))
 
-    sensor = recording.sensor
-    return Sources(play_images, play_poses, clock, sensor, (sensor.image_height, sensor.image_width))
-
-
-def pose_source(name: str, clock: Clock) -> AbstractContextManager[PoseSource]:
-    """Open the source udp:PORT, ros2:TOPIC or an entry point of OWN_POSES while the block runs."""
-    kind, _, where = name.partition(":")
-    if kind == "ros2":
-        from palpate.live.ros2_topics import ros2_poses
-
-        return ros2_poses(where, clock)
-    if kind != "udp":
-        return nullcontext(own_poses(name, clock))
-    if not (where.isdecimal() and 0 < int(where) < 65536):
-        raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
-    return udp_poses(int(where), clock)
+    return Sources(play_images, play_poses, clock, recording.sensor)
 
 
 @contextmanager
-def udp_poses(port: int, clock: Clock) -> Iterator[PoseSource]:
-    """Listen for sensor poses as JSON by UDP from this machine, {"time": s since 1970, "pose": [x, y, theta]}.
-
-    A pose without a time gets that of its arrival. Raises SettingError if the port is in use.
-    """
+def pose_source(name: str, clock: Clock) -> Iterator[PoseSource]:
+    """Open the source udp:PORT or an entry point of OWN_POSES while the block runs. Raises SettingError."""
+    kind, _, port = name.partition(":")
+    if kind != "udp":
+        yield partial(_own_poses, _entry_point(name), clock)
+        return
+    if not (port.isdecimal() and 0 < int(port) < 65536):
+        raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         try:
-            listening.bind(("127.0.0.1", port))
+            listening.bind(("127.0.0.1", int(port)))
         except OSError as error:
             raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
-        yield partial(_received, listening, clock)
+        yield partial(_udp_poses, listening, clock)
 
 
-def _received(listening: socket.socket, clock: Clock, stop: threading.Event) -> Iterator[TimedPose | Refused]:
+def _udp_poses(listening: socket.socket, clock: Clock, stop: threading.Event) -> Iterator[TimedPose | Refused]:
+    """Yield poses as JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, at that of their arrival."""
     listening.setblocking(False)
     with suppress(BlockingIOError):
         while True:  # drop what arrived before the session
@@ -245,33 +206,30 @@ def _pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:
         return Refused(f"{shown} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
 
-def own_poses(name: str, clock: Clock) -> PoseSource:
-    """Return the pose source of an entry point of OWN_POSES. Raises SettingError if it is not there or cannot load."""
+def _entry_point(name: str) -> EntryPoint:
+    """Return an entry point of OWN_POSES. Raises SettingError if it is not there."""
     found = {one.name: one for one in entry_points(group=OWN_POSES)}
     if name not in found:
         known = f"known are {', '.join(sorted(found))}" if found else "none is installed"
-        allowed = f"udp:PORT, ros2:TOPIC or an entry point of {OWN_POSES}, {known}"
+        allowed = f"udp:PORT or an entry point of {OWN_POSES}, {known}"
         raise SettingError(f"poses are to come from {name!r}; allowed are {allowed}")
-    entry = f"entry point {name} of {OWN_POSES}, {found[name].value},"
+    return found[name]
+
+
+def _own_poses(entry: EntryPoint, clock: Clock, stop: threading.Event) -> Iterator[TimedPose | Refused]:
+    """Yield the poses of a user's function. Raises SettingError if it cannot be loaded or fails."""
     try:
-        function: Callable[[], Iterable[Any]] = found[name].load()
+        for item in entry.load()():
+            if stop.is_set():
+                return
+            if isinstance(item, Iterable):
+                when, *numbers = item
+                yield checked_pose(when, numbers, clock.now())
+            else:
+                yield Refused(f"{item!r} is not time, x, y, theta")
     except Exception as error:
-        raise SettingError(f"{entry} cannot be loaded: {type(error).__name__}: {error}") from error
-
-    def poses(stop: threading.Event) -> Iterator[TimedPose | Refused]:
-        try:
-            for item in function():
-                if stop.is_set():
-                    return
-                if isinstance(item, Iterable):
-                    when, *numbers = item
-                    yield checked_pose(when, numbers, clock.now())
-                else:
-                    yield Refused(f"{item!r} is not time, x, y, theta")
-        except Exception as error:
-            raise SettingError(f"{entry} ended with {type(error).__name__}: {error}") from error
-
-    return poses
+        fault = f"{type(error).__name__}: {error}"
+        raise SettingError(f"entry point {entry.name} of {OWN_POSES}, {entry.value}, ended with {fault}") from error
 
 
 def checked_pose(time: Any, numbers: Any, now: float) -> TimedPose | Refused:

@@ -73,9 +73,8 @@ def _above(run: Run) -> dict[str, Any]:
     axes = figure.add_subplot()
     draw_path(axes, run, len(run.online) - 1)
     reach = 1e3 * np.hypot(*run.recording.shape.outline().T).max()
-    for poses in (run.online.pose, run.truth):
-        if poses is not None and (known := 1e3 * poses[np.isfinite(poses).all(axis=1), :2]).size:
-            axes.update_datalim([known.min(axis=0) - reach, known.max(axis=0) + reach])
+    places = 1e3 * run.online.pose[:, :2]
+    axes.update_datalim([places.min(axis=0) - reach, places.max(axis=0) + reach])
     axes.autoscale_view()
     frame_above(axes)
     drawing = _svg(figure)
@@ -123,16 +122,17 @@ def _moving(run: Run) -> dict[str, Any]:
     online, recording = run.online, run.recording
     assert online.covariance is not None and online.contact is not None and online.status is not None
     frames = np.arange(0, len(online), -(-len(online) // 3000))
-    pose = online.pose[frames]
-    others = {place: [one.pose for one in run.answers[frame][1:]] for place, frame in enumerate(frames)}
+    truth = np.full_like(online.pose, np.nan) if run.truth is None else run.truth
+    axes = half_axes_95(online.covariance[frames]).swapaxes(1, 2).reshape(-1, 4)
+    others = (np.reshape([one.pose for one in run.answers[frame][1:]], (-1, 3)) for frame in frames)
     return {
-        "time": _numbers(online.time[frames] - online.time[0], 3),
-        "estimate": _poses(pose),
-        "truth": _poses(np.full_like(pose, np.nan) if run.truth is None else run.truth[frames]),
+        "time": np.round(online.time[frames] - online.time[0], 3).tolist(),
+        "estimate": _poses(online.pose[frames]),
+        "truth": _poses(truth[frames]),
         "sensor": _poses(recording.sensor_pose[frames]),
         "contact": online.contact[frames].tolist(),
-        "others": {place: _poses(np.array(poses)) for place, poses in others.items() if poses},
-        "halfAxes": _numbers(1e3 * half_axes_95(online.covariance[frames]).swapaxes(1, 2).reshape(-1, 4), 3),
+        "others": list(map(_poses, others)),
+        "halfAxes": np.round(1e3 * axes, 3).tolist(),
         "status": [online.status[frame] for frame in frames],
         "pictures": _pictures(run),
     }
@@ -156,17 +156,10 @@ def _pictures(run: Run) -> list[dict[str, Any]]:
     ]
 
 
-def _poses(pose: Array) -> list[Any]:
+def _poses(pose: Array) -> list[list[float] | None]:
     """Return poses (N, 3) in mm and degrees, None for unknown ones."""
-    return [None if None in one else one for one in _numbers(pose * (1e3, 1e3, np.degrees(1.0)), 3)]
-
-
-def _numbers(values: Array, digits: int) -> list[Any]:
-    """Return nested lists of rounded numbers, None for NaN."""
-    rounded = np.round(values, digits)
-    numbers = rounded.astype(object)
-    numbers[np.isnan(rounded)] = None
-    return numbers.tolist()
+    rounded = np.round(pose * (1e3, 1e3, np.degrees(1.0)), 3)
+    return [one.tolist() if np.isfinite(one).all() else None for one in rounded]
 
 
 def _json(data: dict[str, Any]) -> Any:

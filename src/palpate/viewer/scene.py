@@ -1,8 +1,9 @@
 """A recording and, where it was tracked, its estimates, as views show them."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, load_calibration, turned_as
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.touch_model import difference_in_light, reduced
-from palpate.types.estimate import Answers, Status, Trajectory
+from palpate.types.estimate import Estimate, Status
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
@@ -55,10 +56,8 @@ class Scene:
     recording: Recording
     truth: Array | None
     """Ground truth (N, 3) [m, m, rad]; NaN where it is unknown or not trusted."""
-    estimate: Trajectory | None = None
-    """Estimate at each frame, with covariance, contact and status; None for a recording that was not tracked."""
-    answers: Answers = ()
-    """All answers at each frame with several, the best first."""
+    estimates: Sequence[Estimate] = ()
+    """Estimate at each frame, with its answers where there are several; none for a recording that was not tracked."""
     calibration: Calibration | None = None
     """Calibration of the sensor unit."""
 
@@ -72,26 +71,24 @@ def load_scene(path: Path) -> Scene:
         raise FileError(f"{path}: is no run of palpate track: there is no settings.json in it")
     settings = read_json(path / "settings.json")
     recording = load_recording(path / _file_name(settings, "recording", path))
-    estimate = read_estimates_csv(path / "estimates.csv")
-    if not np.array_equal(estimate.time, recording.time):
+    online = read_estimates_csv(path / "estimates.csv")
+    if online.covariance is None or online.contact is None or online.status is None:
+        raise FileError(f"{path / 'estimates.csv'}: lacks covariance, contact or status, which palpate track writes")
+    if not np.array_equal(online.time, recording.time):
         raise FileError(
-            f"{path}: its {len(estimate)} estimates are not of the {len(recording)} frames of {recording.file}, "
+            f"{path}: its {len(online)} estimates are not of the {len(recording)} frames of {recording.file}, "
             "which is another recording now; track it again"
         )
+    answers = read_answers(path / "answers.csv", online.time)
+    columns = online.time, online.pose, online.covariance, online.contact, online.status, repeat(""), answers
+    estimates = tuple(map(Estimate, *columns))
     calibration = None
     if settings.get("calibration") is not None:
         calibration = load_calibration(_file_name(settings, "calibration", path))
     elif "untouched_from_s" in read_json(path / "summary.json"):  # it began in contact
         release = first_release(recording)
         calibration = release and release.calibration
-    return Scene(
-        path.resolve().name,
-        recording,
-        known_truth(recording),
-        estimate,
-        read_answers(path / "answers.csv", estimate.time),
-        calibration,
-    )
+    return Scene(path.resolve().name, recording, known_truth(recording), estimates, calibration)
 
 
 def _file_name(settings: dict[str, Any], name: str, folder: Path) -> str:
