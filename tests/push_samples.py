@@ -52,6 +52,13 @@ def model_of(name: str, profile: SensorProfile = sensor()) -> ContactModel:  # n
     return contact_model(SHAPES[name], profile)
 
 
+def distance_at(model: ContactModel, points: Array) -> tuple[Array, Array]:
+    """Distance from the outline (...) and its gradient (..., 2) at points (..., 2), as a sharp tip is there."""
+    g = np.concatenate([points.reshape(1, -1, 2), np.zeros((1, points.size // 2, 1))], axis=-1)
+    touch = replace(model, parts=np.zeros(1, np.complex128), radius=0.0).touching(g)[0].reshape(points.shape[:-1])
+    return touch["gap"], np.stack([touch["normal"].real, touch["normal"].imag], axis=-1)
+
+
 @dataclass(frozen=True)
 class Values:
     """Values of B rows at N steps."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from push_samples import contact_directions, model_of, noisy, pushed, sensor, with_settings
+from push_samples import contact_directions, distance_at, model_of, noisy, pushed, sensor, with_settings
 from scipy.optimize import least_squares
 
 from palpate.config import NoiseSettings, Priors
@@ -221,7 +221,7 @@ def outline_at(g: Array, model: ContactModel) -> tuple[Array, Array, Array]:
     A part bears more the nearer it is.
     """
     center = se2.transform(g[..., None, :], np.column_stack([model.parts.real, model.parts.imag]))
-    distance, normal, _ = model.field.value_gradient_hessian(center)
+    distance, normal = distance_at(model, center)
     bears = np.exp(-(distance - distance.min(axis=-1, keepdims=True)) / SOFT)
     gap = distance.min(axis=-1) - SOFT * np.log(bears.mean(axis=-1)) - model.radius
     share = (bears / bears.sum(axis=-1, keepdims=True))[..., None]

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.geometry.se2 import Sigmas
-from palpate.geometry.shapes import PRESSURES
 from palpate.types.measurements import finite_numbers
 
 Array = NDArray[np.float64]
@@ -251,8 +250,8 @@ class TrackerSettings:
     noise: NoiseSettings = NoiseSettings()
     """Noise of all factors."""
     pressure: str | float = "uniform"
-    """Distribution of the object's weight over the table: uniform, rim or corner; or the friction radius c that follows
-    from it, the largest torque of friction over its largest force [m]."""
+    """Distribution of the object's weight over the table: uniform; or the friction radius c that follows from another
+    one, the largest torque of friction over its largest force [m]."""
     hypotheses: int = 9
     """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
 
@@ -263,9 +262,8 @@ class TrackerSettings:
         if not isinstance(self.noise, NoiseSettings):
             raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
         radius = None if isinstance(self.pressure, str) else finite_numbers(self.pressure, ())
-        if self.pressure not in PRESSURES and (radius is None or radius <= 0.0):
-            allowed = f"{', '.join(PRESSURES)} or a friction radius above 0 [m]"
-            raise SettingError(f"pressure is {self.pressure!r}; allowed are {allowed}")
+        if self.pressure != "uniform" and (radius is None or radius <= 0.0):
+            raise SettingError(f"pressure is {self.pressure!r}; allowed are uniform or a friction radius above 0 [m]")
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
         # NumPy's numbers cannot be written as JSON.

@@ -177,7 +177,7 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["blind.mcap", "--tactile", "oracle", "--first-pose", 0, 0, 0], "no ground truth, which tactile oracle"),
         (["push.mcap", "--tactile", "learnt"], "has no images, which tactile learnt needs"),
         ([], "no FILE"),
-        (["push.mcap", "--pressure", "nan"], "uniform, rim, corner or a friction radius"),
+        (["push.mcap", "--pressure", "nan"], "uniform or a friction radius"),
         (["push.mcap", "--noise", "loud"], "'palpate', 'published' or a file"),
         (["push.mcap", "--hypotheses", 0], "hypotheses is 0"),
         (["push.mcap", "--first-pose-sigma", 0, 1, 1], "it must be three numbers above 0"),

@@ -1,11 +1,14 @@
+"""The spline of the distance, as a sharp tip feels it: g = (x, y, 0) is a point, and gap_by_g its gradient."""
+
 import math
+import time
 
 import numpy as np
 import pytest
 
-from palpate import Disc, Ellipse, EstimationError, Polygon, Rectangle, SettingError, Shape
+from palpate import DIGIT, POINT, Disc, Ellipse, Polygon, Rectangle, Shape, Tracker
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.polygon import sharp_corners
+from palpate.graph.contact_geometry import ContactModel, contact_model
 
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))
 SHAPES: list[Shape] = [
@@ -24,9 +27,19 @@ def sampled(request):
     return request.param, DistanceField.of(request.param)
 
 
+def evaluated(field: DistanceField, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance (N,), gradient (N, 2) and Hessian (N, 2, 2) at points (N, 2)."""
+    points = np.reshape(points, (-1, 2)).astype(float)
+    model = ContactModel(field, np.zeros(1, np.complex128), 0.0, 0.05)
+    touch = model.touching(np.column_stack([points, np.zeros(len(points))])[None])[0]
+    bend = touch["normal_by_g"][:, :2]
+    assert np.array_equal(touch["gap_by_g"][:, :2], np.stack([touch["normal"].real, touch["normal"].imag], axis=-1))
+    return touch["gap"], touch["gap_by_g"][:, :2], np.stack([bend.real, bend.imag], axis=1)
+
+
 def corners_of_grid(field: DistanceField) -> tuple[np.ndarray, np.ndarray]:
-    rows, columns = field.values.shape
-    return field.origin, field.origin + field.cell * np.array([columns - 1, rows - 1])
+    rows, columns = field.coefficients.shape
+    return field.origin, field.origin + field.cell * np.array([columns - 4, rows - 4])
 
 
 def away_from_kinks(shape: Shape, points: np.ndarray, cell: float) -> np.ndarray:
@@ -38,32 +51,31 @@ def away_from_kinks(shape: Shape, points: np.ndarray, cell: float) -> np.ndarray
     return points[np.abs(opposite).max(axis=1) < 0.05 * step]
 
 
-def test_values_are_exact_at_nodes(sampled):
-    shape, field = sampled
-    rows, columns = field.values.shape
-    nodes = np.random.default_rng(0).integers(0, (columns, rows), (300, 2))
-    points = field.origin + field.cell * nodes
-    exact = shape.signed_distance(points)
-    np.testing.assert_allclose(field.values[nodes[:, 1], nodes[:, 0]], exact, atol=1e-12)
-    np.testing.assert_allclose(field.value(points), exact, atol=1e-9)
+def test_the_grid_covers_shape_and_margin():
+    low, high = corners_of_grid(DistanceField.of(Rectangle(0.1, 0.06), margin=0.02))
+    np.testing.assert_allclose(low, [-0.07, -0.05])
+    assert (high >= [0.07 - 1e-9, 0.05]).all() and (high < [0.07 + 1e-9, 0.0503]).all()
 
 
-def test_values_between_nodes_are_within_10_micrometres_and_at_kinks_within_a_fraction_of_a_cell(sampled):
+def test_values_are_exact_at_nodes_within_10_micrometres_between_and_at_kinks_within_a_fraction_of_a_cell(sampled):
     shape, field = sampled
     rng = np.random.default_rng(1)
+    low, high = corners_of_grid(field)
+    nodes = field.origin + field.cell * rng.integers(0, np.rint((high - low) / field.cell) + 1, (300, 2))
+    np.testing.assert_allclose(evaluated(field, nodes)[0], shape.signed_distance(nodes), atol=1e-9)
     points = shape.outline(3000)
     points = np.concatenate([points + rng.normal(scale=scale, size=points.shape) for scale in (0, 1e-3, 1e-2)])
     points = away_from_kinks(shape, points, field.cell)
     assert len(points) > 5000
-    np.testing.assert_allclose(field.value(points), shape.signed_distance(points), atol=1e-5)
-    points = rng.uniform(*corners_of_grid(field), (20_000, 2))
-    np.testing.assert_allclose(field.value(points), shape.signed_distance(points), rtol=0.0, atol=0.35 * field.cell)
+    np.testing.assert_allclose(evaluated(field, points)[0], shape.signed_distance(points), atol=1e-5)
+    points = rng.uniform(low, high, (20_000, 2))
+    found = evaluated(field, points)[0]
+    np.testing.assert_allclose(found, shape.signed_distance(points), rtol=0.0, atol=0.35 * field.cell)
 
 
 def test_gradient_and_hessian_of_a_disc_by_hand():
     # At distance r from the centre the gradient points outwards and the only curvature is 1 / r, across it.
-    field = DistanceField.of(Disc(0.05))
-    distance, gradient, hessian = field.value_gradient_hessian([0.0, 0.07])
+    (distance,), (gradient,), (hessian,) = evaluated(DistanceField.of(Disc(0.05)), [0.0, 0.07])
     assert distance == pytest.approx(0.02, abs=1e-9)
     np.testing.assert_allclose(gradient, [0.0, 1.0], atol=1e-6)
     np.testing.assert_allclose(hessian, [[1 / 0.07, 0.0], [0.0, 0.0]], atol=1e-3)
@@ -79,22 +91,21 @@ def test_gradient_and_hessian_are_the_derivatives_of_the_value(sampled):
     outside = ((points < low) | (points > high)).any(axis=1)
     assert outside.sum() > 20
     step = 1e-6
-    _, gradient, hessian = field.value_gradient_hessian(points)
+    _, gradient, hessian = evaluated(field, points)
     for k, d in enumerate(step * np.eye(2)):
-        slope = (field.value(points + d) - field.value(points - d)) / (2 * step)
+        after, before = evaluated(field, points + d), evaluated(field, points - d)
+        slope = (after[0] - before[0]) / (2 * step)
         np.testing.assert_allclose(gradient[:, k], slope, atol=1e-7 + 1e-9 / field.cell)
-        after, before = (field.value_gradient_hessian(points + s * d)[1] for s in (1, -1))
         tolerance = 1e-4 + 1e-3 * np.abs(hessian).max()
-        np.testing.assert_allclose(hessian[..., k], (after - before) / (2 * step), atol=tolerance)
+        np.testing.assert_allclose(hessian[..., k], (after[1] - before[1]) / (2 * step), atol=tolerance)
     np.testing.assert_allclose(hessian, np.swapaxes(hessian, -1, -2), atol=1e-12)
 
 
 def test_interpolant_is_twice_continuously_differentiable():
     rng = np.random.default_rng(4)
-    field = DistanceField(np.zeros(2), 1.0, rng.normal(size=(6, 7)))
+    field = DistanceField.through(np.zeros(2), 1.0, rng.normal(size=(6, 7)))
     on_a_line = np.column_stack((np.full(50, 3.0), rng.uniform(0, 5, 50)))
-    before, at = field.value_gradient_hessian(on_a_line - [1e-12, 0]), field.value_gradient_hessian(on_a_line)
-    for left, right in zip(before, at, strict=True):
+    for left, right in zip(evaluated(field, on_a_line - [1e-12, 0]), evaluated(field, on_a_line), strict=True):
         np.testing.assert_allclose(left, right, atol=1e-9)
 
 
@@ -107,65 +118,34 @@ def test_continuous_across_the_border_and_growing_beyond(sampled):
         points[:, axis] = border[axis]
         out = np.zeros(2)
         out[axis] = sign
-        inside, at, beyond = (field.value(points + s * out) for s in (-1e-9, 0.0, 1e-9))
+        inside, at, beyond = (evaluated(field, points + s * out)[0] for s in (-1e-9, 0.0, 1e-9))
         np.testing.assert_allclose(inside, at, atol=1e-8)
         np.testing.assert_allclose(beyond, at, atol=1e-8)
-        np.testing.assert_allclose(field.value(points + 0.5 * out), at + 0.5, atol=1e-12)
+        np.testing.assert_allclose(evaluated(field, points + 0.5 * out)[0], at + 0.5, atol=1e-12)
 
 
-def test_a_plane_by_hand():
-    field = DistanceField(np.array([-0.5, 1.0]), 0.5, TINY)
-    distance, gradient, hessian = field.value_gradient_hessian([0.2, 1.3])
+def test_a_plane_and_beyond_it_by_hand():
+    field = DistanceField.through(np.array([-0.5, 1.0]), 0.5, TINY)
+    (distance,), (gradient,), (hessian,) = evaluated(field, [0.2, 1.3])
     assert distance == pytest.approx(2 * 0.2 - 1.3, abs=1e-6)
     np.testing.assert_allclose(gradient, [2.0, -1.0], atol=1e-5)
     np.testing.assert_allclose(hessian, 0.0, atol=1e-4)
-
-
-def test_beyond_a_corner_of_the_grid_by_hand():
     # From the grid's corner (0.5, 2) with d = -1, go 3 and 4 further: -1 + 5. The slope is (3, 4) / 5 and the
     # only curvature is 1 / 5 across it: (1 / 5) (I - n n^T) = [[16, -12], [-12, 9]] / 125.
-    field = DistanceField(np.array([-0.5, 1.0]), 0.5, TINY)
-    distance, gradient, hessian = field.value_gradient_hessian([3.5, 6.0])
+    (distance,), (gradient,), (hessian,) = evaluated(field, [3.5, 6.0])
     assert distance == pytest.approx(4.0)
     np.testing.assert_allclose(gradient, [0.6, 0.8], atol=1e-12)
     np.testing.assert_allclose(hessian, np.array([[16, -12], [-12, 9]]) / 125, atol=1e-12)
     # Straight beyond the right edge, the slope along the edge stays that of the plane, -1.
-    _, gradient, _ = field.value_gradient_hessian([2.0, 1.6])
-    np.testing.assert_allclose(gradient, [1.0, -1.0], atol=1e-6)
+    np.testing.assert_allclose(evaluated(field, [2.0, 1.6])[1], [[1.0, -1.0]], atol=1e-6)
 
 
-def test_one_point_and_many_give_the_same(sampled):
-    _, field = sampled
-    points = np.random.default_rng(5).uniform(-0.3, 0.3, (3, 4, 2))
-    many = field.value_gradient_hessian(points)
-    assert [part.shape for part in many] == [(3, 4), (3, 4, 2), (3, 4, 2, 2)]
-    for part, one in zip(many, field.value_gradient_hessian(points[2, 1]), strict=True):
-        np.testing.assert_allclose(part[2, 1], one, atol=1e-12)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_point_that_is_not_finite(bad):
-    field = DistanceField.of(Disc(0.01))
-    with pytest.raises(EstimationError, match=str(bad)):
-        field.value([[0.0, 0.0], [0.1, bad]])
-
-
-@pytest.mark.parametrize("settings", [{"cell": 0.0}, {"cell": -1.0}, {"cell": 9.0}, {"margin": -0.01}])
-def test_bad_settings(settings):
-    with pytest.raises(SettingError):
-        DistanceField.of(Disc(0.05), **settings)
-
-
-def test_grid_covers_shape_and_margin():
-    field = DistanceField.of(Rectangle(0.1, 0.06), cell=0.001, margin=0.02)
-    low, high = corners_of_grid(field)
-    np.testing.assert_allclose(low, [-0.07, -0.05])
-    np.testing.assert_allclose(high, [0.07, 0.05])
-    assert field.values.shape == (101, 141)
-
-
-def test_sharp_corners_stick_out():
-    notched = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, 1.0), (0.0, 2.0)])  # the fourth points inwards
-    assert sharp_corners(notched).tolist() == [0, 1, 2, 4]
-    assert not len(sharp_corners(Disc(1.0).outline(13)))  # 27.7 degrees each
-    assert len(sharp_corners(Disc(1.0).outline(11))) == 11  # 32.7
+def test_a_tracker_of_an_outline_with_many_vertices_is_made_quickly():
+    angle = np.arange(10_000) * (2 * np.pi / 10_000)
+    radius = 0.08 + 0.02 * np.cos(3 * angle) + 0.002 * np.cos(47 * angle)
+    scanned = Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
+    Tracker(Disc(0.05), POINT, None)
+    contact_model(Polygon(L_SHAPE.outline(1000)), DIGIT)
+    start = time.process_time()
+    Tracker(scanned, DIGIT, None)
+    assert time.process_time() - start < 2.0  # 0.3 s; edge by edge it took 20

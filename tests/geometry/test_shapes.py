@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from palpate import Disc, Ellipse, Polygon, Rectangle, SettingError, Shape, ShapeError
+from palpate.geometry.polygon import sharp_corners
 
 # An L of two bars: 0.12 x 0.06 lying at the bottom and 0.05 x 0.14 standing on its left end.
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))
@@ -55,11 +56,50 @@ def test_signed_distance_of_corners_and_edges_against_shapely(shape):
     np.testing.assert_allclose(shape.signed_distance(points), expected, atol=1e-14)
 
 
-@given(st.lists(st.floats(0.02, 1.0), min_size=3, max_size=9), st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
+def star(radii: ArrayLike, across: float = 1.0) -> Polygon:
+    angle = np.arange(len(np.asarray(radii))) * 2 * math.pi / len(np.asarray(radii))
+    return Polygon(np.column_stack((np.cos(angle), across * np.sin(angle))) * np.asarray(radii)[:, None])
+
+
+@given(st.lists(st.floats(0.02, 1.0), min_size=3, max_size=40), st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
 def test_signed_distance_of_any_star_against_shapely(radii, point):
-    angle = np.arange(len(radii)) * 2 * math.pi / len(radii)
-    star = Polygon(np.column_stack((np.cos(angle), np.sin(angle))) * np.array(radii)[:, None])
-    assert star.signed_distance(point) == pytest.approx(by_shapely(star.corners, point), abs=1e-12)
+    outline = star(radii)
+    assert outline.signed_distance(point) == pytest.approx(by_shapely(outline.corners, point), abs=1e-12)
+
+
+def by_all_edges(shape: Polygon, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    square, inside = np.full(len(points), np.inf), np.zeros(len(points), bool)
+    for start, end in zip(shape.corners, np.roll(shape.corners, -1, axis=0), strict=True):
+        edge, offset = end - start, points - start
+        along = np.clip(offset @ edge / (edge @ edge), 0.0, 1.0)
+        square = np.minimum(square, ((offset - along[:, None] * edge) ** 2).sum(axis=1))
+        left = offset[:, 0] * edge[1] < offset[:, 1] * edge[0]
+        inside ^= ((start[1] > points[:, 1]) != (end[1] > points[:, 1])) & (left == (edge[1] > 0.0))
+    return np.where(inside, -1.0, 1.0) * np.sqrt(square)
+
+
+FINE: dict[str, Polygon] = {
+    "circle": star(np.full(500, 0.08)),  # at its centre all edges are equally far
+    "jagged": star(np.random.default_rng(0).uniform(0.04, 0.12, 300)),
+    "concave": star(0.08 + 0.05 * np.cos(np.arange(400) * 8 * np.pi / 400)),
+    "thin": star(np.full(400, 0.1), across=5e-3),
+    "comb": Polygon(
+        [(0.0, 0.0), (0.2, 0.0)]
+        + [(0.2 - 0.0025 * k, 0.1 if k % 4 in (1, 2) else 0.01) for k in range(79)]
+        + [(0.0, 0.01)]
+    ),
+    "cornered": Polygon(np.concatenate([T_SHAPE.outline(300)[:60], T_SHAPE.corners[3:]])),  # collinear, uneven
+}
+
+
+@pytest.mark.parametrize("name", FINE)
+def test_signed_distance_of_fine_outlines_against_all_edges(name):
+    shape, rng = FINE[name], np.random.default_rng(2)
+    outline = shape.corners[rng.integers(len(shape.vertices), size=500)]
+    around = [outline + rng.normal(scale=scale, size=outline.shape) for scale in (0.0, 1e-5, 1e-3)]
+    grid = np.stack(np.meshgrid(np.linspace(-0.15, 0.15, 61), np.linspace(-0.15, 0.15, 61)), axis=-1).reshape(-1, 2)
+    points = np.concatenate([*around, grid, rng.uniform(-0.5, 0.5, (500, 2)), np.zeros((1, 2))])
+    np.testing.assert_allclose(shape.signed_distance(points), by_all_edges(shape, points), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", ROUND, ids=repr)
@@ -124,19 +164,12 @@ def test_area_and_centroid_far_from_the_origin():
 
 def test_friction_radius_by_hand():
     assert Disc(0.09).friction_radius() == pytest.approx(0.06, rel=1e-12)  # 2 r / 3
-    assert Disc(0.09).friction_radius("rim") == 0.09
-    # Square of side s: the mean distance from its centre is s (sqrt 2 + asinh 1) / 6, from its centre along
-    # an edge s (sqrt 2 + asinh 1) / 4, and the corners are at s / sqrt 2.
+    # Square of side s: the mean distance from its centre is s (sqrt 2 + asinh 1) / 6.
     root = math.sqrt(2.0) + math.asinh(1.0)
     square = Rectangle(0.1, 0.1)
     assert square.friction_radius("uniform") == pytest.approx(0.1 * root / 6, rel=1e-12)
-    assert square.friction_radius("rim") == pytest.approx(0.1 * root / 4, rel=1e-12)
-    assert square.friction_radius("corner") == pytest.approx(0.1 / math.sqrt(2.0), rel=1e-12)
-    # Corners of 60 x 80 mm are at half the diagonal, 50 mm.
-    assert Rectangle(0.06, 0.08).friction_radius("corner") == pytest.approx(0.05, rel=1e-12)
     assert square.friction_radius(0.031) == 0.031
     assert Ellipse(0.2, 0.2).friction_radius("uniform") == pytest.approx(0.2 / 3, rel=1e-12)
-    assert Ellipse(0.2, 0.2).friction_radius("rim") == pytest.approx(0.1, rel=1e-12)
 
 
 @every_shape
@@ -153,18 +186,12 @@ def test_uniform_friction_radius_against_numerical_integration(shape):
     expected = (signed * 2.0 / 3.0 * far).sum() / signed.sum()
     tolerance = 1e-7 if shape in CORNERED else 1e-5  # a curve is cut off by its chords
     assert shape.friction_radius("uniform") == pytest.approx(expected, rel=tolerance)
-    edges = np.linalg.norm(b - a, axis=1)
-    rim = (edges * far).sum() / edges.sum()
-    assert shape.friction_radius("rim") == pytest.approx(rim, rel=tolerance)
 
 
-@pytest.mark.parametrize("pressure", ["edge", "", 0.0, -0.1, math.nan, math.inf, True, None])
+@pytest.mark.parametrize("pressure", ["rim", "", 0.0, -0.1, math.nan, math.inf, True, None])
 def test_pressures_that_do_not_fit_are_refused(pressure):
     with pytest.raises(ShapeError):
         Rectangle(0.1, 0.2).friction_radius(pressure)
-    for shape in ROUND:
-        with pytest.raises(ShapeError, match=r'corner.*"uniform", "rim"'):
-            shape.friction_radius("corner")
 
 
 def test_polygon_comes_out_counter_clockwise_and_open():
@@ -201,3 +228,10 @@ def test_corners_that_are_as_good_as_one_are_one():
     square = Polygon([(0.0, 0.0), (1.0, 0.0), (1.0, 1e-200), (1.0, 1.0), (0.0, 1.0)])
     assert len(square.vertices) == 4
     assert np.isfinite(square.signed_distance(np.array([[0.5, 0.5], [1.0, 0.0]]))).all()
+
+
+def test_sharp_corners_stick_out():
+    notched = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, 1.0), (0.0, 2.0)])  # the fourth points inwards
+    assert sharp_corners(notched).tolist() == [0, 1, 2, 4]
+    assert not len(sharp_corners(Disc(1.0).outline(13)))  # 27.7 degrees each
+    assert len(sharp_corners(Disc(1.0).outline(11))) == 11  # 32.7

@@ -6,7 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import RADIUS, SHAPES, Linear, Values, contact_directions, model_of, rows_of, sensor, values_at
+from push_samples import (
+    RADIUS,
+    SHAPES,
+    Linear,
+    Values,
+    contact_directions,
+    distance_at,
+    model_of,
+    rows_of,
+    sensor,
+    values_at,
+)
 
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
@@ -112,7 +123,7 @@ def near_outline(name: str, model: ContactModel, theta: Array, rng: np.random.Ge
     centers = centers[: 6 * STATES]  # of which more than half are smooth
     around = model.field.cell * np.stack(np.meshgrid(np.arange(-3, 4), np.arange(-3, 4)), axis=-1).reshape(-1, 2)
     spots = centers[:, None] + around
-    smooth = (np.abs(model.field.value(spots) - shape.signed_distance(spots)) < 2e-8).all(axis=1)
+    smooth = (np.abs(distance_at(model, spots)[0] - shape.signed_distance(spots)) < 2e-8).all(axis=1)
     assert smooth.mean() > 0.5
     return with_first_tip_at(centers[smooth][:STATES], model, theta)
 

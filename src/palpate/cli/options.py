@@ -122,7 +122,7 @@ class Estimator:
     smoother: Smoother = "fixed-lag"
     noise: Annotated[str, arg(NOISE)] = "palpate"
     """Standard deviations: a preset, or a file of palpate tune."""
-    pressure: Annotated[Literal["uniform", "rim", "corner"] | float, arg("uniform|rim|corner|METRES")] = "uniform"
+    pressure: Annotated[Literal["uniform"] | float, arg("uniform|METRES")] = "uniform"
     """Pressure of the object on the table, or its friction radius c [m]."""
     hypotheses: Annotated[int, arg("N")] = 9
     """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""

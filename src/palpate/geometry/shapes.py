@@ -9,6 +9,7 @@ import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
@@ -22,9 +23,6 @@ from palpate.geometry import polygon
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
-
-PRESSURES = ("uniform", "rim", "corner")
-"""Pressure distributions on the table; see `friction_radius` of a shape."""
 
 
 class _Outline(ABC):
@@ -57,21 +55,13 @@ class _Outline(ABC):
     def friction_radius(self, pressure: str | float = "uniform") -> float:
         """Return c [m], the ratio of largest friction torque to largest friction force on the support.
 
-        It is the mean distance from the centroid of the pressure: "uniform" over the area, "rim" (all along
-        the outline) or "corner" (equal loads at the corners, where there are any). A number [m] is c itself.
+        With the "uniform" pressure it is the mean distance from the centroid over the area. A number [m] is c itself.
         """
-        if not isinstance(pressure, str):
-            return _size(pressure, "friction radius")
-        known = self._mean_distances()
-        if pressure not in known:
-            allowed = ", ".join(f'"{name}"' for name in known)
-            name = type(self).__name__.lower()
-            raise ShapeError(f"pressure of a {name} is {pressure!r}; allowed: {allowed} or a radius [m]")
-        return known[pressure]
+        return self._mean_distance() if pressure == "uniform" else _size(pressure, "friction radius")
 
     @abstractmethod
-    def _mean_distances(self) -> dict[str, float]:
-        """The friction radius [m] of each kind of pressure that the shape can have."""
+    def _mean_distance(self) -> float:
+        """Return the mean distance from the centroid over the area [m]."""
 
 
 class _Cornered(_Outline):
@@ -84,10 +74,10 @@ class _Cornered(_Outline):
 
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m], counter-clockwise: the corners and points between them."""
-        return polygon.points_along(self.corners, count)
+        return polygon.points_along(self.corners, count)[0]
 
-    def _mean_distances(self) -> dict[str, float]:
-        return polygon.mean_distances(self.corners)
+    def _mean_distance(self) -> float:
+        return polygon.mean_distance(self.corners)
 
 
 @dataclass(frozen=True)
@@ -112,8 +102,8 @@ class Disc(_Outline):
         points = np.asarray(points, dtype=np.float64)
         return np.hypot(points[..., 0], points[..., 1]) - self.radius
 
-    def _mean_distances(self) -> dict[str, float]:
-        return {"uniform": 2.0 / 3.0 * self.radius, "rim": self.radius}
+    def _mean_distance(self) -> float:
+        return 2.0 / 3.0 * self.radius
 
 
 @dataclass(frozen=True)
@@ -192,20 +182,13 @@ class Ellipse(_Outline):
                 break
         return short * (u - 1.0) * np.hypot(p / (u + (r - 1.0)), q / u)
 
-    def _mean_distances(self) -> dict[str, float]:
-        from scipy.integrate import quad
+    def _mean_distance(self) -> float:
         from scipy.special import ellipe
 
         a, b = 0.5 * self.size_x, 0.5 * self.size_y
+        # Stretched to the unit disc it becomes the perimeter over 3 pi.
         quarter = b * float(ellipe(1.0 - (a / b) ** 2))
-        m = b / a
-
-        def moment(t: float) -> float:
-            return math.hypot(math.cos(t), m * math.sin(t)) * math.hypot(math.sin(t), m * math.cos(t))
-
-        rim = a**2 * quad(moment, 0.0, 0.5 * math.pi, epsabs=0.0, epsrel=1e-9)[0] / quarter
-        # Stretched to the unit disc, the mean over the area becomes perimeter / (3 pi).
-        return {"uniform": 4.0 * quarter / (3.0 * math.pi), "rim": rim}
+        return 4.0 * quarter / (3.0 * math.pi)
 
 
 @dataclass(frozen=True, init=False)
@@ -237,17 +220,11 @@ class Polygon(_Cornered):
     def signed_distance(self, points: ArrayLike) -> Array:
         """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
         points = np.asarray(points, dtype=np.float64)
-        x, y = points[..., 0], points[..., 1]
-        square = np.full(x.shape, np.inf)
-        inside = np.zeros(x.shape, dtype=bool)
-        # Edge by edge: memory stays that of the points, which may be a fine grid.
-        for (ax, ay), (bx, by) in zip(self.vertices, self.vertices[1:] + self.vertices[:1], strict=True):
-            ex, ey = bx - ax, by - ay
-            along = np.clip(((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey), 0.0, 1.0)
-            square = np.minimum(square, (x - ax - along * ex) ** 2 + (y - ay - along * ey) ** 2)
-            left = (x - ax) * ey < (y - ay) * ex
-            inside ^= ((ay > y) != (by > y)) & (left == (ey > 0.0))
-        return np.where(inside, -1.0, 1.0) * np.sqrt(square)
+        return self._distance(points.reshape(-1, 2)).reshape(points.shape[:-1])
+
+    @cached_property
+    def _distance(self) -> polygon.PolygonDistance:
+        return polygon.PolygonDistance(self.corners)
 
 
 Shape = Disc | Rectangle | Ellipse | Polygon

@@ -105,7 +105,7 @@ class ContactModel:
 def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> ContactModel:
     """Return the contact model of a sensor and an object.
 
-    `pressure` is the pressure distribution between object and table ("uniform", "rim" or "corner"), or c itself [m].
+    `pressure` is the pressure distribution between object and table ("uniform"), or c itself [m].
     """
     field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
     parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
@@ -205,8 +205,8 @@ def _move_along(g: Array, lengths: Array, center: complex, surface: Surface) -> 
 def _distance(point: complex, surface: Surface) -> tuple[float, complex, complex, complex]:
     """Return signed distance, gradient, and the gradient's derivatives along x and y.
 
-    The same as `DistanceField.value_gradient_hessian` for one point: a cubic B-spline inside the grid; outside, the
-    value at the nearest point of the border plus the distance to it.
+    They are those of a cubic B-spline inside the grid; outside, the value at the nearest point of the border plus the
+    distance to it.
     """
     coefficients, cell = surface.coefficients, surface.cell
     rows, columns = coefficients.shape[0] - 3, coefficients.shape[1] - 3

@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 
+from palpate import Rectangle, SensorProfile
 from palpate.cli.main import main
 from palpate.geometry import se2
-from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.shapes import Rectangle
+from palpate.graph.contact_geometry import contact_model
 from palpate.lab.paper.transform_network import constant, expanded, fit_linear, reversed_pairs, validation_loss
 
 
@@ -33,7 +33,7 @@ def test_residuals_by_hand():
     pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
     from palpate.lab.paper.graph import Model, compared_frames
 
-    model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
+    model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
     # The tip touches the left side of the resting object head on, 2 mm deep; then both move by 1 mm along x.
     g = np.array([-0.1 + 0.002, 0.0, 0.0])
     assert model.contact_residual(g[None]) == pytest.approx(-0.002, abs=1e-6)
@@ -50,7 +50,7 @@ def test_the_oracle_keeps_the_yaw_of_a_push():
     pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
     from palpate.lab.paper.graph import Deviations, Model, compared_frames, track_episodes
 
-    model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
+    model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
     count = 40
     e = np.column_stack([np.linspace(0.0, 0.04, count), np.zeros(count), np.zeros(count)])
     g = np.array([-0.1, 0.0, 0.0])
@@ -67,7 +67,7 @@ def test_deviations_of_factors_follow_from_errors_that_last():
     from palpate.lab.paper.graph import Model, physical_errors, tactile_error
 
     # A tip that touches a resting object from -x, 1 mm deep, slides along its side by 0.1 mm a step.
-    model = Model(DistanceField.of(Rectangle(0.2, 0.1)), c=0.05, radius=0.01)
+    model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
     e = np.column_stack([np.full(26, -0.1 + 0.001), np.linspace(0.0, 2.5e-3, 26), np.zeros(26)])
     found = physical_errors(model, np.zeros((26, 3)), e, np.zeros(26, int))
     np.testing.assert_allclose(found, [[0.0, -1e-4 * 25 / 5, 0.0, -0.001 * 25 / 5]], atol=1e-6)

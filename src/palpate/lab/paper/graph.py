@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.geometry.distance_field import DistanceField
+from palpate.graph.contact_geometry import ContactModel
 
 _log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -43,18 +43,14 @@ class Deviations:
 class Model:
     """Object and sensor."""
 
-    field: DistanceField
-    """Signed distance of the outline."""
-    c: float
-    """Ratio of the limit surface: largest torque over largest force [m]."""
-    radius: float
-    """Radius of the sensor's tip [m]; 0 is the paper's contact point."""
+    contact: ContactModel
+    """Outline, limit surface and the tip, which for the paper's contact point is sharp."""
 
     def contact_point(self, g: Array) -> tuple[Array, Array]:
         """Return the gap [m] between tip and outline (...), and the contact point (..., 2) in the object frame."""
-        centre = se2.transform(g, [-self.radius, 0.0])
-        distance, gradient, _ = self.field.value_gradient_hessian(centre)
-        return distance - self.radius, centre - distance[..., None] * gradient
+        touch = self.contact.touching(np.ascontiguousarray(g.reshape(1, -1, 3))).reshape(g.shape[:-1])
+        point = touch["point"] - touch["gap"] * touch["normal"]
+        return touch["gap"], np.stack((np.real(point), np.imag(point)), axis=-1)
 
     def contact_residual(self, poses: Array) -> Array:
         """Return the contact error (..., 1) of g (..., 1, 3): Eq. 11, two-sided."""
@@ -73,7 +69,7 @@ class Model:
         rows = (
             vx - omega * py - pushed[..., 0],
             vy + omega * px - pushed[..., 1],
-            px * vy - py * vx - self.c**2 * omega,
+            px * vy - py * vx - self.contact.friction_radius**2 * omega,
         )
         return np.stack(rows, axis=-1)
 

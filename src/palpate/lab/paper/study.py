@@ -16,8 +16,8 @@ from palpate.config import TrackerSettings
 from palpate.errors import FileError
 from palpate.files import read_json, whole_file
 from palpate.geometry import se2
-from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc
+from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.io.outlines import load_shape
 from palpate.lab.paper import figures
@@ -29,7 +29,6 @@ from palpate.lab.parallel import spread
 from palpate.lab.simulate.recordings import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
 from palpate.pipeline.track import track as track_with_palpate
-from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
@@ -151,13 +150,9 @@ def _read(path: Path) -> tuple[str, Images, Array]:
     """Return the name of a recording, its images, and the errors of the physical factors in it."""
     recording = load_recording(path)
     assert recording.object_pose is not None and recording.episode is not None
-    errors = physical_errors(_model(recording), recording.object_pose, recording.sensor_pose, recording.episode)
+    model = Model(contact_model(recording.shape, recording.sensor))
+    errors = physical_errors(model, recording.object_pose, recording.sensor_pose, recording.episode)
     return path.stem, read_images(recording), errors
-
-
-def _model(recording: Recording) -> Model:
-    shape = recording.shape
-    return Model(DistanceField.of(shape), shape.friction_radius(), recording.sensor.radius)
 
 
 def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> tuple[Pairs, Pairs, Array]:
@@ -207,6 +202,7 @@ def _track(path: Path, out: Path) -> None:
     network.load_state_dict(saved["network"])
     deviations = read_json(out / "models.json")["deviations"]
     recording = load_recording(path)
+    model = Model(contact_model(recording.shape, recording.sensor))
     images, truth, episode = read_images(recording), recording.object_pose, recording.episode
     assert truth is not None and episode is not None
     earlier, later, found = _turns(network, saved["weights"].numpy(), images)
@@ -229,7 +225,7 @@ def _track(path: Path, out: Path) -> None:
     for mode in MODES[:4]:
         sigma = deviations.get(mode, 0.0)
         pose, covariance, took = track_episodes(
-            _model(recording), recording.sensor_pose, episode, turns[mode], truth[0], sigma, physical
+            model, recording.sensor_pose, episode, turns[mode], truth[0], sigma, physical
         )
         arrays |= {f"{mode}_pose": pose, f"{mode}_covariance": covariance, f"{mode}_ms": took}
     online = track_with_palpate(recording, TrackerSettings("learnt")).online
