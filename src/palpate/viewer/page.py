@@ -89,7 +89,7 @@ def _plots(run: Run) -> dict[str, Any]:
 
     figure = Figure(figsize=(6.5, 6.5), dpi=72, layout="constrained")
     translation, rotation, status = figure.subplots(3, sharex=True, height_ratios=(3.0, 3.0, 0.4))
-    draw_errors(translation, rotation, run, [])
+    draw_errors(translation, rotation, run)
     time = run.online.time - run.online.time[0]
     for word, colour in STATUS_COLOURS.items():
         for first, last in flag_runs(np.array(run.online.status) == word):

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from palpate.geometry.se2 import ellipses_95
 from palpate.live.session import Listen, LiveEstimate
 from palpate.live.sources import TimedPose, TouchImage
 from palpate.pipeline.metrics import deviations, rotation_errors, translation_errors
+from palpate.pipeline.truth import known_truth
 from palpate.types.estimate import Estimate
 from palpate.types.recording import Recording
 from palpate.viewer.scene import COLOURS, STATUS_COLOURS, Image, Scene, difference_image, jpeg, touch_images
@@ -74,14 +74,14 @@ def live_view(recording: Recording, name: str) -> Iterator[Listen]:
             if frame.image is not None:
                 log.send_images(frame.image, None if untouched is None else difference_image(frame.image, untouched))
 
-    with _opened(Scene(name, recording, None), is_live=True) as log:
+    with _opened(Scene(name, recording), is_live=True) as log:
         yield show
 
 
 @contextmanager
 def _opened(scene: Scene, path: Path | None = None, is_live: bool = False) -> Iterator["SceneLog"]:
     """Open a new file, or a new viewer, for a scene; a warning is logged at the end if the viewer was closed."""
-    stream, blueprint = rr.RecordingStream("palpate"), _blueprint(scene, is_live)
+    stream, blueprint = rr.RecordingStream("palpate"), _blueprint(is_live)
     stream.send_recording_name(scene.name)
     if path:
         stream.save(path, blueprint)
@@ -148,11 +148,10 @@ class SceneLog:
     def send_all(self, scene: Scene) -> None:
         """Send all frames of a scene."""
         recording, images = scene.recording, touch_images(scene.recording, scene.calibration)
-        truth = repeat(None) if scene.truth is None else scene.truth
-        for frame in zip(
-            recording.time.tolist(), recording.sensor_pose, scene.estimates or repeat(None), truth, strict=False
-        ):
-            self.send(*frame)
+        truth = known_truth(recording)
+        for index, time in enumerate(recording.time.tolist()):
+            estimate = scene.estimates[index] if scene.estimates else None
+            self.send(time, recording.sensor_pose[index], estimate, None if truth is None else truth[index])
             if recording.image is not None:
                 self.send_images(*next(images))
 
@@ -194,7 +193,7 @@ class SceneLog:
         """Send line strips (P, 2) [m]."""
         self._stream.log(f"above/{path}", rr.LineStrips2D([strip * TO_PLANE for strip in strips]))
 
-    def _plots(self, name: str, distance: Any, angle: Any) -> None:
+    def _plots(self, name: str, distance: Array, angle: Array) -> None:
         """Send a distance [m] and an angle [rad] to the plots."""
         self._stream.log(f"translation/{name}", rr.Scalars(1e3 * distance))
         self._stream.log(f"rotation/{name}", rr.Scalars(np.degrees(np.abs(angle))))
@@ -204,32 +203,24 @@ def _rgb(colour: str) -> list[int]:
     return list(bytes.fromhex(colour[1:]))
 
 
-def _blueprint(scene: Scene, is_live: bool = False) -> rrb.Blueprint:
-    """Return the layout of a scene; a live one follows the last frame."""
+def _blueprint(is_live: bool) -> rrb.Blueprint:
+    """Return the layout; a live one follows the last frame."""
     start, cursor = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     so_far = rrb.VisibleTimeRanges(timeline="time", start=start, end=cursor)
     paths = [f"above/{name}/path" for name in ("truth", "estimate", "sensor")]
-    views = rrb.Vertical(
-        rrb.Spatial2DView(
-            origin="above",
-            name="From above [mm]",
-            overrides=dict.fromkeys(paths, so_far),
-        ),
-        rrb.Horizontal(
-            rrb.Spatial2DView(origin="touch/image", name="Touch"),
-            rrb.Spatial2DView(origin="touch/difference", name="Difference from the untouched gel"),
-        ),
-        row_shares=[3, 2],
+    above = rrb.Spatial2DView(origin="above", name="From above [mm]", overrides=dict.fromkeys(paths, so_far))
+    touch = rrb.Horizontal(
+        rrb.Spatial2DView(origin="touch/image", name="Touch"),
+        rrb.Spatial2DView(origin="touch/difference", name="Difference from the untouched gel"),
     )
-    legend = rrb.PlotLegend("LeftTop")
     plots = rrb.Vertical(
-        rrb.TimeSeriesView(origin="translation", name="Translation [mm]", plot_legend=legend),
-        rrb.TimeSeriesView(origin="rotation", name="Rotation [deg]", plot_legend=legend),
+        rrb.TimeSeriesView(origin="translation", name="Translation [mm]"),
+        rrb.TimeSeriesView(origin="rotation", name="Rotation [deg]"),
         rrb.StateTimelineView(origin="status", name="Status"),
         row_shares=[3, 3, 1.5],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(views, plots, column_shares=[3, 2]) if is_live or scene.estimates else views,
+        rrb.Horizontal(rrb.Vertical(above, touch, row_shares=[3, 2]), plots, column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following" if is_live else "paused"),
         collapse_panels=True,
     )

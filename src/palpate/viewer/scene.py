@@ -1,22 +1,19 @@
 """A recording and, where it was tracked, its estimates, as views show them."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.files import read_json
 from palpate.io import load_recording
 from palpate.io.trajectories import read_estimates_csv
 from palpate.pipeline.first_release import first_release
 from palpate.pipeline.run_folder import read_answers
-from palpate.pipeline.truth import known_truth
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration, load_calibration, turned_as
 from palpate.touch.contact_detector import ContactDetector
@@ -24,7 +21,6 @@ from palpate.touch.touch_model import difference_in_light, reduced
 from palpate.types.estimate import Estimate, Status
 from palpate.types.recording import Recording
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 # Okabe and Ito's palette, which people with any colour vision can tell apart.
@@ -54,8 +50,6 @@ class Scene:
     name: str
     """Name for people."""
     recording: Recording
-    truth: Array | None
-    """Ground truth (N, 3) [m, m, rad]; NaN where it is unknown or not trusted."""
     estimates: Sequence[Estimate] = ()
     """Estimate at each frame, with its answers where there are several; none for a recording that was not tracked."""
     calibration: Calibration | None = None
@@ -65,12 +59,13 @@ class Scene:
 def load_scene(path: Path) -> Scene:
     """Read the folder of a run, or a recording of any known format; raises FileError."""
     if not path.is_dir():
-        recording = load_recording(path)
-        return Scene(path.name, recording, known_truth(recording))
+        return Scene(path.name, load_recording(path))
     if not (path / "settings.json").exists():
         raise FileError(f"{path}: is no run of palpate track: there is no settings.json in it")
     settings = read_json(path / "settings.json")
-    recording = load_recording(path / _file_name(settings, "recording", path))
+    if not isinstance(file := settings.get("recording"), str):
+        raise FileError(f"{path / 'settings.json'}: recording is {file!r}, expected the name of a file")
+    recording = load_recording(path / file)
     online = read_estimates_csv(path / "estimates.csv")
     if online.covariance is None or online.contact is None or online.status is None:
         raise FileError(f"{path / 'estimates.csv'}: lacks covariance, contact or status, which palpate track writes")
@@ -83,19 +78,12 @@ def load_scene(path: Path) -> Scene:
     columns = online.time, online.pose, online.covariance, online.contact, online.status, repeat(""), answers
     estimates = tuple(map(Estimate, *columns))
     calibration = None
-    if settings.get("calibration") is not None:
-        calibration = load_calibration(_file_name(settings, "calibration", path))
+    if unit := settings.get("calibration"):
+        calibration = load_calibration(str(unit))
     elif "untouched_from_s" in read_json(path / "summary.json"):  # it began in contact
         release = first_release(recording)
         calibration = release and release.calibration
-    return Scene(path.resolve().name, recording, known_truth(recording), estimates, calibration)
-
-
-def _file_name(settings: dict[str, Any], name: str, folder: Path) -> str:
-    value = settings.get(name)
-    if not isinstance(value, str):
-        raise FileError(f"{folder / 'settings.json'}: {name} is {json.dumps(value)}, expected the name of a file")
-    return value
+    return Scene(path.resolve().name, recording, estimates, calibration)
 
 
 def touch_images(recording: Recording, calibration: Calibration | None) -> Iterator[tuple[Image, Image | None]]:
@@ -105,11 +93,9 @@ def touch_images(recording: Recording, calibration: Calibration | None) -> Itera
     """
     detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
     untouched = detector.background
-    for index in range(len(recording)):
-        image = recording[index].image
-        if image is None:
-            raise SettingError("the recording has no images to show")
-        image = detector.read(image)
+    for frame in recording:
+        assert frame.image is not None
+        image = detector.read(frame.image)
         if not detector.update(image):
             untouched = detector.background
         yield image, None if untouched is None else difference_image(image, untouched)
