@@ -13,8 +13,8 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph.compiled import compiled
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surface, contact_model, put_touch
-from palpate.graph.factors import LINEAR, NAMES, ROW, STEP, Step, make_factors
-from palpate.graph.gauss_newton import linearise
+from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, Step, make_factors, terms_of
+from palpate.graph.gauss_newton import of_step, of_term
 from palpate.graph.pushing import force_angle
 from palpate.graph.se2_kernels import position, rotation
 from palpate.graph.variables import GRIP, IN_SHARED, OBJECT_SIZE, Variable
@@ -88,7 +88,7 @@ def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, sha
 
 
 @compiled
-def _linearise(steps: Array, rows: Array, terms: Array, settings: Any, surface: Surface, out: Array) -> None:
+def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any, surface: Surface, out: Array) -> None:
     parts = np.empty(len(surface.parts), CONTACT_GEOMETRY)
     for b in range(len(steps)):
         for k in range(steps.shape[1]):
@@ -96,10 +96,12 @@ def _linearise(steps: Array, rows: Array, terms: Array, settings: Any, surface: 
             now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
             put_touch(position(now.g), now.turn_g, surface, parts, now.touch)
         for k in range(steps.shape[1]):
-            steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings)
+            steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings[0])
+        last, before = steps[b, steps.shape[1] - 1], steps[b, steps.shape[1] - 2]
+        if kind <= CONTACT:
+            of_step(kind, before, last, rows[b], settings[0], out[b, 0])
         for t in range(len(terms)):
-            k = terms[t].step
-            linearise(steps[b, k - 1], steps[b, k], rows[b], terms[t], settings, out[b, t])
+            of_term(last, rows[b], terms[t], settings[0], out[b, t])
 
 
 def rows_of(
@@ -110,18 +112,16 @@ def rows_of(
     pose: ArrayLike = (0, 0, 0),
     noise: NoiseSettings | None = None,
 ) -> Linear:
-    """The terms of a factor that arrive with the last step, linearised.
+    """A factor on the last step, or the terms of measurements that arrive with it, linearised.
 
     The sensor was measured at a pose there and has moved so far [m].
     """
-    factors, steps = make_factors(noise or NoiseSettings(), at.model), at.steps.shape[1]
-    measured = np.array(pose, np.float64)
-    before = measured - [moved, 0.0, 0.0] if steps > 1 else None
-    terms, _ = factors.terms(Step(measured, before, measurements, np.arange(steps, dtype=np.float64).tolist()))
-    terms = terms[terms["kind"] == NAMES.index(name)]
-    terms["step"] += steps - 1
-    out = np.zeros((len(at.rows), len(terms)), LINEAR)
-    _linearise(at.steps, at.rows, terms, factors.settings, at.model.surface, out)
+    kind, settings = NAMES.index(name), make_factors(noise or NoiseSettings(), at.model)
+    terms, _ = terms_of(Step(np.zeros(3), None, measurements, [0.0]), 0)
+    terms = terms[terms[:, 1] == kind].view(TERM)[:, 0]
+    at.steps["measured"][:, -1], at.steps["moved"][:, -1] = pose, moved
+    out = np.zeros((len(at.rows), max(len(terms), int(kind <= CONTACT))), LINEAR)
+    _linearise(at.steps, at.rows, terms, kind, settings, at.model.surface, out)
     count = ROWS.get(name, 1)
     return Linear(*(out[field][:, :, :count] for field in ("residual", "jacobian", "information", "weight")))
 

@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
-from palpate.graph.compiled import Array, compiled
+from palpate.graph.compiled import Array, kernel
 from palpate.graph.variables import LAST_SIZE, STEP_SIZE, WIDTH
 
 
-@compiled
+@kernel
 def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array, y: Array) -> bool:
     """Eliminate numbers from `first` up to `stop`; False if they are indeterminate.
 
@@ -34,7 +34,7 @@ def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array
     return True
 
 
-@compiled
+@kernel
 def substitute_back(first: int, root: Array, y: Array, change: Array) -> bool:
     """Write the change (WIDTH,) of the numbers from `first` on that were eliminated; False if it is not finite.
 
@@ -50,7 +50,7 @@ def substitute_back(first: int, root: Array, y: Array, change: Array) -> bool:
     return True
 
 
-@compiled
+@kernel
 def step_into_past(system: Array, gradient: Array) -> None:
     """Make the newer step of a system the older one of the next, whose newer step has no terms yet."""
     size = STEP_SIZE
@@ -64,7 +64,7 @@ def step_into_past(system: Array, gradient: Array) -> None:
             system[i, j], system[size + i, j] = system[size + i, j], 0.0
 
 
-@compiled
+@kernel
 def last_covariance(root: Array, covariance: Array) -> None:
     """Write the covariance (LAST_SIZE, LAST_SIZE) of the newest step and the shared variables, from their root."""
     inverse = np.zeros((LAST_SIZE, LAST_SIZE))
@@ -83,7 +83,7 @@ def last_covariance(root: Array, covariance: Array) -> None:
             covariance[i, j] = covariance[j, i] = total
 
 
-@compiled
+@kernel
 def inflate(variance: Array, information: Array, gradient: Array) -> None:
     """Let numbers of a Gaussian (N,) change at random, with these variances (N,)."""
     pulled = np.empty(len(variance))

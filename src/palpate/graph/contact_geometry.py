@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Shape
-from palpate.graph.compiled import Array, Complex, Records, compiled
+from palpate.graph.compiled import Array, Complex, Records, compiled, kernel
 from palpate.graph.se2_kernels import dot, position, rotation
 from palpate.types.sensor import SensorProfile
 
@@ -128,7 +128,7 @@ def _touching(g: Array, surface: Surface, out: Records) -> None:
             put_touch(position(g[b, k]), rotation(g[b, k, 2]), surface, parts, out[b, k])
 
 
-@compiled
+@kernel
 def put_touch(place: complex, turn: complex, surface: Surface, parts: Records, touch: Records) -> None:
     """Write the geometry at a sensor pose in the object frame to `touch`; `parts` (n,) is room for the parts."""
     for i in range(len(parts)):
@@ -136,7 +136,7 @@ def put_touch(place: complex, turn: complex, surface: Surface, parts: Records, t
     _put_mean(parts, touch)
 
 
-@compiled
+@kernel
 def _put_round(place: complex, turn: complex, center: complex, surface: Surface, touch: Records) -> None:
     """Write the geometry of one round part, whose centre is given in the sensor frame, to `touch`."""
     radius = surface.radius
@@ -157,7 +157,7 @@ def _put_round(place: complex, turn: complex, center: complex, surface: Surface,
     touch.material_by_g[2] += 1j * radius * normal_in_sensor
 
 
-@compiled
+@kernel
 def _put_mean(parts: Records, touch: Records) -> None:
     """Write the load-weighted mean of the parts' geometries to `touch`."""
     nearest = math.inf
@@ -201,7 +201,7 @@ def _move_along(g: Array, lengths: Array, center: complex, surface: Surface) -> 
         g[k, 0], g[k, 1] = place.real, place.imag
 
 
-@compiled
+@kernel
 def _distance(point: complex, surface: Surface) -> tuple[float, complex, complex, complex]:
     """Return signed distance, gradient, and the gradient's derivatives along x and y.
 
@@ -244,7 +244,7 @@ def _distance(point: complex, surface: Surface) -> tuple[float, complex, complex
     return value + length, gradient, bend_x, bend_y
 
 
-@compiled
+@kernel
 def _weights(f: float) -> tuple[Weights, Weights, Weights]:
     """Return the weights of four spline coefficients at position f in a cell: value, first and second derivative."""
     rest = 1.0 - f

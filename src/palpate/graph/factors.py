@@ -1,8 +1,8 @@
-"""Factors: the kinds of terms of the objective, and the terms that arrive with each step.
+"""Factors: their names, the records that their kernels read and write, and the terms of measurements.
 
-A term belongs to one step. Those of pushing depend on that step and the one before, all others on their step alone; any
-may depend on the shared variables. A new factor is a kind and its terms here, a kernel in `measured` or `pushing`, and
-a line in `gauss_newton.linearise`.
+Factors of pushing depend on a step and the one before, all others on their step alone; any may depend on the shared
+variables. A new factor is a name here, with the terms of its measurements in `terms_of`, a kernel in `measured` or
+`pushing`, and a line in `gauss_newton.of_step` or `of_term`.
 """
 
 import logging
@@ -25,15 +25,18 @@ from palpate.types.measurements import ContactDirection, ContactPlace, Measureme
 logger = logging.getLogger(__name__)
 M = TypeVar("M", bound=Measurement)
 _SLACK = 0.02  # [s] tolerance on a measurement's time if there is only one step
+_NO_POSE = 12 * (0.0,)  # pose and root of a term that has none
 
-_PUSHING, _MEASURED = "sticking balance friction_cone", "sensor_pose contact direction place turn object_pose own"
-NAMES = (*_PUSHING.split(), "first_pose", *_MEASURED.split())
-"""Names of the factors. Those of pushing come first: they hold only while nothing but the sensor moves the object."""
+_PUSHING, _OTHERS = "sticking balance friction_cone", "first_pose sensor_pose contact direction place turn object_pose"
+NAMES = (*_PUSHING.split(), *_OTHERS.split(), "own")
+"""Names of the factors. Those of pushing come first: they hold only while nothing but the sensor moves the object.
+Every step but the first has those of pushing, every step those of sensor pose and contact, and the first step of a
+contact that of the first pose; the others are of measurements that arrive."""
 STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, OBJECT_POSE, OWN = range(
     len(NAMES)
 )
 MOST_ROWS = 3 + OBJECT_SIZE
-"""Largest number of residual rows of a term."""
+"""Largest number of residual rows of a factor."""
 
 
 def _record(formats: dict[str, Any]) -> np.dtype:
@@ -42,27 +45,28 @@ def _record(formats: dict[str, Any]) -> np.dtype:
 
 
 TERM = _record(
-    {"kind": "i8", "step": "i8", "index": "i8", "value": "f8", "variance": "f8", "from_touch": "?"}
+    dict.fromkeys(("step", "kind", "index", "value", "variance", "from_touch"), "f8")
     | {"pose": "3f8", "root": "(3,3)f8"}
 )
-"""A term.
+"""The term of a measurement: a row (TERM_SIZE,) of numbers.
 
+- step: its step, counted from the beginning of the contact.
 - kind: place of its factor in NAMES.
-- step: its step in the window or, in a term that arrives, relative to the new step.
 - index: place among own measurements.
-- value, variance: measured angle [rad] or place [m]; of pushing, distance of the sensor from the step before [m].
-- from_touch: True if the value was read from touch images, which may be mirrored.
-- pose, root: measured pose of sensor or object, and the whitening matrix of its covariance.
+- value, variance: measured angle [rad] or place [m].
+- from_touch: 1 if the value was read from touch images, which may be mirrored.
+- pose, root: measured pose of the object, and the whitening matrix of its covariance.
 """
+TERM_SIZE = TERM.itemsize // 8
 STEP = _record(
-    {"g": "3f8", "e": "3f8", "at_g": "3f8", "at_e": "3f8", "object": "3f8"}
+    {"g": "3f8", "e": "3f8", "object": "3f8", "measured": "3f8", "moved": "f8"}
     | {"turn_g": "c16", "turn_e": "c16", "touch": CONTACT_GEOMETRY, "force_angle": "f8"}
     | {"slide": "f8", "spread": "f8", "cost": "2f8", "squares": f"{len(NAMES)}f8"}
 )
 """One step of a row of the window.
 
 - g, e, object: sensor pose in the object frame, sensor and object in the world [m, m, rad].
-- at_g, at_e: values at which the terms were linearised.
+- measured, moved: measured sensor pose, and its distance from that of the step before [m].
 - turn_g, turn_e: rotations exp(i theta).
 - force_angle: angle of the pushing force from the outline's inward normal, counter-clockwise [rad].
 - slide, spread: slide of the object over the sensor by something else in this step, mean and standard deviation [m],
@@ -70,22 +74,24 @@ STEP = _record(
 - cost: cost of measurements and of pushing.
 - squares: squared errors of each factor, without kernels [variances].
 """
+PAST = _record(
+    {"information": f"({LAST_SIZE},{LAST_SIZE})f8", "gradient": f"{LAST_SIZE}f8"}
+    | {"g": "3f8", "e": "3f8", "shared": f"{SHARED_SIZE}f8"}
+)
+"""A Gaussian on the oldest step and the shared variables, which is what older steps say: information matrix, negative
+gradient, and the values at which it is that. The information is NaN if it is indeterminate."""
 ROW = _record(
-    {"shared": f"{SHARED_SIZE}f8", "at_shared": f"{SHARED_SIZE}f8", "sign": "f8"}
+    {"shared": f"{SHARED_SIZE}f8", "sign": "f8"}
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
-    | {"past_information": f"({LAST_SIZE},{LAST_SIZE})f8", "past_gradient": f"{LAST_SIZE}f8"}
-    | {"past_g": "3f8", "past_e": "3f8", "past_shared": f"{SHARED_SIZE}f8"}
-    | {"next_information": f"({LAST_SIZE},{LAST_SIZE})f8", "next_gradient": f"{LAST_SIZE}f8"}
+    | {"past": PAST, "next_past": PAST}
     | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": "3f8", "change": "f8", "is_lost": "?"}
 )
 """All else in a row of the window.
 
-- shared, at_shared: shared variables, and values at which the terms were linearised.
+- shared: shared variables.
 - sign: -1.0 if touch images are taken as mirrored, else 1.0.
 - first_...: belief about the object at the beginning: pose, variables, and whitening matrix of their joint covariance.
-- past_...: Gaussian on the oldest step and the shared variables, which is what older steps say: information matrix,
-  negative gradient, and the values at which it is that.
-- next_...: the same once the oldest step has left, at its linearisation; NaN if it is indeterminate.
+- past, next_past: what older steps say, and what they will say once the oldest step has left.
 - covariance: joint covariance of the object's last pose and its variables.
 - errors: errors of the last step's sticking and balance, without kernels [standard deviations].
 - change: largest change of a pose in the last Gauss-Newton step [m, rad].
@@ -93,13 +99,14 @@ ROW = _record(
 """
 LINEAR = _record(
     {"residual": f"{MOST_ROWS}f8", "jacobian": f"({MOST_ROWS},{WIDTH})f8"}
-    | {"information": f"{MOST_ROWS}f8", "weight": f"{MOST_ROWS}f8"}
+    | {"information": f"{MOST_ROWS}f8", "weight": f"{MOST_ROWS}f8", "columns": f"{WIDTH}i8"}
 )
-"""Rows of one linearised term.
+"""Linearised rows of a factor.
 
 - jacobian: by right (body-frame) perturbations of g and e of the step before and of this step, and by the shared
   variables; 0 before a kernel writes to it.
 - information, weight: inverse variances, without and with the weight that the robust kernel leaves.
+- columns: room for `gauss_newton._add`.
 """
 
 
@@ -162,46 +169,32 @@ class Step:
         return np.array(steps, np.int64)
 
 
-@dataclass(frozen=True, eq=False)
-class Factors:
-    """All factors, with their settings."""
+def terms_of(step: Step, number: int) -> tuple[Array, list[OwnMeasurement | None]]:
+    """Return the terms (T, TERM_SIZE) that arrive with a step of this number, and the own measurements among them.
 
-    settings: np.void
-    """Groups of NoiseSettings for kernels, and friction radius, friction center and span of the contact model."""
-    of_pushing: tuple[int, ...]
-    """Kinds of terms on each step but the first."""
-
-    def terms(self, step: Step) -> tuple[NDArray[np.void], list[OwnMeasurement | None]]:
-        """Return the terms (T,) that arrive with a step, those of own measurements last, and these measurements."""
-        found: list[tuple[int, float, float, bool]] = [(SENSOR_POSE, 0.0, 0.0, False), (CONTACT, 0.0, 0.0, False)]
-        kinds = (FIRST_POSE,) if step.before is None else self.of_pushing
-        found += [(kind, step.moved, 0.0, False) for kind in kinds]
-        for index, one in enumerate(step.measurements):
-            from_touch = index < step.from_touch
-            if isinstance(one, ContactDirection):
-                found.append((DIRECTION, one.angle, one.variance, from_touch))
-            elif isinstance(one, ContactPlace):
-                found.append((PLACE, one.place, one.variance, from_touch))
-            elif isinstance(one, Turn):
-                found.append((TURN, one.angle, one.variance, from_touch))
-        poses, own = step.timed(ObjectPose), step.own()
-        first_pose, first_own = len(found), len(found) + len(poses)
-        found += [(OBJECT_POSE, 0.0, 0.0, False)] * len(poses) + [(OWN, 0.0, 0.0, False)] * len(own)
-        terms = np.zeros(len(found), TERM)
-        terms["kind"], terms["value"], terms["variance"], terms["from_touch"] = zip(*found, strict=True)
-        terms["pose"][0] = step.sensor_pose
-        if poses:
-            of_poses = slice(first_pose, first_own)
-            terms["pose"][of_poses] = [one.pose for one in poses]
-            covariances = np.array([one.covariance for one in poses])
-            terms["root"][of_poses] = np.linalg.inv(np.linalg.cholesky(covariances))
-        if poses or own:
-            terms["step"][first_pose:] = step.nearest([*poses, *own])
-        return terms, own
+    They are in the order of their steps and kinds.
+    """
+    found: list[tuple[float, ...]] = []
+    for index, one in enumerate(step.measurements):
+        from_touch = index < step.from_touch
+        if isinstance(one, ContactDirection):
+            found.append((number, DIRECTION, 0, one.angle, one.variance, from_touch, *_NO_POSE))
+        elif isinstance(one, ContactPlace):
+            found.append((number, PLACE, 0, one.place, one.variance, from_touch, *_NO_POSE))
+        elif isinstance(one, Turn):
+            found.append((number, TURN, 0, one.angle, one.variance, from_touch, *_NO_POSE))
+    poses, own = step.timed(ObjectPose), step.own()
+    for one, ago in zip(poses, step.nearest(poses), strict=True):
+        root = np.linalg.inv(np.linalg.cholesky(one.covariance))
+        found.append((number + ago, OBJECT_POSE, 0, 0.0, 0.0, False, *one.pose.tolist(), *root.ravel().tolist()))
+    for index, ago in enumerate(step.nearest(own)):
+        found.append((number + ago, OWN, index, 0.0, 0.0, False, *_NO_POSE))
+    found.sort(key=lambda term: term[:2])
+    return np.array(found, np.float64).reshape(-1, TERM_SIZE), own
 
 
-def make_factors(settings: NoiseSettings, model: ContactModel) -> Factors:
-    """Return all factors with these settings."""
+def make_factors(settings: NoiseSettings, model: ContactModel) -> NDArray[np.void]:
+    """Return what kernels need (1,): groups of settings, and friction radius and centre and span of the model."""
     groups = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name != "priors"}
     parts: list[Any] = [("friction_radius", np.float64), ("friction_center", np.complex128), ("span", np.float64)]
     values: list[Any] = [model.friction_radius, model.friction_center, model.span]
@@ -210,5 +203,4 @@ def make_factors(settings: NoiseSettings, model: ContactModel) -> Factors:
         parts.append((name, [(key, np.float64, np.shape(number)) for key, number in numbers.items()]))
         # Without a kernel, its scale is infinite.
         values.append(tuple(math.inf if number is None else number for number in numbers.values()))
-    of_pushing = (STICKING, BALANCE) if settings.friction_cone.share is None else (STICKING, BALANCE, FRICTION_CONE)
-    return Factors(np.array([tuple(values)], np.dtype(parts, align=True))[0], of_pushing)
+    return np.array([tuple(values)], np.dtype(parts, align=True))

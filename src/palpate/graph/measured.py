@@ -1,13 +1,13 @@
 """Kernels of the factors that depend on one step: contact, and all that is measured.
 
-A kernel writes the linearised rows of a term and returns their number; see `factors.LINEAR`.
+A kernel writes the linearised rows of a factor and returns their number; see `factors.LINEAR`.
 """
 
 import math
 
 import numpy as np
 
-from palpate.graph.compiled import Array, Records, compiled
+from palpate.graph.compiled import Array, Records, kernel
 from palpate.graph.se2_kernels import adjoint, between, cauchy, cross, dot, log, log_by_pose, position, rotation, wrap
 from palpate.graph.variables import (
     CONTACT_SIZE,
@@ -28,7 +28,7 @@ _DEPTH, _SIZE, _OFFSET = column(DEPTH), column(OUTLINE_SCALE), column(TURN_OFFSE
 _NO_GRADIENT = 1e-12  # squared length of a gradient without direction
 
 
-@compiled
+@kernel
 def put_row(out: Records, error: float, inverse_variance: float, kernel: float) -> int:
     """Write the error of a single row and its weight under a Cauchy kernel; return the number of rows."""
     out.residual[0], out.information[0] = error, inverse_variance
@@ -36,16 +36,16 @@ def put_row(out: Records, error: float, inverse_variance: float, kernel: float) 
     return 1
 
 
-@compiled
+@kernel
 def _measured(row: Records, term: Records) -> float:
     """Return the measured value as this row of the window takes it."""
-    return row.sign * term.value if term.from_touch else term.value
+    return row.sign * term.value if term.from_touch == 1.0 else term.value
 
 
-@compiled
-def sensor_pose(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+@kernel
+def sensor_pose(now: Records, settings: Records, out: Records) -> int:
     """Measured sensor pose, `Log(measured^-1 e)` (paper Eq. 12)."""
-    between(term.pose, now.e, out.residual)
+    between(now.measured, now.e, out.residual)
     log(out.residual, out.residual)
     log_by_pose(out.residual, out.jacobian[:, _E : _E + 3])
     for r in range(3):
@@ -53,8 +53,8 @@ def sensor_pose(now: Records, row: Records, term: Records, settings: Records, ou
     return 3
 
 
-@compiled
-def contact(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+@kernel
+def contact(now: Records, row: Records, settings: Records, out: Records) -> int:
     """The sensor's surface lies on the outline, except for an indentation (paper Eq. 11, two-sided).
 
     The residual is `gap + depth - scale reach` [m]: positive if sensor and object are further apart than the
@@ -73,7 +73,7 @@ def contact(now: Records, row: Records, term: Records, settings: Records, out: R
     return put_row(out, error, 1.0 / settings.contact.deviation**2, settings.contact.kernel)
 
 
-@compiled
+@kernel
 def direction(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
     """Contact direction: touch measures the direction in which a round tip is touched.
 
@@ -94,7 +94,7 @@ def direction(now: Records, row: Records, term: Records, settings: Records, out:
     return put_row(out, error, 1.0 / (term.variance * settings.direction.share), settings.direction.kernel)
 
 
-@compiled
+@kernel
 def place(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
     """Contact place: touch measures the position along y at which a flat pad is touched.
 
@@ -110,7 +110,7 @@ def place(now: Records, row: Records, term: Records, settings: Records, out: Rec
     return put_row(out, error, 1.0 / (term.variance * settings.place.share), settings.place.kernel)
 
 
-@compiled
+@kernel
 def turn(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
     """Turn: touch measures the sensor's yaw in the object frame, up to an offset that is constant within a contact.
 
@@ -121,15 +121,15 @@ def turn(now: Records, row: Records, term: Records, settings: Records, out: Reco
     return put_row(out, error, 1.0 / (term.variance * settings.turn.share), settings.turn.kernel)
 
 
-@compiled
-def object_pose(now: Records, row: Records, term: Records, out: Records) -> int:
+@kernel
+def object_pose(now: Records, term: Records, out: Records) -> int:
     """Object pose measured by another source, such as a camera: `Log(measured^-1 e g^-1)`, whitened."""
     _put_object_pose(now, term.pose, term.root, out)
     return 3
 
 
-@compiled
-def first_pose(now: Records, row: Records, term: Records, out: Records) -> int:
+@kernel
+def first_pose(now: Records, row: Records, out: Records) -> int:
     """Belief about the object at the beginning of a contact: a joint Gaussian on its pose o = e g^-1 and variables.
 
     The residual is `Log(believed^-1 e g^-1)` followed by the differences of the variables, whitened together. It takes
@@ -144,7 +144,7 @@ def first_pose(now: Records, row: Records, term: Records, out: Records) -> int:
     return 3 + OBJECT_SIZE
 
 
-@compiled
+@kernel
 def _put_object_pose(now: Records, known: Array, root: Array, out: Records) -> None:
     """Write the rows of root (R, 3 or more) times `Log(known^-1 e g^-1)`, and their derivatives by g and e."""
     g, e = now.g, now.e

@@ -2,13 +2,13 @@
 
 The object's motion is taken at the centre of friction and expressed in the object frame at step 1, in which the centre
 was at `g1 e1^-1 e0 g0^-1 center` at step 0. On the limit surface the pushing force points along it. A kernel writes the
-linearised rows of a term and returns their number; see `factors.LINEAR`.
+linearised rows of a factor and returns their number; see `factors.LINEAR`.
 """
 
 import math
 from typing import NamedTuple
 
-from palpate.graph.compiled import Array, Records, compiled
+from palpate.graph.compiled import Array, Records, kernel
 from palpate.graph.measured import put_row
 from palpate.graph.se2_kernels import cauchy, cross, dot, position, wrap
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, STEP_SIZE, column
@@ -39,14 +39,14 @@ class Motion(NamedTuple):
     """Former centre in sensor frame 1 [m]."""
 
 
-@compiled
+@kernel
 def _center(row: Records, settings: Records) -> complex:
     """Return the centre of friction [m], object frame."""
     shift = complex(row.shared[_CENTER - _SHARED], row.shared[_CENTER - _SHARED + 1])
     return settings.friction_center + settings.friction_radius * shift
 
 
-@compiled
+@kernel
 def _motion(before: Records, now: Records, center: complex) -> Motion:
     arm0 = before.turn_g.conjugate() * (center - position(before.g))
     in_world = position(before.e) + before.turn_e * arm0
@@ -56,7 +56,7 @@ def _motion(before: Records, now: Records, center: complex) -> Motion:
     return Motion(way, 1.0 - turn0 * before.turn_g.conjugate(), turn0, arm0, now.turn_g, arm1)
 
 
-@compiled
+@kernel
 def _put_by_poses(lever: complex, motion: Motion, jacobian: Array) -> None:
     """Write the derivatives by g0, e0, g1 and e1 of Im(lever times the motion)."""
     by0, by1 = lever * motion.turn0, lever * motion.turn1
@@ -66,7 +66,7 @@ def _put_by_poses(lever: complex, motion: Motion, jacobian: Array) -> None:
         jacobian[_E0 + c], jacobian[_G1 + c] = -jacobian[_G0 + c], -jacobian[_E1 + c]
 
 
-@compiled
+@kernel
 def force_angle(steps: Records, k: int, row: Records, settings: Records) -> float:
     """Return the angle of the pushing force at step k, from the outline's inward normal, counter-clockwise [rad].
 
@@ -81,13 +81,13 @@ def force_angle(steps: Records, k: int, row: Records, settings: Records) -> floa
     return math.atan2(along.imag, along.real)
 
 
-@compiled
+@kernel
 def _in_world(now: Records, point: complex) -> complex:
     """Return a point of the object [m] in the world at a step."""
     return position(now.e) + now.turn_e * now.turn_g.conjugate() * (point - position(now.g))
 
 
-@compiled
+@kernel
 def _beyond(angle: float, limit: float, width: float) -> float:
     """Return 0 where |angle| is inside a limit and 1 where it is outside, smoothly within 1.5 widths of it.
 
@@ -98,8 +98,8 @@ def _beyond(angle: float, limit: float, width: float) -> float:
     return part * part * (3.0 - 2.0 * part)
 
 
-@compiled
-def sticking(before: Records, now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+@kernel
+def sticking(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Inside the friction cone the sensor's material point stays on the object (paper Eqs. 7 to 10, two rows).
 
     The residual [m] is the sliding of the object along the sensor, in the object frame. The sensor's material point m
@@ -111,7 +111,7 @@ def sticking(before: Records, now: Records, row: Records, term: Records, setting
     the sensor's motion, at the cone's edge by any amount. In a step with a disturbance the object slides along the
     outline by the disturbance's mean, within its deviation.
     """
-    noise, moved, touch, turn0 = settings.sticking, term.value, now.touch, before.turn_g
+    noise, moved, touch, turn0 = settings.sticking, now.moved, now.touch, before.turn_g
     is_disturbed = now.spread > 0.0
     # Rows of a disturbed step are along the outline and across it, else along x and y of the object.
     axis = (1j * touch.normal).conjugate() if is_disturbed else 1.0 + 0.0j
@@ -139,8 +139,8 @@ def sticking(before: Records, now: Records, row: Records, term: Records, setting
     return 2
 
 
-@compiled
-def balance(before: Records, now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+@kernel
+def balance(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Balance of force and torque on the ellipsoidal limit surface (paper Eq. 7, torque row; Lynch 1992, Zhou 2017).
 
     The residual [m^2] is `p x v - c^2 omega`, with the object's motion v [m], omega [rad] in the step and the pushed
@@ -157,7 +157,7 @@ def balance(before: Records, now: Records, row: Records, term: Records, settings
         error = -torque * omega
     else:
         load = noise.load * settings.span
-        deviation = math.hypot(math.hypot(noise.still, noise.share * term.value * c), load * term.value)
+        deviation = math.hypot(math.hypot(noise.still, noise.share * now.moved * c), load * now.moved)
         center, torque = _center(row, settings), c * c * math.exp(row.shared[_RATIO - _SHARED])
         motion, arm = _motion(before, now, center), now.touch.point - center
         lever = arm.conjugate()
@@ -175,14 +175,16 @@ def balance(before: Records, now: Records, row: Records, term: Records, settings
     return put_row(out, error, 1.0 / deviation**2, noise.kernel)
 
 
-@compiled
-def friction_cone(before: Records, now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+@kernel
+def friction_cone(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """While the contact slides, the pushing force stays at the cone's edge (Coulomb; Lynch 1992).
 
     The residual [m] is the distance of the motion v outside the cone, on its side (+1 counter-clockwise of the
     outline's inward normal, -1 clockwise): the part of v along the outline minus grip times its part into the object.
     The term counts only while the force is beyond the edge, and not in a step with a disturbance.
     """
+    if math.isinf(settings.friction_cone.share):
+        return 0
     noise, c, jacobian, touch = settings.friction_cone, settings.friction_radius, out.jacobian[0], now.touch
     force, grip = now.force_angle, row.shared[_GRIP - _SHARED]
     side = 1.0 if force > 0.0 else -1.0 if force < 0.0 else 0.0
@@ -196,5 +198,5 @@ def friction_cone(before: Records, now: Records, row: Records, term: Records, se
     jacobian[_CENTER + 1] = c * (lever * motion.by_center).real
     jacobian[_GRIP] = dot(touch.normal, motion.way)
     outside = _beyond(force, math.atan(grip), noise.width) if now.spread == 0.0 else 0.0
-    deviation = math.hypot(noise.still, noise.share * term.value)
+    deviation = math.hypot(noise.still, noise.share * now.moved)
     return put_row(out, (lever * motion.way).imag, outside / deviation**2, noise.kernel)

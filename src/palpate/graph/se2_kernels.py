@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
-from palpate.graph.compiled import Array, compiled
+from palpate.graph.compiled import Array, kernel
 
 _SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the closed form loses three digits
 
 
-@compiled
+@kernel
 def wrap(angle: float) -> float:
     """Return the same angle in (-pi, pi]."""
     rest = np.fmod(angle, 2.0 * math.pi)
@@ -25,45 +25,45 @@ def wrap(angle: float) -> float:
     return rest
 
 
-@compiled
+@kernel
 def rotation(theta: float) -> complex:
     """Return exp(i theta)."""
     return complex(math.cos(theta), math.sin(theta))
 
 
-@compiled
+@kernel
 def position(pose: Array) -> complex:
     """Return where a pose (3,) is, as a complex number [m]."""
     return complex(pose[0], pose[1])
 
 
-@compiled
+@kernel
 def cross(a: complex, b: complex) -> float:
     """Return the cross product of planar vectors."""
     return a.real * b.imag - a.imag * b.real
 
 
-@compiled
+@kernel
 def dot(a: complex, b: complex) -> float:
     """Return the scalar product of planar vectors."""
     return a.real * b.real + a.imag * b.imag
 
 
-@compiled
+@kernel
 def copy(numbers: Array, out: Array) -> None:
     """Write numbers (N,) to out (N,); slice assignments of Numba take seconds to compile."""
     for i in range(len(out)):
         out[i] = numbers[i]
 
 
-@compiled
+@kernel
 def between(a: Array, b: Array, out: Array) -> None:
     """Write the pose b (3,) as seen from a (3,) to out (3,)."""
     seen = (position(b) - position(a)) * rotation(-a[2])
     out[0], out[1], out[2] = seen.real, seen.imag, wrap(b[2] - a[2])
 
 
-@compiled
+@kernel
 def exp_onto(pose: Array, change: Array, out: Array) -> None:
     """Write the pose (3,) perturbed by a tangent vector (3,) to out (3,): pose exp(change)."""
     half = 0.5 * change[2]
@@ -72,7 +72,7 @@ def exp_onto(pose: Array, change: Array, out: Array) -> None:
     out[0], out[1], out[2] = moved.real, moved.imag, wrap(pose[2] + change[2])
 
 
-@compiled
+@kernel
 def log(pose: Array, out: Array) -> None:
     """Write the tangent vector of a pose (3,) to out (3,): exp(out) = pose."""
     theta = wrap(pose[2])
@@ -82,7 +82,7 @@ def log(pose: Array, out: Array) -> None:
     out[0], out[1], out[2] = cot * x + half * y, cot * y - half * x, theta
 
 
-@compiled
+@kernel
 def log_by_pose(tangent: Array, out: Array) -> None:
     """Write J (3, 3) with log(T exp(d)) = log(T) + J d at tangent (3,) = log(T) to out: inverse right Jacobian."""
     vx, vy, omega = tangent[0], tangent[1], tangent[2]
@@ -98,7 +98,7 @@ def log_by_pose(tangent: Array, out: Array) -> None:
     out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, 1.0
 
 
-@compiled
+@kernel
 def adjoint(pose: Array, out: Array) -> None:
     """Write Ad (3, 3) with T exp(d) T^-1 = exp(Ad d) of a pose T (3,) to out."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -107,7 +107,7 @@ def adjoint(pose: Array, out: Array) -> None:
     out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, 1.0
 
 
-@compiled
+@kernel
 def cauchy(squared_error: float, scale: float) -> float:
     """Return the weight that the Cauchy kernel leaves to whitened rows of this squared length; inf is no kernel."""
     return 1.0 / (1.0 + squared_error / (scale * scale))

@@ -11,7 +11,6 @@ step was before the last Gauss-Newton step. With an unlimited lag this is the ba
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import FRICTION_CONE, NAMES, OWN, ROW, STEP, TERM, TURN, Factors, Step
-from palpate.graph.gauss_newton import extrapolate, improve
+from palpate.graph.factors import FRICTION_CONE, NAMES, OWN, ROW, STEP, TERM, TERM_SIZE, TURN, Step, terms_of
+from palpate.graph.gauss_newton import begin_step, improve
 from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import Measurement, OwnMeasurement
@@ -31,7 +30,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _ITERATIONS = 4
-_CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 _REMEMBERED = 1000  # steps that left the window whose costs are kept
 
 
@@ -40,7 +38,7 @@ class Window:
 
     def __init__(
         self,
-        factors: Factors,
+        factors: NDArray[np.void],
         model: ContactModel,
         belief: Belief,
         sensor_pose: Array,
@@ -62,12 +60,13 @@ class Window:
         if priors is not None:
             self._drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes_per_step
         self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
+        self._first, self._left = 0, 0  # place of the oldest step of the window in `_steps`; steps that have left it
         self._left_costs = np.empty((len(belief), 0, 2))  # of steps that left the window
-        self._terms, self._has_turn = np.empty(0, TERM), False
+        self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
         self._own: list[OwnMeasurement | None] = []  # in the order of their terms
         self._measured, self._times = sensor_pose, [time]
-        self._join(*factors.terms(Step(sensor_pose, None, measurements, self._times, from_touch=from_touch)))
-        self._solve(np.ones(self.rows, np.bool_), np.arange(self.rows))
+        self._join(*terms_of(Step(sensor_pose, None, measurements, self._times, from_touch=from_touch), 0))
+        self._solve(np.ones(self.rows, np.bool_), is_alone=True)
 
     def add(
         self,
@@ -82,21 +81,19 @@ class Window:
         `disturbance` (B, 2) [m] is the slide over the sensor by which something else may move the object in this step,
         mean and standard deviation; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
         """
-        step = Step(sensor_pose, self._measured, measurements, [*self._times, time], from_touch=from_touch)
-        terms, own = self._factors.terms(step)  # before any change, since they may raise
-        leaving = None
+        times, leaving = [*self._times, time], None
+        step = Step(sensor_pose, self._measured, measurements, times, from_touch=from_touch)
+        terms, own = terms_of(step, self._left + len(self._times))  # before any change, since they may raise
         if len(self._times) == self._lag:
-            leaving = self._steps["object"][:, 0].copy()
+            leaving, times = self._window["object"][:, 0].copy(), times[1:]
             self._marginalise()
-        new = np.zeros((self.rows, 1), STEP)
-        new["e"] = sensor_pose
-        if disturbance is not None:
-            new["slide"], new["spread"] = disturbance[:, :1], disturbance[:, 1:]
-        self._steps = joined([self._steps, new], axis=1)
-        extrapolate(self._steps)
-        self._measured, self._times = sensor_pose, [*self._times, time]
+        self._measured, self._times = sensor_pose, times
+        if self._first + len(times) > self._steps.shape[1]:
+            self._make_room()
+        disturbance = np.zeros((self.rows, 2)) if disturbance is None else disturbance
+        begin_step(self._steps, self._place, sensor_pose, step.moved, disturbance)
         self._join(terms, own)
-        self._solve(np.ones(self.rows, np.bool_), self._rows["sign"])
+        self._solve(np.ones(self.rows, np.bool_), is_alone=False)
         return leaving
 
     def take(self, rows: Indices) -> None:
@@ -112,13 +109,14 @@ class Window:
         first, last = max(len(self._times) - steps, 1), len(self._times)
         count, changing = max(last - first, 1), np.zeros(self.rows, np.bool_)
         changing[rows] = True
-        disturbed, length = self._steps[rows, first:], slide[:, None] / count
+        steps, length = self._window, slide[:, None] / count
+        disturbed = steps[rows, first:]
         disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
         # Seen from the object, the sensor moves the other way.
         back = -length * np.arange(1.0, last - first + 1)
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
-        self._steps[rows, first:] = disturbed
-        self._solve(changing, np.arange(self.rows))
+        steps[rows, first:] = disturbed
+        self._solve(changing, is_alone=True)
 
     @property
     def rows(self) -> int:
@@ -133,30 +131,35 @@ class Window:
     @property
     def sensor_in_object(self) -> Array:
         """Sensor pose in the object frame at the last step, (B, 3)."""
-        return self._steps["g"][:, -1]
+        return self._window["g"][:, -1]
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
-        pose, values = self._steps["object"][:, -1], self._rows["shared"][:, CONTACT_SIZE:]
+        pose, values = self._window["object"][:, -1], self._rows["shared"][:, CONTACT_SIZE:]
         return Belief(pose.copy(), values.copy(), self._rows["covariance"].copy())
 
     def touch(self, row: int) -> np.void:
         """Return the CONTACT_GEOMETRY of a row at the last step."""
-        return self._steps["touch"][row, -1]
+        return self._window[row, -1]["touch"]
 
     def object_path(self) -> Array:
         """Return the object poses of all steps in the window, (B, N, 3)."""
-        return self._steps["object"].copy()
+        return self._window["object"].copy()
 
     def force_angle(self, row: int) -> float:
         """Return the angle of the pushing force from the outline's inward normal [rad]; NaN at the first step."""
-        return float(self._steps["force_angle"][row, -1]) if len(self._times) > 1 else math.nan
+        return float(self._window["force_angle"][row, -1]) if len(self._times) > 1 else math.nan
 
     def mean_squares(self, name: str, steps: int) -> Array:
         """Return the mean square error of a factor's terms in the last steps (B,) [variances], without kernels."""
-        kind, first = NAMES.index(name), max(len(self._times) - steps, 0)
-        count = np.count_nonzero((self._terms["kind"] == kind) & (self._terms["step"] >= first))
-        return self._steps["squares"][:, first:, kind].sum(axis=1) / max(count, 1)
+        kind, count = NAMES.index(name), min(steps, len(self._times))
+        squares = self._window["squares"][:, len(self._times) - count :, kind].sum(axis=1)
+        if kind > FRICTION_CONE:
+            since = self._left + len(self._times) - count
+            count = np.count_nonzero((self._terms[:, 0] >= since) & (self._terms[:, 1] == kind))
+        else:
+            count = min(count, len(self._times) - 1)  # the oldest step has no factor of pushing
+        return squares / max(count, 1)
 
     def costs(self) -> Array:
         """Return the cost of each of the last steps (B, N, 2): minus its log likelihood, except for a constant.
@@ -164,7 +167,7 @@ class Window:
         The first column is that of the measurements, the second that of pushing, which holds only while nothing but
         the sensor moves the object. At most a thousand steps that left the window are included.
         """
-        return np.concatenate([self._left_costs, self._steps["cost"]], axis=1)
+        return np.concatenate([self._left_costs, self._window["cost"]], axis=1)
 
     @property
     def steps_with_costs(self) -> int:
@@ -178,74 +181,94 @@ class Window:
         """
         return self._rows["errors"] if len(self._times) > 1 else None
 
-    def _join(self, arrived: NDArray[np.void], own: list[OwnMeasurement | None]) -> None:
+    @property
+    def _place(self) -> tuple[int, int, int]:
+        """The first step in `_steps`, the end, and the number of steps that left."""
+        return self._first, self._first + len(self._times), self._left
+
+    @property
+    def _window(self) -> NDArray[np.void]:
+        """The steps of the window, (B, N)."""
+        return self._steps[:, self._first : self._first + len(self._times)]
+
+    def _make_room(self) -> None:
+        """Make room for as many steps again as are in the window."""
+        old = self._steps[:, self._first :]
+        self._steps, self._first = np.zeros((self.rows, 2 * old.shape[1]), STEP), 0
+        self._steps[:, : old.shape[1]] = old
+
+    def _join(self, arrived: Array, own: list[OwnMeasurement | None]) -> None:
         """Take the terms that arrive with the last step."""
-        arrived["step"] += len(self._times) - 1
-        arrived["index"][arrived["kind"] == OWN] = len(self._own) + np.arange(len(own))
-        arrived = arrived[arrived["step"] >= 0]  # that of a late measurement may have left the window
-        terms, self._own = joined([self._terms, arrived]), [*self._own, *own]
-        self._keep(np.argsort(terms["step"] * len(NAMES) + terms["kind"], kind="stable"), terms)
-        turns = arrived[arrived["kind"] == TURN]
-        if len(turns) and not self._has_turn:
+        arrived[arrived[:, 1] == OWN, 2] += len(self._own)
+        self._own += own
+        self._terms = terms = np.concatenate([self._terms, arrived])
+        is_late = len(arrived) and arrived[0, 0] < self._left + len(self._times) - 1
+        if is_late:  # that of a late measurement may have left the window
+            terms = terms[terms[:, 0] >= self._left]
+            self._terms = terms[np.lexsort((terms[:, 1], terms[:, 0]))]
+        if self._own:
+            is_own = self._terms[:, 1] == OWN
+            self._own = [self._own[int(index)] for index in self._terms[is_own, 2]]
+            self._terms[is_own, 2] = np.arange(len(self._own))
+        if not self._has_turn and (turns := arrived[arrived[:, 1] == TURN]).size:
             # Far from the true offset, the robust kernel would leave a turn hardly any weight.
-            first, self._has_turn = turns[0], True
+            self._has_turn, first = True, turns[0].view(TERM)[0]
             angle = first["value"] * (self._rows["sign"] if first["from_touch"] else 1.0)
-            offset = se2.wrap(self._steps["g"][:, first["step"], 2] - angle)
+            offset = se2.wrap(self._window["g"][:, -1, 2] - angle)
             self._rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
-    def _keep(self, order: NDArray[np.int64], terms: NDArray[np.void]) -> None:
-        """Keep these terms and, in their order, the own measurements that have one."""
-        self._terms = terms.take(order)
-        if self._own:
-            is_own = self._terms["kind"] == OWN
-            self._own = [self._own[index] for index in self._terms["index"][is_own]]
-            self._terms["index"][is_own] = np.arange(len(self._own))
-
-    def _solve(self, changing: Flags, groups: NDArray[Any]) -> None:
-        """Take Gauss-Newton steps of the rows that are `changing` (B,), the rows of a group until all have converged.
+    def _solve(self, changing: Flags, is_alone: bool) -> None:
+        """Take Gauss-Newton steps of the rows that are `changing` (B,); see `improve`.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
-        steps, rows, terms, surface = self._steps, self._rows, self._terms, self._model.surface
-        together = groups[:, None] == groups
-        own = np.empty((self.rows, 0, 0, 0))
-        for _ in range(_ITERATIONS):
+        steps, rows, terms = self._window, self._rows, self._terms.view(TERM)[:, 0]
+        own, iterations, is_any = np.empty((self.rows, 0, 0, 0)), _ITERATIONS, True
+        surface = self._model.surface
+        for _ in range(_ITERATIONS if self._own else 1):
             if self._own:
-                own_steps = terms["step"][terms["kind"] == OWN].tolist()
+                own_steps = [int(step) - self._left for step in self._terms[self._terms[:, 1] == OWN, 0]]
                 own = evaluated(self._own, own_steps, steps["g"], steps["e"], rows["shared"], self._times[-1])
-            improve(steps, rows, changing, terms, self._factors.settings, self._drift, surface, own)
-            changing = changing & ((together * rows["change"]).max(axis=1) >= _CONVERGED)
+                iterations = 1
+            is_any = improve(
+                self._steps,
+                self._place,
+                rows,
+                changing,
+                is_alone,
+                terms,
+                self._factors,
+                self._drift,
+                surface,
+                own,
+                iterations,
+            )
             if not changing.any():
                 break
-        if rows["is_lost"].all():
+        if not is_any:
             raise EstimationError("the linear system of the window is indeterminate")
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the next one and the shared variables."""
-        self._left_costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)[:, -_REMEMBERED:]
-        rows, second = self._rows, self._steps[:, 1]
-        for name in ("information", "gradient"):
-            rows["past_" + name] = rows["next_" + name]
-        rows["past_g"], rows["past_e"], rows["past_shared"] = second["at_g"], second["at_e"], rows["at_shared"]
-        self._steps = self._steps[:, 1:]
-        needed = np.where(self._terms["kind"] <= FRICTION_CONE, 2, 1)  # terms of pushing are on two steps
-        self._keep(np.flatnonzero(self._terms["step"] >= needed), self._terms)
-        self._terms["step"] -= 1
-        self._times = self._times[1:]
+        self._left_costs = np.concatenate([self._left_costs, self._window["cost"][:, :1]], axis=1)[:, -_REMEMBERED:]
+        self._rows["past"] = self._rows["next_past"]
+        self._first, self._left = self._first + 1, self._left + 1
+        self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]
 
 
 def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
     """Return the first step (B, 1) and the rows (B,) of a window that begins with these beliefs."""
     steps, rows = np.zeros((len(belief), 1), STEP), np.zeros(len(belief), ROW)
-    steps["g"][:, 0], steps["e"] = se2.between(belief.pose, sensor_pose), sensor_pose
+    steps["g"][:, 0], steps["e"], steps["measured"] = se2.between(belief.pose, sensor_pose), sensor_pose, sensor_pose
     rows["shared"][:, CONTACT_SIZE:], rows["sign"] = belief.values, sign
+    past = rows["past"]
     for one in OF_CONTACT:
         assert one.prior is not None
         mean, deviation = one.prior
         rows["shared"][:, IN_SHARED[one]] = mean
         for place in range(STEP_SIZE + IN_SHARED[one].start, STEP_SIZE + IN_SHARED[one].stop):
-            rows["past_information"][:, place, place] = deviation**-2.0
-    rows["past_g"], rows["past_e"], rows["past_shared"] = steps["g"][:, 0], steps["e"][:, 0], rows["shared"]
+            past["information"][:, place, place] = deviation**-2.0
+    past["g"], past["e"], past["shared"] = steps["g"][:, 0], steps["e"][:, 0], rows["shared"]
     rows["first_pose"], rows["first_values"] = belief.pose, belief.values
     rows["first_root"] = _whitening(belief.covariance)
     return steps, rows
@@ -259,9 +282,3 @@ def _whitening(covariances: Array) -> Array:
         if len(covariances) == 1:
             return np.full_like(covariances, np.nan)
         return np.concatenate([_whitening(one[None]) for one in covariances])
-
-
-def joined(arrays: Sequence[NDArray[np.void]], axis: int = 0) -> NDArray[np.void]:
-    """Return np.concatenate of structured arrays, which NumPy joins ten times as slowly, field by field."""
-    raw = np.dtype((np.void, arrays[0].itemsize))
-    return np.concatenate([array.view(raw) for array in arrays], axis=axis).view(arrays[0].dtype)
