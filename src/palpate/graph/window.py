@@ -109,13 +109,12 @@ class Window:
         first, last = max(len(self._times) - steps, 1), len(self._times)
         count, changing = max(last - first, 1), np.zeros(self.rows, np.bool_)
         changing[rows] = True
-        steps, length = self._window, slide[:, None] / count
-        disturbed = steps[rows, first:]
+        length, disturbed = slide[:, None] / count, self._window[rows, first:]
         disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
         # Seen from the object, the sensor moves the other way.
         back = -length * np.arange(1.0, last - first + 1)
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
-        steps[rows, first:] = disturbed
+        self._window[rows, first:] = disturbed
         self._solve(changing, is_alone=True)
 
     @property
