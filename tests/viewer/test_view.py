@@ -153,7 +153,7 @@ def test_without_rerun_a_sentence_says_what_to_install(run, fails, monkeypatch):
     ("file", "text", "message"),
     [
         ("settings.json", None, "is no run of palpate track"),
-        ("settings.json", "{}", "settings.json: recording is null, expected the name of a file"),
+        ("settings.json", "{}", "settings.json: recording is None, expected the name of a file"),
         ("settings.json", '{"recording": "gone.mcap"}', "gone.mcap: no such file"),
         ("answers.csv", None, "answers.csv: no such file"),
         ("answers.csv", "HEADER\n9.0,1,0,0,0,1,0,0,1,0,1", "has an answer at 9 s, at which there is no estimate"),
