@@ -30,10 +30,15 @@ def run_figure(run: Run) -> "Figure":
 
     instants = shown_instants(run)
     has_touch = run.recording.image is not None and len(instants) > 0
-    figure = Figure(figsize=(11.5, 7.4 if has_touch else 5.8), layout="constrained")
+    heights = [1.3, 0.25, 1.0, 1.0] if has_touch else [1.0, 1.0]  # below touch, room for its axis
+    width, height = 11.5, 7.4 if has_touch else 5.8
+    figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    heights = [1.3, 1.0, 1.0] if has_touch else [1.0, 1.0]
-    grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.05, 1.0), height_ratios=heights)
+    # Margins in inches; a layout that fits itself to the texts takes as long as the drawing.
+    margins: Any = {"left": 0.8 / width, "right": 1.0 - 0.1 / width, "bottom": 0.85 / height, "top": 1.0 - 0.9 / height}
+    grid = figure.add_gridspec(
+        len(heights), 2, width_ratios=(1.05, 1.0), height_ratios=heights, wspace=0.15, hspace=0.1, **margins
+    )
     above, translation = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[-2, 1])
     draw_above(above, run, len(run.online) - 1, instants)
     draw_errors(translation, figure.add_subplot(grid[-1, 1], sharex=translation), run, instants)
@@ -45,11 +50,11 @@ def run_figure(run: Run) -> "Figure":
             axes.tick_params(labelleft=number == 1)
             axes.set_ylabel("z on the pad [mm]" if number == 1 else "")
             _draw_number(axes, number, (0.0, 1.0), (11.0, -11.0), axes.transAxes)
-    figure.suptitle(_title(run), fontsize=11, parse_math=False)
+    figure.suptitle(_title(run), y=1.0 - 0.08 / height, fontsize=11, parse_math=False)
     handles = {
         str(one.get_label()): one for axes in (above, translation) for one in axes.get_legend_handles_labels()[0]
     }
-    place: Any = {"loc": "outside lower center", "ncols": min(len(handles), 8), "frameon": False, "fontsize": 9}
+    place: Any = {"loc": "lower center", "ncols": min(len(handles), 8), "frameon": False, "fontsize": 9}
     figure.legend(list(handles.values()), list(handles), **place)
     return figure
 

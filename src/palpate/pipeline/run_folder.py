@@ -72,7 +72,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
     _write_json(folder / "summary.json", run.summary)
-    run_figure(run).savefig(folder / "figure.png", dpi=150)
+    run_figure(run).savefig(folder / "figure.png", dpi=120)
     if run.recording.file is None:
         write_recording(run.recording, folder / RECORDING)
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from palpate.checks import FLAGS, NUMBERS, TURNS, check_metres, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError, SettingError
@@ -17,7 +16,18 @@ from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.images import Codec, codec_of, decode_image, encode_image
 from palpate.types.recording import Images, Recording
 from palpate.types.sensor import SensorProfile
-from palpate.types.space import STEEPEST, Normal, Placed, Times, always, at_times, checked_choices, chosen_plane, planar
+from palpate.types.space import (
+    STEEPEST,
+    Normal,
+    Placed,
+    Times,
+    always,
+    at_times,
+    checked_choices,
+    chosen_plane,
+    planar,
+    rotations,
+)
 from palpate.types.space import poses_in_time as poses_of
 
 logger = logging.getLogger(__name__)
@@ -68,7 +78,7 @@ def recording_from_arrays(
     time, placed = time[keep], placed[keep]
     flat = chosen_plane("from_arrays", plane, "world", placed)
     sensor_pose = planar("the sensor (poses)", flat, time, placed, off_plane)
-    upright = np.abs(Rotation.from_quat(placed.rotation).apply(flat.axes[:, 2], inverse=True)[:, 2])
+    upright = np.abs(rotations(placed.rotation).apply(flat.axes[:, 2], inverse=True)[:, 2])
     if (roll := np.arccos(min(upright.min(), 1.0))) > STEEPEST:
         raise FileError(
             f"poses: the sensor's z axis is up to {np.degrees(roll):.0f} degrees off the plane's normal, allowed are "
@@ -201,6 +211,8 @@ def _numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
         half, zero = 0.5 * some[:, 2], np.zeros(len(some))
         numbers[good] = np.column_stack([some[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
     else:
+        from scipy.spatial.transform import Rotation
+
         turn = some[:, :3, :3]
         rigid = np.isclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
         rigid &= (np.linalg.det(turn) > 0.0) & np.isclose(some[:, 3], [0.0, 0.0, 0.0, 1.0]).all(axis=1)

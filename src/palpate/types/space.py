@@ -6,16 +6,18 @@ axis as the normal, poses in the plane have the x and y of the frame.
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.checks import LONGEST, check_metres, is_near
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.measurements import finite_numbers
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 logger = logging.getLogger(__name__)
 
@@ -60,15 +62,22 @@ class Placed:
 
     def __matmul__(self, other: "Placed") -> "Placed":
         """Return a_T_c from a_T_b and b_T_c."""
-        turn = Rotation.from_quat(self.rotation)
+        turn = rotations(self.rotation)
         position = self.position + turn.apply(other.position)
-        rotation = (turn * Rotation.from_quat(other.rotation)).as_quat()
+        rotation = (turn * rotations(other.rotation)).as_quat()
         return Placed(position, rotation, self.known & other.known)
 
     def inverse(self) -> "Placed":
         """Return b_T_a from a_T_b."""
-        back = Rotation.from_quat(self.rotation).inv()
+        back = rotations(self.rotation).inv()
         return Placed(-back.apply(self.position), back.as_quat(), self.known)
+
+
+def rotations(quaternions: Array) -> "Rotation":
+    """Return quaternions x, y, z, w (N, 4) as rotations of SciPy, loaded here since only poses in space need it."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(quaternions)
 
 
 def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
@@ -94,6 +103,8 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
 
 def at_times(poses: Poses, time: Times) -> Placed:
     """Return interpolated poses at times (M,) [ns]: positions linear, rotations at an even rate."""
+    from scipy.spatial.transform import Slerp
+
     if len(poses.time) == 1:
         return replace(always(poses, len(time)), known=time == poses.time)
     seconds, wanted = (poses.time - poses.time[0]) * 1e-9, (time - poses.time[0]) * 1e-9
@@ -101,12 +112,12 @@ def at_times(poses: Poses, time: Times) -> Placed:
     position = np.column_stack([np.interp(inside, seconds, column) for column in poses.position.T])
     after = np.clip(np.searchsorted(poses.time, time), 1, len(seconds) - 1)
     moved = np.linalg.norm(np.diff(poses.position, axis=0), axis=1) > 1e-4
-    rotations = Rotation.from_quat(poses.rotation)
-    moved |= (rotations[:-1].inv() * rotations[1:]).magnitude() > 1e-3
+    turns = rotations(poses.rotation)
+    moved |= (turns[:-1].inv() * turns[1:]).magnitude() > 1e-3
     lost = moved & (np.diff(seconds) > LONGEST_GAP)
     # A pose just at the time is known whatever comes before or after it.
     known = ((time >= poses.time[0]) & (time <= poses.time[-1]) & ~lost[after - 1]) | np.isin(time, poses.time)
-    return Placed(position, Slerp(seconds, rotations)(inside).as_quat(), known)
+    return Placed(position, Slerp(seconds, turns)(inside).as_quat(), known)
 
 
 def always(poses: Poses, count: int) -> Placed:
@@ -157,7 +168,7 @@ def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane
         logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
     else:
         plane = plane_across(frame, np.array(normal, np.float64), sensor.position)
-    if (Rotation.from_quat(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
+    if (rotations(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
         logger.warning(
             "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
             "frame is turned about x, or the quaternions have w first",
@@ -229,13 +240,15 @@ def into_plane(plane: Plane, position: Array, rotation: Array) -> tuple[Array, A
     [m] along the normal and angles (N,) [rad] of that x axis out of the plane.
     """
     at = position @ plane.axes
-    x_axis = Rotation.from_quat(rotation).apply([1.0, 0.0, 0.0]) @ plane.axes
+    x_axis = rotations(rotation).apply([1.0, 0.0, 0.0]) @ plane.axes
     yaw = np.arctan2(x_axis[:, 1], x_axis[:, 0])
     return np.column_stack([at[:, :2], yaw]), at[:, 2], np.arcsin(np.clip(x_axis[:, 2], -1.0, 1.0))
 
 
 def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:
     """Return positions (N, 3) [m] and quaternions x, y, z, w (N, 4) of poses in the plane (N, 3) [m, m, rad]."""
+    from scipy.spatial.transform import Rotation
+
     height = np.full((len(pose), 1), plane.height)
     position = np.hstack([pose[:, :2], height]) @ plane.axes.T
     return position, (Rotation.from_matrix(plane.axes) * Rotation.from_euler("z", pose[:, 2:])).as_quat()
