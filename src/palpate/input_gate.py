@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from palpate.checks import FARTHEST
 from palpate.errors import FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
-from palpate.stream_monitor import DRAWN_BACK, PoseMonitor, StreamQuality
+from palpate.stream_monitor import PoseMonitor, StreamQuality
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.contact_detector import ContactDetector
@@ -28,6 +29,7 @@ from palpate.types.sensor import SensorProfile
 
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 _NEAR, _INSIDE = 3.0, 5e-3  # [standard deviations] and [m] of clearance: may touch, and touches for sure
+_DRAWN_BACK = 5e-3  # [m] by which a sensor in contact can draw back from its farthest point, since it cannot pull
 _FARTHEST_POSE = np.array([1e4, 1e4, FARTHEST])  # [m, m, rad]
 
 
@@ -36,7 +38,7 @@ class InputGate:
 
     def __init__(self, sensor: SensorProfile, calibration: Calibration | None, deviation: Sequence[float]) -> None:
         """Take the standard deviations of the sensor's measured pose (3,) [m, m, rad]."""
-        self._sensor, self._deviation = sensor, math.hypot(*deviation[:2]) / math.sqrt(2.0)
+        self._rate, self._deviation = sensor.rate, math.hypot(*deviation[:2]) / math.sqrt(2.0)
         self._detector = ContactDetector(sensor, calibration)
         self._begin()
 
@@ -47,8 +49,7 @@ class InputGate:
         self._begin()
 
     def _begin(self) -> None:
-        rate = self._sensor.rate
-        self._poses, self._quality = PoseMonitor(rate), StreamQuality(rate, self._deviation)
+        self._poses, self._quality = PoseMonitor(self._rate), StreamQuality(self._rate, self._deviation)
         self.needs_clearance = self._detector.background is None
         """True while the first images, taken as untouched, may show a touch; `check` then needs the clearance."""
         self.last: Frame | None = None
@@ -59,6 +60,8 @@ class InputGate:
         """True in a contact since before the untouched gel was known, so touch cannot measure."""
         self.hidden_motion = 0.0
         """Distance that the sensor may have moved in a contact while its pose was frozen [m]."""
+        self.unobserved_push = 0.0
+        """Distance by which the object may have been pushed while not observed [m], if a contact ends now."""
         self.doubt = self.weakness = ""
         """Reason to doubt the calibration's untouched gel, and a weakness of the stream; empty if all is well."""
 
@@ -94,8 +97,11 @@ class InputGate:
             raise FrameError(f"{when} has no image, and learnt touch needs one")
         jumped = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
         self.paused = last is not None and (jumped or frame.time - last.time > _PAUSE * self._quality.interval)
+        has_drawn_back = self._poses.drawn_back > _DRAWN_BACK
+        unseen = max(self.hidden_motion, _DRAWN_BACK if has_drawn_back else 0.0)
+        self.unobserved_push = self._poses.pushed if self.paused else unseen
         self.touches_since_start, self.hidden_motion = touches_since_start, self._poses.hidden
-        if image is not None and self._poses.has_drawn_back:
+        if image is not None and has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
             contact = self.needs_clearance = self.touches_since_start = False
         return replace(frame, image=image, contact=contact)
@@ -110,22 +116,14 @@ class InputGate:
 
     def accept(self, frame: Frame) -> None:
         """Make a checked frame the last one."""
-        self.last, detector = frame, self._detector
+        self.last, self.doubt = frame, self._detector.doubt
         in_contact = bool(frame.contact) and frame.image is not None and not self.paused
-        self.weakness = self._quality.add(frame.time, frame.sensor_pose, detector.light, in_contact)
-        self.doubt = detector.doubt
+        self.weakness = self._quality.add(frame.time, frame.sensor_pose, self._detector.light, in_contact)
 
     @property
     def background(self) -> Background | None:
         """The untouched gel as known now; None before the first images, and without images."""
         return self._detector.background
-
-    @property
-    def unobserved_push(self) -> float:
-        """Distance by which the object may have been pushed while not observed [m], if a contact ends now."""
-        if self.paused:
-            return self._poses.pushed
-        return max(self._poses.hidden_before, DRAWN_BACK if self._poses.has_drawn_back else 0.0)
 
 
 def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
@@ -137,32 +135,28 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
     if isinstance(frame.time, bool) or finite_numbers(frame.time, ()) is None:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
-    when = f"frame at {frame.time:.3f} s"
-    if frame.contact is None and frame.image is None:
+    when, image, pose = f"frame at {frame.time:.3f} s", frame.image, finite_numbers(frame.sensor_pose, (3,))
+    if frame.contact is None and image is None:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
-    if frame.contact is not None and not isinstance(frame.contact, bool | np.bool_):
+    if not isinstance(frame.contact, bool | np.bool_ | None):
         raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
-    pose = finite_numbers(frame.sensor_pose, (3,))
     if pose is None or (np.abs(pose) > _FARTHEST_POSE).any():
         limits = f"x and y up to {_FARTHEST_POSE[0]:g}, theta up to {_FARTHEST_POSE[2]:g}"
         allowed = f"three finite numbers x [m], y [m], theta [rad], {limits}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
-    image, allowed = frame.image, "an array of uint8 (height, width, 3): rows, columns, red green blue"
-    if not isinstance(image, np.ndarray | None):
-        kind = type(image).__name__
-        raise FrameError(f"{when} has an image of type {kind}; it must be {allowed}; decode encoded images first")
-    if image is not None and (image.dtype != np.uint8 or image.ndim != 3):
-        raise FrameError(f"{when} has an image of {image.dtype} {image.shape}; it must be {allowed}")
+    is_array = isinstance(image, np.ndarray)
+    if image is not None and not (is_array and image.dtype == np.uint8 and image.ndim == 3):
+        found = f"{image.dtype} {image.shape}" if is_array else f"type {type(image).__name__}"
+        allowed = "an array of uint8 (height, width, 3): rows, columns, red green blue; decode encoded images first"
+        raise FrameError(f"{when} has an image of {found}; it must be {allowed}")
+    added = (checked_measurements(frame.time, each, tips) for each in (frame.measurements, measurements))
     return replace(
         frame,
         time=float(frame.time),
         sensor_pose=pose,
         contact=None if frame.contact is None else bool(frame.contact),
         object_pose=finite_numbers(frame.object_pose, (3,)),  # NaN where motion capture loses the object
-        measurements=(
-            *checked_measurements(frame.time, frame.measurements, tips),
-            *checked_measurements(frame.time, measurements, tips),
-        ),
+        measurements=tuple(chain.from_iterable(added)),
     )
 
 
@@ -177,13 +171,12 @@ def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Mea
     for one in several:
         kind = type(one).__name__
         if not isinstance(one, Measurement):
-            allowed = "palpate's measurements, as ObjectPose"
-            raise FrameError(f"{when} has a measurement of type {kind}; allowed are {allowed}")
+            raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's, as ObjectPose")
         if tips > 1 and isinstance(one, ContactDirection | ContactPlace | Turn):
             raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
-        if isinstance(one, OwnMeasurement):
-            try:
+        try:
+            if isinstance(one, OwnMeasurement):
                 check_own(one)
-            except PalpateError as error:
-                raise FrameError(f"{when}: {error}") from error
+        except PalpateError as error:
+            raise FrameError(f"{when}: {error}") from error
     return several

@@ -18,7 +18,6 @@ from palpate.errors import FrameError
 Array = NDArray[np.float64]
 
 _LONGEST_GAP = 60.0  # [s] between frames; a clock that jumps farther is accepted at its second frame
-DRAWN_BACK = 5e-3  # [m] by which a sensor in contact can draw back from its farthest point, since it cannot pull
 _AGREE = 3  # implausible poses in a row that agree with each other are accepted
 _HISTORY = 9  # poses kept, 0.3 s at 30 Hz
 
@@ -45,19 +44,16 @@ class PoseMonitor:
         self._elsewhere: list[tuple[float, Array]] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
-        self._advance = self._farthest = 0.0  # [m] along the sensor's x axis in this contact
-        self.hidden = self.hidden_before = 0.0
-        """Possible motion in a contact while the pose is frozen, at the last frame and at the one before [m]."""
+        self.hidden = 0.0
+        """Possible motion in a contact while the pose is frozen [m]."""
         self.pushed = 0.0
         """Largest distance by which the sensor may have pushed the object since the frame before [m]."""
-        self.has_drawn_back = False
-        """True if the sensor has moved back from the object, even if the image still looks touched."""
+        self.drawn_back = 0.0
+        """Distance along its x axis from the sensor back to its farthest point in this contact [m]."""
 
     def check_time(self, time: float) -> None:
         """Raise FrameError on a time [s] that is far ahead, unless the one before was as well."""
-        if self._last is None:
-            return
-        gap = time - self._last[0]
+        gap = time - self._last[0] if self._last else 0.0
         before, self._implausible_time = self._implausible_time, time
         if gap > _LONGEST_GAP and not (before is not None and 0.0 < time - before <= _LONGEST_GAP):
             unit = other_time_unit(gap, self._rate)
@@ -72,32 +68,28 @@ class PoseMonitor:
         Raises FrameError on a jump in a contact; between contacts it does no harm.
         """
         last_time, last = self._last or (time, pose)
-        repeats = self._last is not None and np.array_equal(last, pose)
-        step = _apart(last, pose)[0]
-        if not repeats and self._repeats >= 3:
-            self._stands_exactly |= bool(step < _FIRST_STEP)
+        interval, step = time - last_time, float(_apart(last, pose)[0])
+        repeats, goes_on = self._last is not None and np.array_equal(last, pose), in_contact and self._in_contact
+        self._stands_exactly |= not repeats and self._repeats >= 3 and step < _FIRST_STEP
         # After a release within the interval, the object was pushed at most at the speed before.
         moving = self._repeats == 1 and len(self._different) > 1
-        self.pushed = step if in_contact else min(step, self._speed(2) * (time - last_time)) if moving else 0.0
-        self._implausible_time, self.hidden_before = None, self.hidden
-        is_elsewhere, goes_on = False, in_contact and self._in_contact
-        if goes_on:
-            jumps = not self._is_plausible(time - last_time, last, pose)
-            if jumps:
-                self._refuse_unless_confirmed(time, pose, time - last_time, last)
-            is_elsewhere = jumps or (self.hidden > 0.0 and not repeats)
+        self.pushed = step if in_contact else min(step, self._speed(2) * interval) if moving else 0.0
+        self._implausible_time = None
+        jumps = goes_on and not self._is_plausible(interval, last, pose)
+        if jumps:
+            self._refuse_unless_confirmed(time, pose, interval, last)
+        is_elsewhere = jumps or (goes_on and self.hidden > 0.0 and not repeats)
         self._elsewhere, self._last, self._in_contact = [], (time, pose), in_contact
         if is_elsewhere or not (goes_on or (repeats and self._frozen(time))):
             self._different.clear()
-            self._advance = self._farthest = 0.0
-        elif goes_on and not repeats:
-            self._advance += float((pose - last)[:2] @ (math.cos(pose[2]), math.sin(pose[2])))
-            self._farthest = max(self._farthest, self._advance)
+            self.drawn_back = 0.0
+        elif goes_on:
+            self.drawn_back -= float((pose - last)[:2] @ (math.cos(pose[2]), math.sin(pose[2])))
+            self.drawn_back = max(self.drawn_back, 0.0)
         if not self._different or (goes_on and not repeats):
             self._different.append((time, pose))
         self._repeats = self._repeats + 1 if repeats and not is_elsewhere else 1
         self.hidden = self._frozen(time) if in_contact else 0.0
-        self.has_drawn_back = self._farthest - self._advance > DRAWN_BACK
         return is_elsewhere
 
     def _speed(self, count: int) -> float:
@@ -167,7 +159,7 @@ class StreamQuality:
         """Take the nominal rate [Hz] and the standard deviation of x and y of the sensor [m]."""
         self._rate, self._deviation = rate, deviation
         self._intervals: deque[float] = deque(maxlen=_LATELY)  # [s]
-        self._last: deque[tuple[float, float, float]] = deque(maxlen=4)  # time [s] and position [m]
+        self._last: deque[tuple[float, complex]] = deque(maxlen=4)  # time [s] and position [m]
         self._noise: deque[float] = deque(maxlen=_LATELY)  # [m]
         self._in_contact = False
         self._pushed = 0j  # [m] motion in contact, sensor frame
@@ -181,37 +173,34 @@ class StreamQuality:
         may be round and its frame lie anyhow.
         """
         x, y, theta = pose.tolist()
-        usual = math.inf
         if self._last:
-            before, last_x, last_y = self._last[-1]
+            before, place = self._last[-1]
             self._intervals.append(time - before)
-            usual = median(self._intervals)
-            self.interval = max(1.0 / self._rate, usual)
+            self.interval = max(1.0 / self._rate, median(self._intervals))
             if in_contact and self._in_contact:
-                self._pushed += complex(x - last_x, y - last_y) * cmath.rect(1.0, -theta)
-        self._last.append((time, x, y))
+                self._pushed += (complex(x, y) - place) * cmath.rect(1.0, -theta)
+        self._last.append((time, complex(x, y)))
         self._in_contact = in_contact
         if len(self._last) == 4:
-            self._noise.append(_off_parabola(np.array(self._last)))
-        sentence = self._too_slow() or self._too_noisy() or _other_light(light) or self._sideways()
-        return sentence or (too_often(1.0 / usual) if len(self._intervals) == _LATELY else "")
+            self._noise.append(_off_parabola(*self._last))
+        return self._of_rate() or self._of_noise() or _of_light(light) or self._of_direction()
 
-    def _too_slow(self) -> str:
+    def _of_rate(self) -> str:
         relative = [min(each * self._rate, _LONGEST) for each in self._intervals]
-        if sum(relative) < max(_LATELY, _SLOW * len(relative)):
-            return ""
-        rate = len(self._intervals) / sum(self._intervals)
-        advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
-        return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
+        if sum(relative) >= max(_LATELY, _SLOW * len(relative)):
+            rate = len(self._intervals) / sum(self._intervals)
+            advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
+            return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
+        return too_often(1.0 / median(self._intervals)) if len(relative) == _LATELY else ""
 
-    def _too_noisy(self) -> str:
+    def _of_noise(self) -> str:
         noise = median(self._noise) / _RAYLEIGH_MEDIAN if len(self._noise) == _LATELY else 0.0
         if noise < _NOISY * self._deviation:
             return ""
         stated = f"the {1e3 * self._deviation:.2g} mm of sensor_pose.deviation"
         return f"the sensor's position has noise of {1e3 * noise:.2g} mm, more than {stated}"
 
-    def _sideways(self) -> str:
+    def _of_direction(self) -> str:
         angle = cmath.phase(self._pushed)
         if abs(self._pushed) < _PUSHED or abs(angle) < _SIDEWAYS:
             return ""
@@ -219,7 +208,7 @@ class StreamQuality:
         return f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push"
 
 
-def _other_light(light: Array) -> str:
+def _of_light(light: Array) -> str:
     if np.abs(light - 1.0).max() < _OTHER_LIGHT:
         return ""
     red, green, blue = 100.0 * light
@@ -234,12 +223,16 @@ def too_often(rate: float) -> str:
     return f"frames come {rate:.3g} times a second; the pose is known better from one in {every} of them"
 
 
-def _off_parabola(last: Array) -> float:
-    """Return the distance of the last of four times and positions (4, 3) from the parabola through the others [m].
+def _off_parabola(*last: tuple[float, complex]) -> float:
+    """Return the distance of the last of four positions from the parabola through the others [m], at their times.
 
     It is divided by the factor by which the parabola amplifies noise.
     """
-    powers = np.vander(last[:, 0] - last[3, 0], 3)
-    weights = np.linalg.solve(powers[:3].T, powers[3])
-    x, y = last[3, 1:] - weights @ last[:3, 1:]
-    return math.hypot(x, y) / math.sqrt(1.0 + weights @ weights)
+    (a, _), (b, _), (c, _), (d, place) = last
+    weights = (
+        (d - b) * (d - c) / ((a - b) * (a - c)),
+        (d - a) * (d - c) / ((b - a) * (b - c)),
+        (d - a) * (d - b) / ((c - a) * (c - b)),
+    )
+    expected = sum(weight * one for weight, (_, one) in zip(weights, last, strict=False))
+    return abs(place - expected) / math.hypot(1.0, *weights)
