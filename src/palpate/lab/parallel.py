@@ -19,7 +19,7 @@ def spread(
     """Yield the results of a function for each item, in no order.
 
     `workers` processes here do the work, this one alone if it is 1, or the cluster of the Dask scheduler at an address
-    such as "tcp://host:8786". Linear algebra keeps to one thread in each. Closing the generator cancels the rest.
+    such as "tcp://host:8786". Each item has one thread. Closing the generator cancels the rest.
     Raises SettingError on fewer workers than one, where the cluster does not answer, and where a process dies.
     """
     if workers < 1:
@@ -49,7 +49,7 @@ def _in_processes(
 
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
-    results = parallel(joblib.delayed(function)(item) for item in items)
+    results = parallel(joblib.delayed(_alone)(function, item) for item in items)
     try:
         for result in results:  # noqa: UP028, for that would close it before the warning is silenced
             yield result
@@ -81,7 +81,7 @@ def _on_cluster(
             raise SettingError(f"the Dask scheduler at {address!r} has no workers; start some") from error
 
         def submitted(count: int) -> list[Any]:
-            return [client.submit(function, item, pure=False) for item in islice(items, count)]
+            return [client.submit(_alone, function, item, pure=False) for item in islice(items, count)]
 
         # Two for each core keep all busy and the cluster's memory small.
         tasks = as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
@@ -91,6 +91,11 @@ def _on_cluster(
                 yield task.result()
         except KilledWorker as error:
             raise _died() from error
+
+
+def _alone(function: Callable[[Item], Result], item: Item) -> Result:
+    with one_thread():
+        return function(item)
 
 
 def _died() -> SettingError:

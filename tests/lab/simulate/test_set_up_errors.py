@@ -11,7 +11,7 @@ from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
-from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, with_errors
+from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
 from palpate.pipeline.track import track
 
@@ -34,6 +34,10 @@ UNIT = dataclasses.replace(draw_unit(DIGIT, 3), no_contact=np.full((320, 240, 3)
 """A unit of one even level, on which marks do not saturate."""
 
 
+def worn_at(unit, wear, seconds, duration):
+    return next(iter(worn(unit, wear, np.array([seconds, duration]))))
+
+
 def test_stated_values_are_off_by_the_errors_and_the_truth_is_not():
     exact = simulate_recording(DISC, "disc", 3, 3.0, ideal=True)
     stated = with_errors(exact, ERRORS)
@@ -50,9 +54,9 @@ def test_stated_values_are_off_by_the_errors_and_the_truth_is_not():
 
 def test_the_image_without_contact_follows_the_lights():
     drawn, wear = draw_unit(DIGIT, 5), Wear(RISE, ())
-    later = wear.applied(drawn, WARM_UP, 60.0)
+    later = worn_at(drawn, wear, WARM_UP, 60.0)
     np.testing.assert_allclose(later.colour, drawn.colour * (1.0 + WARM_UP * RISE)[:, None])
-    assert (wear.applied(drawn, 50.0, 60.0).no_contact == later.no_contact).all()  # the lights have warmed up
+    assert (worn_at(drawn, wear, 50.0, 60.0).no_contact == later.no_contact).all()  # the lights have warmed up
     bright = (drawn.no_contact > 60) & (drawn.no_contact < 220)
     share = later.no_contact / np.maximum(drawn.no_contact, 1.0) - 1.0
     assert np.abs(share[bright]).max() < 0.115
@@ -65,7 +69,7 @@ def test_the_image_without_contact_follows_the_lights():
 def test_an_imprint_is_lit_by_the_lights_of_its_time():
     overlap = np.zeros((320, 240), np.float32)
     overlap[140:180, 100:140] = 4e-4
-    dark = Wear(np.full(3, -0.1 / WARM_UP), ()).applied(UNIT, WARM_UP, WARM_UP)
+    dark = worn_at(UNIT, Wear(np.full(3, -0.1 / WARM_UP), ()), WARM_UP, WARM_UP)
     before, after = (touch_image(one, overlap).astype(float) - one.no_contact for one in (UNIT, dark))
     strong = np.abs(before) > 30.0
     # The camera's response differs a little in the dark, and folds do not depend on the lights.
@@ -74,7 +78,7 @@ def test_an_imprint_is_lit_by_the_lights_of_its_time():
 
 def test_a_grain_and_a_scratch_appear_and_stay():
     wear = Wear(np.zeros(3), (GRAIN, SCRATCH))
-    early, late = (wear.applied(UNIT, seconds, 10.0).no_contact.astype(int) - 120 for seconds in (4.9, 5.0))
+    early, late = (worn_at(UNIT, wear, seconds, 10.0).no_contact.astype(int) - 120 for seconds in (4.9, 5.0))
     np.testing.assert_array_equal(late[80, 180], GRAIN.levels)
     assert not early[80, 180].any() and not late[80, 190].any()
     for image in (early, late):  # the scratch is there from the first image on, 3 px across and 60 px long

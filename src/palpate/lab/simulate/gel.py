@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.graph.compiled import compiled
 from palpate.lab.simulate.unit import Markers, SensorUnit
 
 Array = NDArray[np.float64]
@@ -71,17 +72,25 @@ def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, i
     import cv2
 
     object_T_sensor = np.asarray(sensor_in_object)
-    section, column, row = _sections(unit, side)
+    section, column, row, within = _sections(unit, side)
     nearest = _nearest(unit, shape, object_T_sensor)
     distance = shape.signed_distance(se2.transform(object_T_sensor, section))
     depth = (nearest + indentation - distance).astype(np.float32)
-    overlap = np.asarray(cv2.remap(depth, column, row, cv2.INTER_LINEAR))
-    z = unit.place[1]
-    within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
-    # The depths below the side and below the rim join in a quarter circle.
-    fillet = np.float32(5e-4)  # [m]
-    rounded = fillet - np.hypot(np.maximum(fillet - overlap, 0.0), np.maximum(fillet - within, 0.0))
-    return np.maximum(rounded + np.maximum(np.minimum(overlap, within) - fillet, 0.0), 0.0)
+    overlap = np.asarray(cv2.remap(depth, column, row, cv2.INTER_LINEAR), np.float32)
+    return _rounded(overlap, within, np.float32(5e-4))
+
+
+@compiled
+def _rounded(overlap: Image, within: Image, fillet: np.float32) -> Image:
+    """Join the depths below the side and below the rim in a quarter circle of this radius [m]."""
+    found, zero = np.empty_like(overlap), np.float32(0.0)
+    for row in range(overlap.shape[0]):
+        for column in range(overlap.shape[1]):
+            a, b = overlap[row, column], within[row, column]
+            x, y = max(fillet - a, zero), max(fillet - b, zero)
+            rounded = fillet - np.float32(math.sqrt(np.float64(x) * x + np.float64(y) * y))
+            found[row, column] = max(rounded + max(min(a, b) - fillet, zero), zero)
+    return found
 
 
 def ball_overlap(unit: SensorUnit, radius: float, place: tuple[float, float], indentation: float) -> Image:
@@ -106,17 +115,19 @@ def touch_image(
 
     image = unit.no_contact if unit.markers is None else unit.no_contact.astype(np.float32)
     height = None if overlap is None else gel_height(unit, overlap, shear)
-    difference = np.zeros(image.shape, np.float32) if height is None else shading(unit, height)
+    difference = None if height is None else shading(unit, height)
     if unit.markers is not None:
         shift = shear * unit.shear_compliance
-        image = (image + difference) * _marker_transmission(unit.markers, image.shape, unit.pitch, height, shift)
-        difference = np.zeros_like(image)
+        bare = image if difference is None else image + difference
+        image = bare * _marker_transmission(unit.markers, image.shape, unit.pitch, height, shift)
+        difference = None
     if rng is not None:
         # Looking up random bytes is many times faster than drawing normal values.
-        draws = np.frombuffer(rng.bytes(math.prod(image.shape)), np.uint8)
-        noise = np.float32(unit.noise) * _normal_quantiles()[draws].reshape(image.shape)
-        difference = cv2.add(difference, noise, dtype=cv2.CV_32F)
-    return np.asarray(cv2.add(image, difference, dtype=cv2.CV_8U), np.uint8)
+        draws = np.frombuffer(rng.bytes(math.prod(image.shape)), np.uint8).reshape(image.shape)
+        noise = cv2.LUT(draws, np.float32(unit.noise) * _normal_quantiles())
+        difference = noise if difference is None else cv2.add(difference, noise)
+    change = np.zeros_like(image) if difference is None else difference
+    return np.asarray(cv2.add(image, change, dtype=cv2.CV_8U), np.uint8)
 
 
 def gel_height(unit: SensorUnit, overlap: Image, shear: float = 0.0) -> Image:
@@ -146,20 +157,52 @@ def shading(unit: SensorUnit, height: Image) -> Image:
 
     rest_right, rest_up, rest_lit, strength, response = _rest(unit)
     scale = 1.0 / (8.0 * unit.pitch)
-    right = rest_right - cv2.Sobel(height, cv2.CV_32F, 1, 0, ksize=3, scale=scale)
-    up = rest_up + cv2.Sobel(height, cv2.CV_32F, 0, 1, ksize=3, scale=scale)
-    shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
-    lit = np.empty((*height.shape, 3), np.float32)
-    shadow = _shadows(unit, height)
-    for index, (x, y, z) in enumerate(unit.light.astype(np.float32)):
-        facing = np.maximum((x * right + y * up + z) * shrink, 0.0) * (1.0 - shadow[..., index])
-        lit[..., index] = (facing - rest_lit[index]) * strength[index]
+    right, up = (
+        np.asarray(cv2.Sobel(height, cv2.CV_32F, *by, ksize=3, scale=scale), np.float32) for by in ((1, 0), (0, 1))
+    )
+    light = unit.light.astype(np.float32)
+    lit = _lit(right, up, rest_right, rest_up, rest_lit, light, strength, _shadows(unit, height))
     difference = np.asarray(cv2.transform(lit, unit.colour.T.astype(np.float32)), np.float32)
-    # A fold at the contact's rim takes up to 60 grey levels away, over 0.8 mm.
-    surroundings = cv2.GaussianBlur(height, (0, 0), 8e-4 / unit.pitch)
-    fold = np.float32(unit.fold * 3.5e5) * (height - surroundings)
-    fold /= 1.0 + np.abs(fold) / np.float32(60.0)
-    return np.asarray(difference * response + fold[..., None], np.float32)
+    surroundings = np.asarray(cv2.GaussianBlur(height, (0, 0), 8e-4 / unit.pitch), np.float32)
+    _add_fold(difference, response, height, surroundings, np.float32(unit.fold * 3.5e5))
+    return difference
+
+
+@compiled
+def _lit(
+    right: Image,
+    up: Image,
+    rest_right: Image,
+    rest_up: Image,
+    rest_lit: Image,
+    light: Image,
+    strength: Image,
+    shadow: Image,
+) -> Image:
+    """Return the change of each light on the gel, (height, width, 3), by its slopes to the right and down."""
+    lit, one = np.empty_like(shadow), np.float32(1.0)
+    for row in range(right.shape[0]):
+        for column in range(right.shape[1]):
+            a = rest_right[row, column] - right[row, column]
+            b = rest_up[row, column] + up[row, column]
+            shrink = one / np.sqrt(a * a + b * b + one)
+            for k in range(3):
+                facing = (light[k, 0] * a + light[k, 1] * b + light[k, 2]) * shrink
+                facing = max(facing, np.float32(0.0)) * (one - shadow[row, column, k])
+                lit[row, column, k] = (facing - rest_lit[k, row, column]) * strength[k, row, column]
+    return lit
+
+
+@compiled
+def _add_fold(difference: Image, response: Image, height: Image, surroundings: Image, strength: np.float32) -> None:
+    """Apply the camera's response, and a fold at the contact's rim: up to 60 grey levels darker, over 0.8 mm."""
+    one, most = np.float32(1.0), np.float32(60.0)
+    for row in range(height.shape[0]):
+        for column in range(height.shape[1]):
+            fold = strength * (height[row, column] - surroundings[row, column])
+            fold /= one + abs(fold) / most
+            for k in range(3):
+                difference[row, column, k] = difference[row, column, k] * response[row, column, k] + fold
 
 
 def _shadows(unit: SensorUnit, height: Image) -> Image:
@@ -197,6 +240,8 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
 
     The response (height, width, 3) is the camera's grey levels per grey level of light; it is 1 at a level of 100.
     """
+    import cv2
+
     y, z = unit.place
     beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * unit.flat_width), 0.0)
     right, up = -beyond / np.float32(unit.radius), -z / np.float32(unit.length_radius)
@@ -205,7 +250,8 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
     lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)
     # Light scattered in the gel fills the gaps between cones and streaks.
     strength = np.asarray(0.6 + 0.4 * np.minimum(unit.illumination, 2.5), np.float32)
-    response = np.asarray((np.maximum(unit.no_contact, 20) / 100.0) ** unit.response, np.float32)
+    by_level = ((np.maximum(np.arange(256), 20) / 100.0) ** unit.response).astype(np.float32)
+    response = np.asarray(cv2.LUT(unit.no_contact, by_level), np.float32)
     return right, up, lit, strength, response
 
 
@@ -251,8 +297,9 @@ def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
 
 
 @functools.lru_cache(maxsize=16)
-def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
-    """Return sections of the gel, (levels, columns, 2) [m], and the column and level at which each pixel reads them.
+def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image, Image]:
+    """Return sections of the gel, (levels, columns, 2) [m], at which column and level each pixel reads them, and its
+    distance from the nearer rim of the side [m].
 
     Off the sensor's plane the gel sags and a leaning side recedes; both draw the gel back from the object. Each level
     is the section at one such distance, the first at the gel's farthest reach into the side.
@@ -264,7 +311,8 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image]:
     across = np.arange(float(y.min()), float(y.max()) + 2.0 * step, step)
     levels = np.arange(math.ceil(float(sag.max()) / apart) + 2) * apart
     table = np.stack(np.broadcast_arrays(-unit.sag(across) - levels[:, None], across), axis=-1)
-    return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(apart)
+    within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
+    return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(apart), within
 
 
 @functools.cache

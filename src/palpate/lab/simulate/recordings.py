@@ -17,7 +17,7 @@ from palpate.files import held_folder
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.io.recording_mcap import source_of, write_recording
-from palpate.lab.parallel import one_thread, spread
+from palpate.lab.parallel import spread
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import kinds
 from palpate.lab.simulate.pushes import draw_sequence, measured
@@ -92,19 +92,18 @@ class Simulation:
         pushes, noise, camera, shoves, systematic = (np.random.default_rng(each) for each in seeds)
         errors = None if self.ideal else draw_errors(systematic)
         unit = draw_unit(self.sensor, unit_seed)
-        with one_thread():
-            gel = replace(self.sensor, radius=unit.radius)
-            hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)
-            motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
-            time, images = np.arange(len(motion.contact)) / gel.rate, None
-            if self.images:
-                images, side = [], draw_side(camera)
-                poses = se2.between(motion.object_pose, motion.sensor_pose)
-                units = worn(unit, errors.wear if errors else None, time)
-                for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
-                    images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
-                    if progress:
-                        progress(len(images))
+        gel = replace(self.sensor, radius=unit.radius)
+        hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)
+        motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
+        time, images = np.arange(len(motion.contact)) / gel.rate, None
+        if self.images:
+            images, side = [], draw_side(camera)
+            poses = se2.between(motion.object_pose, motion.sensor_pose)
+            units = worn(unit, errors.wear if errors else None, time)
+            for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
+                images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
+                if progress:
+                    progress(len(images))
         captured = "simulated motion capture with drawn noise; exact in extra/{}_clean"
         exact = Recording(
             time=time,

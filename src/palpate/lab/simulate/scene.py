@@ -226,7 +226,8 @@ def set_gel(model: Any, sensor: SensorProfile, friction: float, stiffness: float
     inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in ("gel", "object"))
     per_sphere = 3.0 / _FLAT_PARTS if sensor.flat_width else 1.0
     k = per_sphere * stiffness * (1.0 - impedance) / impedance**2 * inverse_inertia
-    pairs = [i for i in range(model.npair) if model.pair(i).name.startswith("part")]
+    body = model.geom_bodyid[np.stack((model.pair_geom1, model.pair_geom2))]
+    pairs = (body == model.body("gel").id).any(axis=0)
     model.pair_friction[pairs, :2] = friction
     model.pair_solref[pairs] = (1.0 / (impedance * np.sqrt(k)), 1.0)
     model.pair_solimp[pairs] = (impedance, impedance, 0.001, 0.5, 2.0)

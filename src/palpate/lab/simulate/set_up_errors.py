@@ -64,20 +64,6 @@ class Wear:
     marks: tuple[Mark, ...]
     """Marks that appear on the skin."""
 
-    def applied(self, unit: SensorUnit, seconds: float, duration: float) -> SensorUnit:
-        """Return the unit at a time [s] of a recording of this duration [s].
-
-        The image without contact changes as the lights that reach each pixel do.
-        """
-        strength = 1.0 + self.light * min(seconds, WARM_UP)
-        colour = strength[:, None] * unit.colour
-        before, after = (np.tensordot(unit.illumination, each, axes=(0, 0)) for each in (unit.colour, colour))
-        image = unit.no_contact * (after / np.maximum(before, 1e-6))
-        for mark in self.marks:
-            if mark.when * duration <= seconds:
-                image += mark.image(image.shape[:2])
-        return replace(unit, colour=colour, no_contact=np.clip(np.rint(image), 0, 255).astype(np.uint8))
-
 
 @dataclass(frozen=True, eq=False)
 class SetUpErrors:
@@ -139,13 +125,25 @@ def draw_wear(rng: np.random.Generator) -> Wear:
 
 
 def worn(unit: SensorUnit, wear: Wear | None, time: Array) -> Iterator[SensorUnit]:
-    """Yield the unit at each of these times (N,) [s], from 0; without wear it stays the same."""
+    """Yield the unit at each of these times (N,) [s], from 0; without wear it stays the same.
+
+    The image without contact changes as the lights that reach each pixel do.
+    """
+    if wear is None:
+        yield from (unit for _ in time)
+        return
+    lit = np.maximum(np.tensordot(unit.illumination, unit.colour, axes=(0, 0)), 1e-6)
+    marks = [(mark.when * float(time[-1]), mark.image(lit.shape[:2])) for mark in wear.marks]
     now, last = unit, -1
-    for seconds in time.tolist():
-        step = int(seconds / 0.5)  # in half a second no light changes by a grey level
-        if wear is not None and step != last:
-            last = step
-            now = wear.applied(unit, step * 0.5, float(time[-1]))
+    for step in (time / 0.5).astype(int).tolist():  # in half a second no light changes by a grey level
+        if step != last:
+            last, seconds = step, 0.5 * step
+            colour = (1.0 + wear.light * min(seconds, WARM_UP))[:, None] * unit.colour
+            image = unit.no_contact * (np.tensordot(unit.illumination, colour, axes=(0, 0)) / lit)
+            for when, mark in marks:
+                if when <= seconds:
+                    image += mark
+            now = replace(unit, colour=colour, no_contact=np.clip(np.rint(image), 0, 255).astype(np.uint8))
         yield now
 
 

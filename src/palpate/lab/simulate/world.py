@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from palpate.errors import SettingError
 from palpate.geometry import se2
@@ -86,7 +85,8 @@ class World:
         self._model, self._data = build_model(settings, shape, sensor, object_pose)
         self._steps = int(np.ceil(1.0 / sensor.rate / settings.time_step - 1e-9))
         self._model.opt.timestep = 1.0 / sensor.rate / self._steps
-        self._gel = [i for i in range(self._model.ngeom) if self._model.geom(i).name.startswith("gel")]
+        names = [self._model.geom(i).name for i in range(self._model.ngeom)]
+        self._is_gel = np.array([name.startswith("gel") for name in names])
         self._settings, self._age = settings, 0
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
@@ -130,7 +130,7 @@ class World:
             i, j = qpos[8:10].tolist()
             upright = 1.0 - 2.0 * (i * i + j * j)
             # Its feet can tilt the object by 2.6 degrees.
-            if not upright > 0.999 or any(warning.number for warning in data.warning):
+            if not upright > 0.999 or data.warning.number.any():
                 broke = f"the simulation broke down at frame {frame} of a run"
                 raise SettingError(f"{broke}: the object's axis is at {upright:.4f} of upright")
         contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
@@ -153,9 +153,18 @@ class World:
         slopes = np.gradient(knots, 1.0 / self._rate, axis=0)
         slopes[0] = self._velocity
         self.sensor_pose, self._velocity = knots[-1], slopes[-1]
-        curve = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
+        # As SciPy's CubicHermiteSpline, whose checks take longer than the rest of a frame.
+        time = np.arange(len(knots)) / self._rate
+        frame = np.diff(time)[:, None]
+        secant = np.diff(knots, axis=0) / frame
+        bend = (slopes[:-1] + slopes[1:] - 2.0 * secant) / frame
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
-        pose, rate = curve(at), curve(at, 1)
+        index = np.searchsorted(time, at, side="right") - 1
+        since = (at - time[index])[:, None]
+        start, linear, cubic = knots[index], slopes[index], (bend / frame)[index]
+        quadratic = ((secant - slopes[:-1]) / frame - bend)[index]
+        pose = start + linear * since + quadratic * (since * since) + cubic * (since * since * since)
+        rate = linear + quadratic * since * 2.0 + cubic * (since * since) * 3.0
         # The joints move the gel's centre of curvature.
         arm = self._sensor.center * np.ones((len(at), 1))
         lever = se2.transform(np.column_stack((np.zeros((len(at), 2)), pose[:, 2])), arm)
@@ -184,7 +193,7 @@ class World:
     def _touch(self) -> tuple[float, float, float, float, float, float]:
         """Return contact, normal and tangential force, slip, indentation and pad angle."""
         data, contacts = self._data, self._data.contact
-        touching = np.flatnonzero(np.isin(contacts.geom, self._gel).any(axis=1) & (contacts.efc_address >= 0))
+        touching = np.flatnonzero(self._is_gel[contacts.geom].any(axis=1) & (contacts.efc_address >= 0))
         if not len(touching):
             return 0.0, 0.0, 0.0, 0.0, 0.0, np.nan
         depth, slip, angle, normal_sum, tangent_sum = -np.inf, 0.0, np.nan, 0.0, 0.0
@@ -194,7 +203,7 @@ class World:
             contact = contacts[int(i)]
             self._mujoco.mj_contactForce(self._model, data, int(i), force)
             frame = contact.frame.reshape(3, 3)
-            sign = 1.0 if contact.geom[0] in self._gel else -1.0  # the normal points from the first geom to the second
+            sign = 1.0 if self._is_gel[contact.geom[0]] else -1.0  # the normal points from the first geom to the second
             into = sign * frame[0]  # from the gel into the object
             bearing = np.arctan2(into[1], into[0]) - yaw
             tangent = np.array([-into[1], into[0], 0.0]) / np.hypot(into[0], into[1])
