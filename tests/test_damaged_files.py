@@ -43,14 +43,9 @@ def written(folder: Path, kind: str) -> Path:
 
 POSES = [[0.3, 0.31, 0.32], [0.0, 0.0, 0.01]]
 MIT = {"timeJSON": [0.0, 0.001, 0.002], "q_sliderJSON": [*POSES, [0.0, 0.0, 0.0]], "q_pusher_sensedJSON": POSES}
-THESEUS = {"params": {"obj_radius": 0.1}, "obj_poses_2d": [[0, 0, 0]] * 2, "ee_poses_2d": [[0.1, 0, 0]] * 2}
-CSV = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status\n0.0,0,0,0,,,,,,,1,ok\n0.1,0,0,0,,,,,,,1,ok\n"
 TEXTS = {
     "mit": ("a.json", json.dumps(MIT)),
-    "theseus": ("a.json", json.dumps({**THESEUS, "contact_flag": [1, 1], "contact_episode": [0, 0]})),
     "cmu": ("a.txt", "0,1,2,0.1,3,4,0.1,0\n0.03,1,2,0.1,3,4,0.1,0\n0.06,1,2,0.1,3,4,0.1,0\n"),
-    "tum": ("a.tum", "0 1 2 0 0 0 0 1\n0.1 1 2 0 0 0 0 1\n"),
-    "estimates": ("a.csv", CSV),
     "table": ("b.csv", "0 0\n0.1 0\n0.1 0.1\n0 0.1\n"),
     "shape": ("b.json", '{"vertices": [[0, 0], [0.1, 0], [0, 0.1]]}'),
     "svg": ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg" width="90mm"><rect width="90" height="60"/></svg>'),

@@ -14,7 +14,6 @@ from .geometry.shapes import Rectangle as Rectangle
 from .geometry.shapes import Shape as Shape
 from .io import load_recording as load_recording
 from .io.outlines import load_shape as load_shape
-from .io.outlines import shape_of_scan as shape_of_scan
 from .io.recording_mcap import read_recording as read_recording
 from .io.recording_mcap import write_recording as write_recording
 from .io.rosbag_recording import BagChoices as BagChoices

@@ -102,10 +102,14 @@ def test_an_mcap_that_is_cut_off_is_read_to_its_last_whole_chunk(tmp_path, caplo
         seen.append(counts(topics(path))["/ee_pose"])
         (line,) = [record.getMessage() for record in caplog.records]
         assert line.startswith(f"{path}: is cut off or damaged after ")
-        assert line.endswith(f"as when its recorder was killed; the {seen[-1]} messages before it are read")
+        assert line.endswith(
+            f"as when its recorder was killed or still writes it; the {seen[-1]} messages before that are read"
+        )
     assert 0 < seen[0] < seen[1] < seen[2] <= 60
     path.write_bytes(content[:50])
-    with pytest.raises(FileError, match=r"cut.mcap: is cut off or damaged after \d+ bytes; there is no message before"):
+    with pytest.raises(
+        FileError, match=r"cut.mcap: is cut off or damaged after \d+ bytes, .*; there is no message before"
+    ):
         read_bag(path, Disc(0.05))
 
 
@@ -135,11 +139,10 @@ def test_channels_that_are_no_ros_messages_are_listed_with_their_encoding(tmp_pa
         read_bag(path, Disc(0.05))
 
 
-def test_messages_that_do_not_decode_are_named(tmp_path):
+def test_messages_that_do_not_decode_are_counted(tmp_path, topics):
     write_poses(tmp_path / "bag.mcap", data=b"\x00\x01\x00\x00rubbish")
-    seconds = r"1700000000\.0+ s"
-    with pytest.raises(FileError, match=rf"bag.mcap: /ee_pose: the message recorded at {seconds} does not decode"):
-        read_bag(tmp_path / "bag.mcap", Disc(0.05))
+    found = topics(tmp_path / "bag.mcap")["/ee_pose"]
+    assert found["damaged"] == found["messages"] == 60
 
 
 def test_what_is_no_bag(tmp_path):

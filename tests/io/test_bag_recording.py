@@ -86,7 +86,7 @@ def test_colours_of_raw_images(tmp_path, caplog, encoding):
     ("changes", "message"),
     [
         ({"encoding": "mono8"}, "images are encoded as 'mono8', allowed are rgb8, bgr8, 8UC3"),
-        ({"encoding": "bayer_rggb8"}, "'bayer_rggb8'"),
+        ({"encoding": "bayer_rggb16"}, "'bayer_rggb16'"),
         ({"step": 10}, "in rows of 10, expected 3 bytes a column"),
         ({"height": 400}, "an image of 400 rows and 240 columns has 230400 bytes"),
     ],
@@ -202,10 +202,14 @@ FORKED = few_images() + still("base left", "base right")
         (poses(), {}, "has no image topic; there are none of a type that is read"),
         (few_images(), {}, "has no source of poses; there are none of"),
         (FORKED, {}, "no source of poses; .* frames of transforms are base, left, right; .* --sensor-poses .* PARENT:"),
-        (FORKED, {"sensor_poses": "base:gel"}, "no chain .* from 'base' to 'gel'; frames are base, left, right"),
+        (
+            FORKED,
+            {"sensor_poses": "base:gel"},
+            "no chain .* from 'base' to 'gel'; frames of transforms are base, left, right",
+        ),
         (FORKED + still("lost tag"), {"sensor_poses": "left:tag"}, "no chain of transforms leads from 'left' to 'tag'"),
         (few_images() + still("a b", "b a"), {"sensor_poses": "a:b"}, "transforms run in a circle: a < b < a"),
-        (few_images() + still("a x", "b x"), {}, "frame x has two parents, a and b"),
+        (few_images() + still("a x", "b x"), {"sensor_poses": "a:x"}, "frame x has 2 parents, a and b"),
     ],
 )
 def test_what_is_ambiguous_is_listed(tmp_path, messages, choices, words):

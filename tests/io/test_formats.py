@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from planar import gaps
-from recording_samples import load, pushed, trajectory
+from recording_samples import load, pushed
 
 from palpate import FileError, SettingError
 from palpate import io as formats
@@ -24,8 +24,8 @@ ODD = {
     "latin": "caf\xe9 ".encode("latin-1") * 2000,
     "json": b'{"a": 1}',
     "list": b"[1, 2]",
-    "params": b'{"params": {"lr": 0.1}}',
     "csv": b"a,b\n1,2\n",
+    "tum": b"0 1 2 0 0 0 0 1\n0.1 1 2 0 0 0 0 1\n",
     "gzip": b"\x1f\x8b broken",
     "hdf5": b"\x89HDF\r\n\x1a\n",
     "eight": b"1 2 3 4 5 6 7 8\n",
@@ -39,7 +39,7 @@ def test_odd_files_are_in_no_format(tmp_path, name):
     path.write_bytes(ODD[name])
     assert formats.detect_format(path) is None
     with pytest.raises(FileError, match="is in no known format; known are palpate: "):
-        formats.read(path)
+        formats.load_recording(path)
 
 
 def test_detection_does_not_raise_on_what_is_no_file(tmp_path):
@@ -47,12 +47,12 @@ def test_detection_does_not_raise_on_what_is_no_file(tmp_path):
         assert not each.detect(tmp_path) and not each.detect(tmp_path / "none")
     for path, message in ((tmp_path, "is a folder"), (tmp_path / "none", "no such file")):
         with pytest.raises(FileError, match=message):
-            formats.read(path)
+            formats.load_recording(path)
 
 
 def test_names_of_formats(tmp_path):
     with pytest.raises(SettingError, match=r"extension '.gif' is of no format, allowed are \.mcap"):
-        formats.write(trajectory(), tmp_path / "a.gif")
+        formats.write(pushed(), tmp_path / "a.gif")
 
 
 def known_gap(found):

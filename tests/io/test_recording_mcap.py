@@ -149,7 +149,7 @@ def test_a_file_that_is_cut_off_is_read_to_its_end(tmp_path, caplog):
     assert 20 < lengths[0] < lengths[1] < lengths[2] <= 120
     assert f"the {lengths[2]} frames before that are read" in caplog.text
     path.write_bytes(content[: len(content) // 10])
-    with pytest.raises(FileError, match=r"cut\.mcap: is cut off or damaged after \d+ bytes, before the first frame"):
+    with pytest.raises(FileError, match=r"cut\.mcap: is cut off or damaged after \d+ bytes, .*, before the first frame"):
         palpate.load_recording(path)
 
 

@@ -34,7 +34,7 @@ def info(
 
         about = about_calibration(load_calibration(file))
         report(json, file.name, {"file": str(file), "format": "calibration", **about})
-    elif kind in ("bag", "estimates-mcap"):
+    elif kind == "bag":
         _show_bag(file, json)
     else:
         _show_recording(file, kind, json)
@@ -42,10 +42,10 @@ def info(
 
 
 def convert(
-    source: Annotated[tyro.conf.Positional[Path], positional("IN", "File in any known format.")],
+    source: Annotated[tyro.conf.Positional[Path], positional("IN", "A recording in any known format, or a bag.")],
     target: Annotated[
         tyro.conf.Positional[Path],
-        positional("OUT", "File to write; its extension gives the format: .mcap, .tum, .csv."),
+        positional("OUT", "File to write; its extension gives the format: .mcap or .tum."),
     ],
     /,
     *,
@@ -53,21 +53,17 @@ def convert(
     json: Json = False,
     bag: Bag = Bag(),
 ) -> int:
-    """Convert a recording or a trajectory from one format to another, or a bag to a recording.
-
-    A .tum of a recording holds the object's true poses.
+    """Convert a bag or a recording of another format to a recording of palpate, or its true poses to a .tum.
 
     Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
     """
     from palpate import io as formats
-    from palpate.types.recording import Recording
 
     check_new(target, force)
     with progress_bar(f"converting {source.name}"):
-        found = formats.read(source) if bag == Bag() else bag.read(source)[0]
+        found = bag.read(source)[0]
         formats.write(found, target, overwrite=force)
-    kind = "recording" if isinstance(found, Recording) else "trajectory"
-    report(json, target.name, {"in": str(source), "out": str(target), "holds": kind, "frames": len(found)})
+    report(json, target.name, {"in": str(source), "out": str(target), "frames": len(found)})
     return 0
 
 
@@ -154,31 +150,23 @@ def _show_recording(file: Path, kind: str | None, json: bool) -> None:
 
 def _show_bag(path: Path, json: bool) -> None:
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import BagChoices, check_stamps, mapping, written
+    from palpate.io.rosbag_recording import BagChoices, mapping
+    from palpate.types.sensor import SENSORS
 
     with progress_bar(f"inspecting {path.name}"):
         found = contents(path)
-    images = sensor = None
-    try:
-        chosen = mapping(found, BagChoices())
-        check_stamps(found, chosen)
-        images, sensor = chosen.images, written(chosen.sensor)
-        advice = f"palpate track {found.path} --shape NAME|FILE --first-pose X Y THETA"
-    except FileError as error:
-        advice = str(error)
-    topics = [
-        {
-            "topic": topic.channel.topic,
-            "type": topic.channel.type,
-            "encoding": topic.channel.encoding,
-            "messages": topic.count,
-            "rate_hz": topic.rate,
-            "longest_gap_s": topic.longest_gap,
-            "clock_offset_s": topic.clock_offset,
-            "clock_spread_s": topic.clock_spread,
-            "unstamped": topic.unstamped,
-        }
-        for topic in found.topics
-    ]
-    bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": topics, "frames": found.parents}
-    report(json, path.name, bag | {"images": images, "sensor_poses": sensor, "advice": advice})
+    images = poses = None
+    advice: list[str] = []
+    for name, sensor in SENSORS.items():
+        try:
+            chosen = mapping(found, BagChoices(), sensor)
+        except FileError as error:
+            advice.append(str(error))
+        else:
+            images, poses = chosen.images, chosen.sensor.name
+            option = "" if name == "digit" else f" --sensor {name}"
+            advice = [f"palpate track {found.path}{option} --shape NAME|FILE --first-pose X Y THETA"]
+            break
+    bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": [topic.about() for topic in found.topics]}
+    frames = {child: " or ".join(above) for child, above in found.parents.items()}
+    report(json, path.name, {**bag, "frames": frames, "images": images, "sensor_poses": poses, "advice": advice[0]})

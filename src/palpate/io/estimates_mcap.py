@@ -1,11 +1,11 @@
-"""palpate's estimates as MCAP, and back without loss.
+"""palpate's estimates as messages.
 
 Each estimate is a `PoseStamped`, which viewers draw; with a covariance also a `PoseWithCovarianceStamped`, whose
 covariance is about the axes of the header's frame as ROS has it, not the object's; with a status also a
-`DiagnosticArray`. palpate's own `estimates.csv`, which holds all of it to the last bit, comes along as an attachment.
+`DiagnosticArray`.
 
 All answers are a `PoseArray`, the best first; the diagnostics of the same stamp hold their weights and sigmas in the
-same order, as no message that every ROS 2 has holds poses with weights. The attachment holds the best answer only.
+same order, as no message that every ROS 2 has holds poses with weights.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,16 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
-from palpate.io.mcap_file import front_matter, is_mcap, nanoseconds, new_mcap
+from palpate.io.mcap_file import nanoseconds, new_mcap
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
-from palpate.io.trajectories import estimates_from_text, estimates_to_text
 from palpate.types.estimate import Answer, Answers, Trajectory
 from palpate.types.space import Plane, flat, out_of_plane, spatial_covariance
 
 Array = NDArray[np.float64]
 
-ATTACHMENT = "palpate-estimates.csv"
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
 ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
@@ -33,31 +30,16 @@ LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 def write_estimates_mcap(
     trajectory: Trajectory,
     path: Path,
-    overwrite: bool = False,
     plane: Plane | None = None,
     answers: Answers | None = None,
 ) -> None:
     """Write estimates, by default in the plane z = 0 of the frame "world", and all answers where these are known.
 
-    Raises FileError if the file exists and `overwrite` is not set, or times cannot be stamps.
+    Raises FileError if the file exists, or times cannot be stamps.
     """
     stamps = nanoseconds(path, trajectory.time)
-    with new_mcap(path, overwrite) as file:
-        file.attach(ATTACHMENT, "text/csv", estimates_to_text(trajectory).encode())
+    with new_mcap(path) as file:
         add_estimates(file, trajectory, stamps, plane or flat(), answers)
-
-
-def is_estimates_mcap(path: Path) -> bool:
-    """Return true for an MCAP of estimates that palpate wrote."""
-    return is_mcap(path) and ATTACHMENT in front_matter(path)[1]
-
-
-def read_estimates_mcap(path: Path) -> Trajectory:
-    """Read the estimates in an MCAP that palpate wrote. Raises FileError."""
-    text = front_matter(path)[1].get(ATTACHMENT)
-    if text is None:
-        raise FileError(f"{path}: holds no estimates of palpate")
-    return estimates_from_text(text.decode("utf-8", errors="replace"), path)
 
 
 def add_estimates(

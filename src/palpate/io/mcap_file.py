@@ -125,8 +125,11 @@ def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:
         limit = path.stat().st_size
         try:
             yield from StreamReader(file, emit_chunks=chunks, validate_crcs=True, record_size_limit=limit).records
+        except OSError as error:
+            raise FileError(f"{path}: cannot be read ({error.strerror})") from error
         except Exception as error:  # damaged bytes can raise anything in lengths, texts and compressed data
-            raise CutShort(f"{path}: is cut off or damaged after {file.tell()} bytes") from error
+            words = f"{path}: is cut off or damaged after {file.tell()} bytes"
+            raise CutShort(f"{words}, as when its recorder was killed or still writes it") from error
 
 
 def mcap_messages(path: Path) -> Iterator[RawMessage]:

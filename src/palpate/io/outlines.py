@@ -1,4 +1,4 @@
-"""Outlines of objects from a name, two lengths or a file: a table of points or a scan, JSON, SVG or DXF.
+"""Outlines of objects from a name, two lengths or a file: a table of points, JSON, SVG or DXF.
 
 The libraries svgelements and ezdxf read the drawings, shapely finds the one closed outline among their lines.
 """
@@ -7,17 +7,15 @@ import logging
 import re
 from collections.abc import Sequence
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError, one_line
 from palpate.files import existing_file, numbers_of, read_json, read_text
-from palpate.geometry.polygon import check_near
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 
 logger = logging.getLogger(__name__)
@@ -31,20 +29,14 @@ INCH = 0.0254
 """[m]"""
 DXF_UNITS = {1: INCH, 2: 12 * INCH, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
 """[m] by number in $INSUNITS: inches, feet, millimetres, centimetres, metres, micrometres, decimetres."""
-SCAN_POINTS = 50
-"""Fewer are the corners of an outline rather than a scan."""
-LEAST_NOISE = 2e-5
-"""[m]"""
-SIGMAS = 4.0
-"""Standard deviations of the noise by which a point of a scan may be off a side of the outline."""
 
 
 def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
     """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
 
     Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
-    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is taken as a scan:
-    simplified, with a warning that states the noise. `unit` is that of the numbers, by default metres, or the drawing's
+    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is a scan, which is
+    simplified within its noise. `unit` is that of the numbers, by default metres, or the drawing's
     own. Points keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its
     centroid, y up.
 
@@ -79,7 +71,7 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 
 
 def _read_table(path: Path, scale: float | None) -> Shape:
-    """Return the outline through points x y, one a line, in a unit of `scale` [m], or along the points of a scan."""
+    """Return the outline through points x y, one a line, in a unit of `scale` [m]; that of a scan is simplified."""
     lines = enumerate(read_text(path).replace(",", " ").replace(";", " ").splitlines(), start=1)
     rows = [(number, words) for number, line in lines if (words := line.split("#")[0].split())]
     if rows and all(numbers_of([word]) is None for word in rows[0][1]):
@@ -90,12 +82,53 @@ def _read_table(path: Path, scale: float | None) -> Shape:
         if len(words) != 2 or numbers_of(words) is None:
             raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words)!r}")
     points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
-    if not _is_scan(points):
+    noise = _noise(points)
+    if not noise:
         return _of_few_corners(Polygon(points))
-    found = shape_of_scan(points)
-    words = "%s: its %d points are taken as a scan: an outline of %d corners with a standard deviation of %.2f mm"
-    logger.warning(words, path, len(points), len(found.shape.vertices), found.noise * 1e3)
-    return found.shape
+    outline = _fitted(points, 6.0 * noise)
+    words = "%s: its %d points are taken as a scan with a standard deviation of %.2f mm: an outline of %d corners"
+    noise = float(np.sqrt(np.mean(outline.signed_distance(points) ** 2)))
+    logger.warning(words, path, len(points), noise * 1e3, len(outline.vertices))
+    return outline
+
+
+def _fitted(ring: Array, tolerance: float) -> Polygon:
+    """Return the outline whose sides are fitted to the points (N, 2) of a scan; `tolerance` [m] covers their noise."""
+    import shapely
+
+    ring = np.roll(ring, -int(np.argmax(np.linalg.norm(ring - ring.mean(axis=0), axis=1))), axis=0)  # from a corner
+    rough = shapely.LineString(np.vstack([ring, ring[:1]])).simplify(tolerance, preserve_topology=False)
+    ends = np.flatnonzero((ring[:, None] == shapely.get_coordinates(rough)).all(axis=2).any(axis=1))
+    corners, sides = ring[ends], []
+    for side in np.split(ring, ends[1:]):
+        middle = side.mean(axis=0)
+        normal = np.linalg.svd(side - middle)[2][1]
+        sides.append((normal, normal @ middle))
+    for index, (normal, offset) in enumerate(sides):
+        before, offset_before = sides[index - 1]
+        if abs(before[0] * normal[1] - before[1] * normal[0]) > 0.2:  # else they are nearly parallel
+            meeting = np.linalg.solve(np.array([before, normal]), [offset_before, offset])
+            if np.linalg.norm(meeting - corners[index]) < 2.0 * tolerance:
+                corners[index] = meeting
+    return Polygon(corners)
+
+
+def _noise(ring: Array) -> float:
+    """Return the standard deviation of a scan's points (N, 2) in order, across the outline [m]; 0 if it is no scan.
+
+    By fourth differences over a sixtieth of the way, in which straight sides and even curves cancel; their median, so
+    that corners do not count. Their coefficients 1/4, -1, 3/2, -1, 1/4 make white noise 2.09 times as large.
+    """
+    if len(ring) < 50 or not is_near(ring).all():
+        return 0.0
+    apart = len(ring) // 60 or 1
+    before, after = np.roll(ring, apart, axis=0), np.roll(ring, -apart, axis=0)
+    along = after - before
+    off = ring - 0.5 * (before + after)
+    across = (off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]) / np.maximum(np.linalg.norm(along, axis=1), 1e-12)
+    fourth = across - 0.5 * (np.roll(across, apart) + np.roll(across, -apart))
+    noise = float(1.4826 * np.median(np.abs(fourth)) / 2.09)
+    return noise if TOLERANCE < noise < 0.01 * float(np.ptp(ring, axis=0).max()) else 0.0
 
 
 def _read_json(path: Path, scale: float | None) -> Shape:
@@ -227,103 +260,3 @@ def _simplified(corners: Array) -> Polygon:
     import shapely
 
     return Polygon(shapely.get_coordinates(shapely.LinearRing(corners).simplify(TOLERANCE)))
-
-
-class ScannedShape(NamedTuple):
-    """The outline along the points of a scan."""
-
-    shape: Polygon
-    noise: float
-    """Standard deviation of the points from the outline [m]."""
-
-
-def shape_of_scan(points: ArrayLike) -> ScannedShape:
-    """Return the simplest outline along noisy points (N, 2) [m] in the object frame, and their noise.
-
-    Points follow one another round the object; or they are in any order, if all of the outline can be seen from its
-    middle. Sides are fitted to the points along them. Raises ShapeError where the points are no outline.
-    """
-    import shapely
-
-    given = np.asarray(points, np.float64)
-    if given.ndim != 2 or given.shape[1] != 2 or len(given) < SCAN_POINTS:
-        raise ShapeError(f"a scan is {SCAN_POINTS} or more points (N, 2), found shape {given.shape}")
-    check_near(given, "a scan's point")
-    ring = _in_order(given)
-    ring = np.roll(ring, -int(np.argmax(np.linalg.norm(ring - ring.mean(axis=0), axis=1))), axis=0)
-    noise = max(_noise(ring), LEAST_NOISE)
-    closed = np.vstack([ring, ring[:1]])
-    rough = shapely.get_coordinates(shapely.LineString(closed).simplify(SIGMAS * noise, preserve_topology=False))
-    ends = [int(np.flatnonzero((ring == corner).all(axis=1))[0]) for corner in rough[:-1]]
-    shape = Polygon(_corners(closed, _merged(closed, [*ends, len(ring)], noise), SIGMAS * noise))
-    return ScannedShape(shape, float(np.sqrt(np.mean(shape.signed_distance(ring) ** 2))))
-
-
-def _is_scan(points: Array) -> bool:
-    """Return true if points (N, 2) [m] are many and noisy, so that they are no corners of an outline."""
-    if len(points) < SCAN_POINTS or not is_near(points).all():
-        return False
-    return LEAST_NOISE < _noise(_in_order(points)) < 0.01 * float(np.ptp(points, axis=0).max())
-
-
-def _in_order(points: Array) -> Array:
-    """Return the points as they are, or sorted by their angle about the middle if that makes the shorter way round."""
-    off = points - points.mean(axis=0)
-    turned = points[np.argsort(np.arctan2(off[:, 1], off[:, 0]))]
-    return min(points, turned, key=lambda ring: float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()))
-
-
-def _noise(ring: Array) -> float:
-    """Return the standard deviation of points (N, 2) in order, across the outline.
-
-    By fourth differences over a sixtieth of the way, in which straight sides and even curves cancel; their median, so
-    that corners do not count. Their coefficients 1/4, -1, 3/2, -1, 1/4 make white noise 2.09 times as large.
-    """
-    apart = max(1, len(ring) // 60)
-    before, after = np.roll(ring, apart, axis=0), np.roll(ring, -apart, axis=0)
-    along = after - before
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
-    off = ring - 0.5 * (before + after)
-    across = (off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]) / length
-    fourth = across - 0.5 * (np.roll(across, apart) + np.roll(across, -apart))
-    return float(1.4826 * np.median(np.abs(fourth)) / 2.09)
-
-
-def _side(points: Array) -> tuple[Array, Array, Array]:
-    """Return the straight line closest to points (n, 2): a point on it, its direction, and their distances (n,)."""
-    middle = points.mean(axis=0)
-    along = np.linalg.svd(points - middle, full_matrices=False)[2][0]
-    return middle, along, np.abs((points - middle) @ (-along[1], along[0]))
-
-
-def _merged(closed: Array, ends: list[int], noise: float) -> list[int]:
-    """Return the ends of sides along a closed ring of points; two sides that are one within the noise become one."""
-
-    def looseness(first: int, last: int) -> float:
-        off = _side(closed[first : last + 1])[2]
-        return max(float(np.sqrt(np.mean(off**2))) / 1.2, float(off.max()) / SIGMAS) / noise
-
-    while len(ends) > 4:
-        joined = [looseness(first, last) for first, last in zip(ends[:-2], ends[2:], strict=True)]
-        best = int(np.argmin(joined))
-        if joined[best] > 1.0:
-            break
-        del ends[best + 1]
-    return ends
-
-
-def _corners(closed: Array, ends: list[int], farthest: float) -> Array:
-    """Return the corners (K, 2) where the sides that end at these points of a closed ring meet."""
-    sides = [_side(closed[first : last + 1]) for first, last in pairwise(ends)]
-    corners = closed[ends[:-1]].copy()
-    for index, corner in enumerate(corners):
-        (a, u, _), (b, v, _) = sides[index - 1], sides[index]
-        sine = float(u[0] * v[1] - u[1] * v[0])
-        if abs(sine) > np.sin(np.radians(10.0)):
-            between = b - a
-            meeting = a + u * float(between[0] * v[1] - between[1] * v[0]) / sine
-        else:
-            meeting = 0.5 * (a + u * float((corner - a) @ u) + b + v * float((corner - b) @ v))
-        if np.linalg.norm(meeting - corner) < 2.0 * farthest:
-            corners[index] = meeting
-    return corners

@@ -20,9 +20,24 @@ IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
-COLOURS = {"rgb8": False, "bgr8": True, "8UC3": True}
-"""Encodings of `Image` that are read, and true where blue comes first. 8UC3 does not name the order; the driver of the
-DIGIT and OpenCV, which publish it, have blue first."""
+ENCODINGS = {
+    "rgb8": (3, ""),
+    "bgr8": (3, "BGR2RGB"),
+    "8UC3": (3, "BGR2RGB"),
+    "rgba8": (4, "RGBA2RGB"),
+    "bgra8": (4, "BGRA2RGB"),
+    "8UC4": (4, "BGRA2RGB"),
+    "yuv422": (2, "YUV2RGB_UYVY"),
+    "uyvy": (2, "YUV2RGB_UYVY"),
+    "yuv422_yuy2": (2, "YUV2RGB_YUYV"),
+    "yuyv": (2, "YUV2RGB_YUYV"),
+    "bayer_rggb8": (1, "BayerRGGB2RGB"),
+    "bayer_bggr8": (1, "BayerBGGR2RGB"),
+    "bayer_gbrg8": (1, "BayerGBRG2RGB"),
+    "bayer_grbg8": (1, "BayerGRBG2RGB"),
+}
+"""Encodings of `Image` that are read: bytes of a pixel, and OpenCV's conversion. 8UC3 and 8UC4 do not name the order of
+colours; the driver of the DIGIT and OpenCV, which publish them, have blue first."""
 
 
 class Channel(NamedTuple):
@@ -142,16 +157,26 @@ def compressed_image(message: Any) -> tuple[bytes, Codec]:
 
 def raw_image(message: Any) -> NDArray[np.uint8]:
     """Return the pixels (height, width, 3) RGB of an Image. Raises FileError where it is no colour image."""
-    if message.encoding not in COLOURS:
-        raise FileError(f"images are encoded as {message.encoding!r}, allowed are {', '.join(COLOURS)}: colour images")
+    import cv2
+
+    if message.encoding not in ENCODINGS:
+        raise FileError(
+            f"images are encoded as {message.encoding!r}, allowed are {', '.join(ENCODINGS)}: colour images"
+        )
+    size, conversion = ENCODINGS[message.encoding]
     height, width, step = message.height, message.width, message.step
-    if not height or not width or step < 3 * width or len(message.data) != height * step:
+    if not height or not width or step < size * width or len(message.data) != height * step:
         raise FileError(
             f"an image of {height} rows and {width} columns has {len(message.data)} bytes in rows of {step}, "
-            "expected 3 bytes a column and all rows"
+            f"expected {size} bytes a column and all rows"
         )
-    pixels = np.asarray(message.data, np.uint8).reshape(height, step)[:, : 3 * width].reshape(height, width, 3)
-    return np.ascontiguousarray(pixels[:, :, ::-1] if COLOURS[message.encoding] else pixels)
+    pixels = np.asarray(message.data, np.uint8).reshape(height, step)[:, : size * width].reshape(height, width, size)
+    pixels = np.ascontiguousarray(pixels)
+    try:
+        converted = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")) if conversion else pixels
+    except cv2.error as error:  # such as an odd width
+        raise FileError(f"an image of {height} rows and {width} columns is no {message.encoding}") from error
+    return np.asarray(converted, np.uint8)
 
 
 @cache

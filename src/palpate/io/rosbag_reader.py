@@ -8,17 +8,15 @@ import logging
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file
 from palpate.io.mcap_file import CutShort, begins_with, is_mcap, mcap_messages
-from palpate.io.ros_messages import TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
+from palpate.io.ros_messages import IMAGE_TYPES, TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
@@ -42,11 +40,24 @@ def refuse_bag(path: Path) -> Recording:
 
 
 def existing_bag(path: Path | str) -> Path:
-    """Return the path of a file with content or of the folder of a ROS 2 bag. Raises FileError."""
+    """Return the path of a file with content or of the folder of a ROS 2 bag. Raises FileError.
+
+    The write-ahead log of a database (NAME.db3-wal) holds messages that `rosbags` does not see.
+    """
     path = Path(path)
+    parts = sorted([*path.glob("*.mcap*"), *path.glob("*.db3*")]) if path.is_dir() else [path]
+    for part in parts:
+        log = part.with_name(f"{part.name}-wal")
+        if log.is_file() and log.stat().st_size:
+            raise FileError(
+                f"{part}: {log.name} beside it holds messages that are not in it yet, as its recorder runs or was "
+                f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            )
     if (path / "metadata.yaml").is_file():
+        for part in parts:
+            existing_file(part)
         return path
-    if path.is_dir() and (parts := sorted([*path.glob("*.mcap"), *path.glob("*.db3")])):
+    if path.is_dir() and parts:
         raise FileError(
             f"{path}: is a folder without metadata.yaml, as a killed recorder leaves it; give {parts[0]}, or run "
             "`ros2 bag reindex` on the folder"
@@ -78,6 +89,8 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
             for connection, time, data in reader.messages():
                 encoding: Any = getattr(connection.ext, "serialization_format", "ros1")
                 yield RawMessage(Channel(connection.topic, connection.msgtype, encoding), time, bytes(data))
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({one_line(error)})") from error
     except Exception as error:  # damaged bytes can raise anything in the readers
         repair = "ros2 bag reindex" if is_ros2 else "rosbag reindex"
         raise FileError(f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it") from error
@@ -91,45 +104,51 @@ class Topic:
     # Arrays of integers, as a bag may hold millions of messages.
     log_times: "array[int]" = field(default_factory=lambda: array("q"))
     """Times of recording [ns]."""
+    stamps: "array[int]" = field(default_factory=lambda: array("q"))
+    """Header stamps [ns] of messages that are read."""
     offsets: "array[int]" = field(default_factory=lambda: array("q"))
-    """Header stamps less times of recording [ns]; none where messages have no header that is read."""
-    unstamped: int = 0
-    """Number of headers with a stamp of zero."""
-
-    @property
-    def count(self) -> int:
-        """Number of messages."""
-        return len(self.log_times)
-
-    @cached_property
-    def _steps(self) -> NDArray[np.float64]:
-        return np.diff(np.sort(np.array(self.log_times))) * 1e-9
-
-    @property
-    def rate(self) -> float | None:
-        """Messages per second by the median interval [Hz]; None for fewer than two."""
-        median = float(np.median(self._steps)) if len(self._steps) else 0.0
-        return 1.0 / median if median else None
-
-    @property
-    def longest_gap(self) -> float | None:
-        """The longest interval [s]; None for fewer than two messages."""
-        return float(self._steps.max()) if len(self._steps) else None
-
-    @property
-    def clock_offset(self) -> float | None:
-        """Header stamps less times of recording, median [s]; None without headers."""
-        return float(np.median(np.array(self.offsets) * 1e-9)) if len(self.offsets) else None
-
-    @property
-    def clock_spread(self) -> float | None:
-        """Largest less smallest of these differences [s]."""
-        return float(np.ptp(np.array(self.offsets) * 1e-9)) if len(self.offsets) else None
+    """These stamps less the times of recording [ns]."""
+    damaged: int = 0
+    """Number of messages that do not decode."""
+    error: FileError | None = None
+    """The first of their errors."""
+    samples: list[Any] = field(default_factory=list)
+    """Messages 1, 2, 4, 8 and so on of an image topic."""
 
     @property
     def is_static(self) -> bool:
         """True for transforms that hold at all times."""
         return self.channel.type in TRANSFORM_TYPES and self.channel.topic.endswith("tf_static")
+
+    def times(self, clock: str) -> "array[int]":
+        """Return the times of messages by a clock, "header" or "log" [ns]."""
+        return self.log_times if clock == "log" else self.stamps
+
+    def are_equal(self, clock: str) -> bool:
+        """Return true if too many messages have one time; transforms of several frames may be sent at once."""
+        times = self.times(clock)
+        return len(times) > 1 and len(set(times)) <= (1 if self.channel.type in TRANSFORM_TYPES else len(times) // 2)
+
+    def clock_offset(self) -> tuple[float, float] | None:
+        """Return the median [s] of header stamps less times of recording, and their spread; None without headers."""
+        offsets = np.array(self.offsets) * 1e-9
+        return (float(np.median(offsets)), float(np.ptp(offsets))) if len(offsets) else None
+
+    def about(self) -> dict[str, Any]:
+        """Return the numbers that `palpate info` shows."""
+        steps = np.diff(np.sort(np.array(self.log_times))) * 1e-9
+        median = float(np.median(steps)) if len(steps) else 0.0
+        offset, spread = self.clock_offset() or (None, None)
+        return {
+            **self.channel._asdict(),
+            "messages": len(self.log_times),
+            "rate_hz": 1.0 / median if median else None,
+            "longest_gap_s": float(steps.max()) if len(steps) else None,
+            "clock_offset_s": offset,
+            "clock_spread_s": spread,
+            "unstamped": self.stamps.count(0),
+            "damaged": self.damaged,
+        }
 
 
 @dataclass(frozen=True)
@@ -139,35 +158,31 @@ class Contents:
     path: Path
     topics: tuple[Topic, ...]
     """Sorted by name."""
-    parents: dict[str, str]
-    """Parent of each frame that a transform places."""
+    parents: dict[str, list[str]]
+    """Parent of each frame that a transform places; several where transforms contradict each other."""
     cut: bool
     """True where the bag ends too early, as when its recorder was killed."""
-
-    def of(self, types: tuple[str, ...]) -> list[str]:
-        """Return the names of topics of these message types that can be read."""
-        return [each.channel.topic for each in self.topics if each.channel.type in types and each.channel.is_read]
 
 
 def contents(path: Path) -> Contents:
     """Read a bag through and summarise it; warns where it is cut off. Raises FileError if it holds nothing."""
     topics: dict[Channel, Topic] = {}
-    parents: dict[str, str] = {}
+    parents: dict[str, list[str]] = {}
     cut = None
     try:
         for raw in bag_messages(path):
-            _count(path, raw, topics.setdefault(raw.channel, Topic(raw.channel)), parents)
+            _count(raw, topics.setdefault(raw.channel, Topic(raw.channel)), parents)
     except CutShort as error:
         cut = error
     if not topics:
         raise FileError(f"{cut}; there is no message before that" if cut else f"{path}: holds no messages")
     if cut:
-        count = sum(topic.count for topic in topics.values())
-        logger.warning("%s, as when its recorder was killed; the %d messages before it are read", cut, count)
+        count = sum(len(topic.log_times) for topic in topics.values())
+        logger.warning("%s; the %d messages before that are read", cut, count)
     return Contents(path, tuple(topics[channel] for channel in sorted(topics)), parents, cut is not None)
 
 
-def _count(path: Path, raw: RawMessage, topic: Topic, parents: dict[str, str]) -> None:
+def _count(raw: RawMessage, topic: Topic, parents: dict[str, list[str]]) -> None:
     """Count a message in its topic, and add its transforms to the parents of frames."""
     topic.log_times.append(raw.log_time)
     if not raw.channel.is_read:
@@ -175,11 +190,16 @@ def _count(path: Path, raw: RawMessage, topic: Topic, parents: dict[str, str]) -
     try:
         message = decoded(raw)
     except FileError as error:
-        raise FileError(f"{path}: {error}") from error
+        topic.damaged, topic.error = topic.damaged + 1, topic.error or error
+        return
     stamp = stamp_of(message)
     if stamp is not None:
+        topic.stamps.append(stamp)
         topic.offsets.append(stamp - raw.log_time)
-        topic.unstamped += stamp == 0
+    number = len(topic.log_times)
+    if raw.channel.type in IMAGE_TYPES and number & (number - 1) == 0:
+        topic.samples.append(message)
     for pose in poses_of(message) if raw.channel.type in TRANSFORM_TYPES else ():
-        if parents.setdefault(pose.child, pose.frame) != pose.frame:
-            raise FileError(f"{path}: frame {pose.child} has two parents, {parents[pose.child]} and {pose.frame}")
+        found = parents.setdefault(pose.child, [])
+        if pose.frame not in found:
+            found.append(pose.frame)

@@ -1,10 +1,11 @@
 """A bag as a recording: each image with the pose that the sensor had when it was taken."""
 
 import logging
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from palpate.io.ros_messages import (
     poses_of,
     stamp_of,
 )
-from palpate.io.rosbag_reader import Contents, bag_messages, contents
+from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
 from palpate.types.images import Codec, SpooledImages, decode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
@@ -43,8 +44,6 @@ from palpate.types.space import (
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
-PoseSource = str | tuple[str, str]
-"""A topic of poses, or the parent and the child frame of a chain of transforms."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +71,19 @@ class BagChoices:
         object.__setattr__(self, "plane", checked_choices(self.plane, self.off_plane, self.time_offset))
 
 
+class PoseSource(NamedTuple):
+    """Source of poses: a topic, or a chain of transforms."""
+
+    name: str
+    """As an option takes it: TOPIC or PARENT:CHILD."""
+    parent: str | None
+    """Frame that a chain begins at; a topic's poses name theirs."""
+    up: list[str]
+    """Frames on the way up from the parent, without the one at which both ways meet."""
+    down: list[str]
+    """The topic, or the frames on the way up from the child."""
+
+
 @dataclass(frozen=True)
 class Mapping:
     """The parts of a bag that a recording is made of."""
@@ -82,8 +94,8 @@ class Mapping:
     """Source of the sensor's poses."""
     object: PoseSource | None
     """Source of the object's poses, which are ground truth."""
-    unused: tuple[str, ...]
-    """Topics that nothing is read from."""
+    topics: list[Topic]
+    """All that is read."""
 
 
 class BagReading(NamedTuple):
@@ -100,14 +112,13 @@ def read_bag(
     """Read a bag as a recording of an object of this shape.
 
     Frames are the images, at their times by the chosen clock, with the sensor's poses interpolated between those of the
-    bag; a warning says how many are left out because no pose is known at their time. Raises FileError where topics are
-    ambiguous, clocks differ, or poses leave the plane.
+    bag; a warning says how many are left out because no pose is known at their time. A damaged image is a frame that
+    tracking skips; ground truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks
+    differ, or poses leave the plane.
     """
     choices = choices or BagChoices()
     found = contents(Path(path))
-    chosen = mapping(found, choices)
-    if choices.clock == "header":
-        check_stamps(found, chosen)
+    chosen = mapping(found, choices, sensor)
     try:
         return _recording(found, chosen, choices, _read_streams(found, chosen, choices), shape, sensor)
     except FileError as error:
@@ -115,133 +126,180 @@ def read_bag(
         raise FileError(f"{path}: {message}") from error
 
 
-def mapping(found: Contents, choices: BagChoices) -> Mapping:
-    """Choose topics and frames. Raises FileError that lists the candidates where none of several is named."""
-    images = _only(found, "image topic", found.of(IMAGE_TYPES), choices.images, "--images TOPIC")
-    truth = None if choices.object_poses is None else _source(found, choices.object_poses, None)
-    sensor = _source(found, choices.sensor_poses, truth)
-    used = {images, sensor, truth}
-    if isinstance(sensor, tuple) or isinstance(truth, tuple):
-        used |= set(found.of(TRANSFORM_TYPES))
-    unused = tuple(topic.channel.topic for topic in found.topics if topic.channel.topic not in used)
-    return Mapping(images, sensor, truth, unused)
+def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile) -> Mapping:
+    """Choose topics and frames, and check times and images of what is read.
 
-
-def written(source: PoseSource) -> str:
-    """Return a source as an option takes it: TOPIC or PARENT:CHILD."""
-    return source if isinstance(source, str) else ":".join(source)
-
-
-def check_stamps(found: Contents, chosen: Mapping, tolerance: float = 1.0) -> None:
-    """Raise FileError unless the header stamps of what is read are set, do not jump, and come from one clock.
-
-    `tolerance` [s] covers the delay between a message and its recording.
+    Raises FileError, with the candidates where none of several is named.
     """
-    topics = [topic for topic in found.topics if topic.channel.topic not in chosen.unused and not topic.is_static]
-    seen = (each for each in topics if each.channel.topic == chosen.images and each.channel.type in IMAGE_TYPES)
-    of_images = next(seen).clock_offset or 0.0
-    for topic in topics:
-        name, offset, spread = topic.channel.topic, topic.clock_offset, topic.clock_spread
-        if offset is None or spread is None:
-            continue
+    readable = [topic for topic in found.topics if topic.channel.is_read]
+
+    def named(types: tuple[str, ...]) -> list[str]:
+        return [topic.channel.topic for topic in readable if topic.channel.type in types]
+
+    images = _only(found, "image topic", named(IMAGE_TYPES), choices.images, "--images TOPIC")
+    poses = named(POSE_TYPES)
+    truth = None if choices.object_poses is None else _source(found, poses, choices.object_poses, None)
+    place = _source(found, poses, choices.sensor_poses, truth)
+    sources = [source for source in (place, truth) if source]
+    used = {images: IMAGE_TYPES, **{source.name: POSE_TYPES for source in sources}}
+    if any(source.parent is not None for source in sources):
+        used |= dict.fromkeys(named(TRANSFORM_TYPES), TRANSFORM_TYPES)
+    topics = [topic for topic in readable if topic.channel.type in used.get(topic.channel.topic, ())]
+    with in_file(found.path):
+        for topic in topics:
+            if topic.error and topic.damaged == len(topic.log_times):
+                raise topic.error
+        _check_times(topics, choices.clock)
+        _check_images(images, topics, sensor)
+    return Mapping(images, place, truth, topics)
+
+
+def _check_times(topics: list[Topic], clock: Literal["header", "log"], tolerance: float = 1.0) -> None:
+    """Raise FileError unless the times of what is read are set, differ, and come from one clock.
+
+    Header stamps are held against the times of recording, where there are any; `tolerance` [s] covers the delay between
+    a message and its recording.
+    """
+    moving = sorted(
+        (topic for topic in topics if not topic.is_static), key=lambda topic: topic.channel.type not in IMAGE_TYPES
+    )
+    advice = "" if any(topic.are_equal("log") for topic in moving) else "; --clock log takes the times of recording"
+    first: tuple[str, float] | None = None
+    for topic in moving:
+        name, unstamped = topic.channel.topic, topic.stamps.count(0)
+        wrong = ""
         # The first message by a clock that starts at zero is no fault.
-        if topic.unstamped > 1 or topic.unstamped == topic.count:
-            wrong = f"{topic.unstamped} headers in {name} have a stamp of zero"
-        elif spread > tolerance:
-            wrong = f"the header stamps in {name} jump by {spread:.1f} s against the times of recording"
-        elif abs(offset - of_images) > tolerance:
-            both = f"{of_images:+.3f} s off the times of recording in {chosen.images}, {offset:+.3f} s in {name}"
-            wrong = f"clocks differ: header stamps are {both}"
+        if clock == "header" and (unstamped > 1 or unstamped == len(topic.stamps)):
+            wrong = f"{unstamped} headers in {name} have a stamp of zero"
+        elif topic.are_equal(clock):
+            times = topic.times(clock)
+            kind = "times of recording" if clock == "log" else "header stamps"
+            wrong = f"{len(times)} messages in {name} have only {len(set(times))} different {kind}"
+        elif clock == "header" and not topic.are_equal("log") and (found := topic.clock_offset()):
+            offset, spread = found
+            first = first or (name, offset)
+            if spread > tolerance:
+                wrong = f"the header stamps in {name} jump by {spread:.1f} s against the times of recording"
+            elif abs(offset - first[1]) > tolerance:
+                both = f"{first[1]:+.3f} s off the times of recording in {first[0]}, {offset:+.3f} s in {name}"
+                wrong = f"clocks differ: header stamps are {both}"
+        if wrong:
+            raise FileError(wrong + advice * (clock == "header"))
+
+
+def _check_images(name: str, topics: list[Topic], sensor: SensorProfile) -> None:
+    """Raise FileError if none of a topic's sampled images is one of this sensor; some may be damaged."""
+    first: FileError | None = None
+    for message in (sample for topic in topics for sample in topic.samples):
+        try:
+            decode_image(*image_of(message), (sensor.image_height, sensor.image_width))
+        except FileError as error:
+            first = first or error
         else:
-            continue
-        raise FileError(f"{found.path}: {wrong}; --clock log takes the times of recording")
+            return
+    if first:
+        raise FileError(f"{name}: an image: {first}") from first
 
 
-def _source(found: Contents, name: str | None, leave_out: PoseSource | None) -> PoseSource:
+def _source(found: Contents, topics: list[str], name: str | None, leave_out: PoseSource | None) -> PoseSource:
     """Return the named source of poses, or the only one but `leave_out`: a topic, or one chain of all transforms."""
     parent, colon, child = (name or "").partition(":")
     if colon:
-        return parent, child
-    sources: dict[str, PoseSource] = {topic: topic for topic in found.of(POSE_TYPES)}
-    roots = set(found.parents.values()) - set(found.parents)
-    leaves = set(found.parents) - set(found.parents.values())
-    if len(roots) == len(leaves) == 1:
-        ends = (roots.pop(), leaves.pop())
-        sources[written(ends)] = ends
-    names = [each for each, source in sources.items() if source != leave_out]
+        return _chain(found, parent, child)
+    above, placed = {each for several in found.parents.values() for each in several}, set(found.parents)
+    ends = ":".join([*(above - placed), *(placed - above)])
+    chains = [ends] if len(above - placed) == len(placed - above) == 1 else []
+    names = [each for each in [*topics, *chains] if leave_out is None or each != leave_out.name]
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
-    return sources[_only(found, "source of poses", names, name, option)]
+    chosen = _only(found, "source of poses", names, name, option)
+    return PoseSource(chosen, None, [], [chosen]) if chosen in topics else _chain(found, *chosen.split(":"))
+
+
+def _chain(found: Contents, parent: str, child: str) -> PoseSource:
+    """Return the chain of transforms between two frames. Raises FileError where there is none."""
+    ways = [parent], [child]
+    for way in ways:
+        while above := found.parents.get(way[-1]):
+            if len(above) > 1:
+                raise FileError(f"{found.path}: frame {way[-1]} has {len(above)} parents, {' and '.join(above)}")
+            if above[0] in way:
+                raise FileError(f"{found.path}: transforms run in a circle: {' < '.join([*way, *above])}")
+            way += above
+    meeting = next((name for name in ways[1] if name in ways[0]), None)
+    if meeting is None or parent == child:
+        raise FileError(f"{found.path}: no chain of transforms leads from {parent!r} to {child!r}{_frames(found)}")
+    return PoseSource(f"{parent}:{child}", parent, *(way[: way.index(meeting)] for way in ways))
+
+
+def _frames(found: Contents) -> str:
+    names = {name for child, above in found.parents.items() for name in (child, *above)}
+    return f"; frames of transforms are {', '.join(sorted(names))}" if names else ""
 
 
 def _only(found: Contents, what: str, names: list[str], chosen: str | None, option: str) -> str:
     """Return the chosen name, or the only one of some. Raises FileError that lists them."""
     if chosen in names or (chosen is None and len(names) == 1):
         return chosen or names[0]
-    frames = ", ".join(sorted({*found.parents, *found.parents.values()}))
-    there = ", ".join(names) or "none of a type that is read"
-    there += f"; frames of transforms are {frames}" if frames else ""
+    there = (", ".join(names) or "none of a type that is read") + _frames(found)
     wrong = f"has no {what} {chosen!r}" if chosen else f"has {'more than one' if names else 'no'} {what}"
     raise FileError(f"{found.path}: {wrong}; there are {there}; name one by {option}")
 
 
-@dataclass
-class _Streams:
+class _Streams(NamedTuple):
     """Images and poses of a bag with their times."""
 
-    images: SpooledImages = field(default_factory=SpooledImages)
-    """Encoded images in the order of the bag."""
-    index: dict[int, int] = field(default_factory=dict)
+    images: SpooledImages
+    """Encoded images in the order of the bag; those that are damaged may be empty."""
+    order: dict[int, int]
     """Index of each image by its time [ns]."""
-    codec: Codec | None = None
-    poses: dict[str, Poses] = field(default_factory=dict)
+    codec: Codec
+    poses: dict[str, Poses]
     """Poses by topic, and those of transforms by the frame that they place."""
-    static: set[str] = field(default_factory=set)
+    static: set[str]
     """Frames whose transforms hold at all times."""
-
-    def add_image(self, message: Any, time: int) -> None:
-        """Take an image message. Raises FileError."""
-        data, codec = image_of(message)
-        if self.codec not in (None, codec):
-            raise FileError(f"some images are {self.codec}, others {codec}; expected one of them")
-        if self.codec is None and getattr(message, "encoding", "") == "8UC3":
-            logger.warning("images: encoding 8UC3 does not name the order of colours; blue is taken as the first")
-        self.codec = codec
-        self.index[time] = len(self.images)
-        self.images.append(data)
 
 
 def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Streams:
     """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
-    streams = _Streams()
-    needed = {name for source in (chosen.sensor, chosen.object) if source for name in _names(found, source)}
+    images, index, codecs, static = SpooledImages(), dict[int, int](), set[Codec](), set[str]()
+    needed = {name for source in (chosen.sensor, chosen.object) if source for name in (*source.up, *source.down)}
     gathered: dict[str, list[tuple[int, Pose]]] = {}
-    topics = {
-        each.channel: each for each in found.topics if each.channel.is_read and each.channel.topic not in chosen.unused
-    }
-    try:
+    topics = {topic.channel: topic for topic in chosen.topics}
+    # `contents` has counted messages that do not decode, and warned of a bag that is cut off.
+    with suppress(CutShort):
         for raw in bag_messages(found.path):
-            # A topic may have several channels, of several types.
-            is_image, is_transform = raw.channel.type in IMAGE_TYPES, raw.channel.type in TRANSFORM_TYPES
-            if raw.channel not in topics or (is_image and raw.channel.topic != chosen.images):
+            message, topic = None, topics.get(raw.channel)
+            with suppress(FileError):
+                message = decoded(raw) if topic else None
+            if topic is None or message is None:
                 continue
-            message = decoded(raw)
-            if is_image:
-                time = raw.log_time if choices.clock == "log" else stamp_of(message) or 0
-                with in_file(chosen.images):
-                    streams.add_image(message, time)
+            if raw.channel.type in IMAGE_TYPES:
+                index[raw.log_time if choices.clock == "log" else stamp_of(message) or 0] = len(images)
+                data, codec = b"", None
+                with suppress(FileError):  # a damaged image is a frame that tracking skips
+                    data, codec = image_of(message)
+                images.append(data)
+                codecs |= {codec} if codec else set()
                 continue
             for pose in poses_of(message):
-                name = pose.child if is_transform else raw.channel.topic
+                name = pose.child or raw.channel.topic
                 if name in needed:
                     time = raw.log_time if choices.clock == "log" else pose.stamp
                     gathered.setdefault(name, []).append((time, pose))
-                    streams.static |= {name} if topics[raw.channel].is_static else set()
-    except CutShort:
-        pass  # `contents` has warned of it
-    if repeated := len(streams.images) - len(streams.index):
+                    static |= {name} if topic.is_static else set()
+    for topic in chosen.topics:
+        if topic.damaged:
+            words = "%s: %d messages of %s do not decode and are left out"
+            logger.warning(words, found.path, topic.damaged, topic.channel.topic)
+        if any(getattr(message, "encoding", "") == "8UC3" for message in topic.samples):
+            logger.warning("images: encoding 8UC3 does not name the order of colours; blue is taken as the first")
+    if repeated := len(images) - len(index):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
-    streams.poses = {name: _in_time(name, rows) for name, rows in gathered.items()}
-    return streams
+    if len(codecs) > 1:
+        raise FileError(f"some images are {', others '.join(sorted(codecs))}; expected one of them")
+    return _Streams(
+        images, index, codecs.pop(), {name: _in_time(name, rows) for name, rows in gathered.items()}, static
+    )
 
 
 def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
@@ -252,52 +310,29 @@ def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
     return poses_in_time(name, frames[0], time, np.array([pose.numbers for _, pose in rows]))
 
 
-def _names(found: Contents, source: PoseSource) -> list[str]:
-    """Return the topic, or the frames of the transforms, that a source needs."""
-    return [source] if isinstance(source, str) else [name for way in _ways(found.parents, *source) for name in way]
-
-
-def _ways(parents: dict[str, str], parent: str, child: str) -> tuple[list[str], list[str]]:
-    """Return the frames on the ways up from `parent` and from `child` to the frame where both meet, without that."""
-    ways = [parent], [child]
-    for way in ways:
-        while (above := parents.get(way[-1])) is not None:
-            if above in way:
-                raise FileError(f"transforms run in a circle: {' < '.join([*way, above])}")
-            way.append(above)
-    meeting = next((name for name in ways[1] if name in ways[0]), None)
-    if meeting is None or parent == child:
-        known = ", ".join(sorted({*parents, *parents.values()}))
-        raise FileError(f"no chain of transforms leads from {parent!r} to {child!r}; frames are {known or 'none'}")
-    return ways[0][: ways[0].index(meeting)], ways[1][: ways[1].index(meeting)]
-
-
-def _placed_at(streams: _Streams, source: PoseSource, found: Contents, time: NDArray[np.int64]) -> tuple[str, Placed]:
+def _placed_at(streams: _Streams, source: PoseSource, time: NDArray[np.int64]) -> tuple[str, Placed]:
     """Return the frame that a source's poses are given in, and the poses at times (M,) [ns]."""
-    if isinstance(source, str):
-        poses = streams.poses[source]
-        return poses.frame, at_times(poses, time)
 
     def placed(name: str) -> Placed:
         poses = streams.poses[name]
         return always(poses, len(time)) if name in streams.static else at_times(poses, time)
 
-    up_parent, up_child = (
+    up, down = (
         reduce(lambda lower, name: placed(name) @ lower, names[1:], placed(names[0])) if names else None
-        for names in _ways(found.parents, *source)
+        for names in (source.up, source.down)
     )
-    back = None if up_parent is None else up_parent.inverse()
-    together = up_child if back is None else back if up_child is None else back @ up_child
+    back = None if up is None else up.inverse()
+    together = down if back is None else back if down is None else back @ down
     assert together is not None
-    return source[0], together
+    return source.parent or streams.poses[source.name].frame, together
 
 
 def _recording(
     found: Contents, chosen: Mapping, choices: BagChoices, streams: _Streams, shape: Shape, sensor: SensorProfile
 ) -> BagReading:
-    stamps = np.array(sorted(streams.index), np.int64)
+    stamps = np.array(sorted(streams.order), np.int64)
     time = stamps + round(choices.time_offset * 1e9)
-    frame, placed = _placed_at(streams, chosen.sensor, found, time)
+    frame, placed = _placed_at(streams, chosen.sensor, time)
     if not placed.known.any():
         span = f"{time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s"
         raise FileError(f"no sensor pose is known at the time of any image, {span}")
@@ -305,16 +340,13 @@ def _recording(
         words = "%s: %d of %d images have no sensor pose at their time and are left out"
         logger.warning(words, found.path, lost, len(time))
     stamps, time, placed = stamps[placed.known], time[placed.known], placed[placed.known]
-    images = streams.images.selected(streams.index[stamp] for stamp in stamps.tolist())
-    assert streams.codec is not None
-    with in_file(f"{chosen.images}: an image"):
-        decode_image(images[0], streams.codec, (sensor.image_height, sensor.image_width))
+    images = streams.images.selected(streams.order[stamp] for stamp in stamps.tolist())
     plane = chosen_plane(str(found.path), choices.plane, frame, placed)
-    sensor_pose = planar(f"the sensor ({written(chosen.sensor)})", plane, time, placed, choices.off_plane)
-    frames = {"sensor_pose": f"{written(chosen.sensor)} in {frame!r}, interpolated; {plane}"}
+    sensor_pose = planar(f"the sensor ({chosen.sensor.name})", plane, time, placed, choices.off_plane)
+    frames = {"sensor_pose": f"{chosen.sensor.name} in {frame!r}, interpolated; {plane}"}
     object_pose = None
     if chosen.object is not None:
-        name, (other, placed) = written(chosen.object), _placed_at(streams, chosen.object, found, time)
+        name, (other, placed) = chosen.object.name, _placed_at(streams, chosen.object, time)
         if other != frame:
             raise FileError(f"poses of the sensor are given in frame {frame!r}, those of the object in {other!r}")
         known = placed.known

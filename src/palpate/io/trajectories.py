@@ -6,44 +6,18 @@ frame), and contact is 1, 0 or empty.
 """
 
 import csv
-import io
-import math
 from pathlib import Path
 
 import numpy as np
 
 from palpate.errors import FileError
-from palpate.files import csv_rows, first_rows, in_file, number_rows, numbers_of, read_text, text_start, whole_file
+from palpate.files import csv_rows, in_file, numbers_of, read_text, whole_file
 from palpate.types.estimate import Trajectory
 from palpate.types.recording import Recording
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status")
 UPPER = np.triu_indices(3)
-
-
-def is_tum(path: Path) -> bool:
-    """Return true if the first rows are poses."""
-    rows = first_rows(path, 8)
-    return bool(rows) and all(abs(math.hypot(*row[4:]) - 1.0) < 1e-3 for row in rows)
-
-
-def read_tum(path: Path) -> Trajectory:
-    """Read a trajectory. Raises FileError that names the line, also for a pose out of the plane."""
-    rows = number_rows(path, 8)
-    time, x, y, z, qx, qy, qz, qw = np.array(list(rows.values())).T
-    is_unit = np.abs(np.hypot(*np.clip([qz, qw], -2.0, 2.0)) - 1.0) < 1e-3
-    planar = is_unit & (np.abs([z, qx, qy]).max(axis=0) <= 1e-6)
-    if not planar.all():
-        line, row = list(rows.items())[int(np.argmin(planar))]
-        raise FileError(
-            f"{path}: line {line}: found {row}, expected t x y z qx qy qz qw of a pose in the plane: z, qx and qy up "
-            "to 1e-06, and a quaternion of length 1"
-        )
-    # q and -q are one rotation: folding qw to positive keeps the angle in [-pi, pi].
-    angle = 2.0 * np.arctan2(np.where(qw < 0, -qz, qz), np.abs(qw))
-    with in_file(path):
-        return Trajectory(time, np.column_stack([x, y, angle]))
 
 
 def write_tum(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
@@ -59,19 +33,23 @@ def write_tum(data: Recording | Trajectory, path: Path, overwrite: bool = False)
         np.savetxt(temporary, table, fmt="%.9f")
 
 
-def is_estimates_csv(path: Path) -> bool:
-    """Return true if the file starts with the header of `estimates.csv`."""
-    return text_start(path).splitlines()[:1] == [",".join(COLUMNS)]
+def write_estimates_csv(data: Trajectory, path: Path) -> None:
+    """Write estimates. Raises FileError if the file exists."""
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for index in range(len(data)):
+            pose = [repr(float(value)) for value in (data.time[index], *data.pose[index])]
+            terms = [""] * 6
+            if data.covariance is not None:
+                terms = [repr(float(value)) for value in data.covariance[index][UPPER]]
+            contact = "" if data.contact is None else str(int(data.contact[index]))
+            writer.writerow([*pose, *terms, contact, data.status[index] if data.status else ""])
 
 
 def read_estimates_csv(path: Path) -> Trajectory:
     """Read estimates. Raises FileError that names the line."""
-    return estimates_from_text(read_text(path), path)
-
-
-def estimates_from_text(text: str, path: Path) -> Trajectory:
-    """Return the estimates in the text of such a file; errors name `path`. Raises FileError."""
-    header, *lines = csv_rows(text, path) or [[]]
+    header, *lines = csv_rows(read_text(path), path) or [[]]
     if tuple(header) != COLUMNS:
         raise FileError(f"{path}: line 1: expected the header {','.join(COLUMNS)}")
     if not lines:
@@ -100,24 +78,3 @@ def estimates_from_text(text: str, path: Path) -> Trajectory:
             contact=np.array([line[10] == "1" for line in lines]) if filled[10] else None,
             status=status if any(status) else None,
         )
-
-
-def write_estimates_csv(data: Trajectory, path: Path, overwrite: bool = False) -> None:
-    """Write a trajectory. Raises FileError if the file exists and `overwrite` is not set."""
-    with whole_file(path, overwrite) as temporary:
-        temporary.write_text(estimates_to_text(data), encoding="utf-8")
-
-
-def estimates_to_text(data: Trajectory) -> str:
-    """Return the text of `estimates.csv`."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for index in range(len(data)):
-        pose = [repr(float(value)) for value in (data.time[index], *data.pose[index])]
-        terms = [""] * 6
-        if data.covariance is not None:
-            terms = [repr(float(value)) for value in data.covariance[index][UPPER]]
-        contact = "" if data.contact is None else str(int(data.contact[index]))
-        writer.writerow([*pose, *terms, contact, data.status[index] if data.status else ""])
-    return text.getvalue()

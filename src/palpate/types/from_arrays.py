@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -183,11 +182,7 @@ def _placed(
     is_known = np.isfinite(numbers[:, 0])
     if not may_be_unknown:
         check_rows(name, numbers, is_known, "finite numbers")
-    order = np.argsort(known_at, kind="stable")
-    # Between a known pose and an unknown one nothing is known.
-    share_known = np.interp(time - known_at[order[0]], known_at[order] - known_at[order[0]], is_known[order])
-    placed = at_times(poses_of(name, "world", known_at[is_known], numbers[is_known]), time)
-    return replace(placed, known=placed.known & (share_known == 1.0))
+    return at_times(poses_of(name, "world", known_at, numbers), time)
 
 
 def _numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:

@@ -43,6 +43,8 @@ class Poses:
     """(N, 3) [m]."""
     rotation: Array
     """(N, 4) quaternions x, y, z, w."""
+    lost: Times
+    """Times in order at which the pose was not known [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +85,13 @@ def rotations(quaternions: Array) -> "Rotation":
 def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
     """Return poses at times (N,) [ns], positions and quaternions x, y, z, w in rows (N, 7), in the order of time.
 
-    Of several at one time the last counts. Raises FileError that names a pose whose numbers are not finite or whose
-    quaternion has not length 1.
+    Of several at one time the last counts. Rows with NaN or a quaternion of zeros, as motion capture writes them, are
+    not known. Raises FileError if none is known, or naming a pose that is too far or whose quaternion has not length 1.
     """
+    is_lost = np.isnan(numbers).any(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
+    lost, time, numbers = np.sort(time[is_lost]), time[~is_lost], numbers[~is_lost]
+    if not len(time):
+        raise FileError(f"{name}: none of {len(lost)} poses is known: all hold NaN or a quaternion of zeros")
     near = np.asarray(is_near(numbers).all(axis=1))
     length = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
     good = near & (np.abs(length - 1.0) < 1e-2)
@@ -98,7 +104,7 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
     order = np.argsort(time, kind="stable")
     time, numbers = time[order], numbers[order]
     last = np.append(np.diff(time) > 0, True)
-    return Poses(frame, time[last], numbers[last, :3], numbers[last, 3:])
+    return Poses(frame, time[last], numbers[last, :3], numbers[last, 3:], lost)
 
 
 def at_times(poses: Poses, time: Times) -> Placed:
@@ -114,7 +120,7 @@ def at_times(poses: Poses, time: Times) -> Placed:
     moved = np.linalg.norm(np.diff(poses.position, axis=0), axis=1) > 1e-4
     turns = rotations(poses.rotation)
     moved |= (turns[:-1].inv() * turns[1:]).magnitude() > 1e-3
-    lost = moved & (np.diff(seconds) > LONGEST_GAP)
+    lost = (moved & (np.diff(seconds) > LONGEST_GAP)) | (np.diff(np.searchsorted(poses.lost, poses.time)) > 0)
     # A pose just at the time is known whatever comes before or after it.
     known = ((time >= poses.time[0]) & (time <= poses.time[-1]) & ~lost[after - 1]) | np.isin(time, poses.time)
     return Placed(position, Slerp(seconds, turns)(inside).as_quat(), known)
