@@ -2,11 +2,13 @@
 
 import textwrap
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
@@ -100,11 +102,11 @@ def frame_above(axes: "Axes") -> None:
 
 def draw_touch(axes: "Axes", run: Run, index: int) -> None:
     """Draw the touch image of a frame, upright and in millimetres of the pad."""
-    sensor, image = run.recording.sensor, run.recording[index].image
-    assert image is not None
+    sensor = run.recording.sensor
     right = (sensor.half_width or 0.5e-3 * sensor.image_width) * 1e3
     up = right * sensor.image_height / sensor.image_width
-    axes.imshow(image, extent=(-right, right, -up, up))
+    with suppress(FileError):  # a damaged image
+        axes.imshow(np.asarray(run.recording[index].image), extent=(-right, right, -up, up))
     axes.set(xlabel="y on the pad [mm]")
     axes.set_title(f"touch at {_seconds(run)[index]:.1f} s", fontsize=10)
     axes.locator_params(nbins=6)

@@ -6,11 +6,13 @@ untouched gel has less curvature than the images that it differs from; and it is
 
 import logging
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.errors import FileError
 from palpate.touch.background import UNLIKE, background_of, first_frames, has_markers, without_markers
 from palpate.touch.calibration import Calibration
 from palpate.touch.cells import Image, Levels, cells_of, compare, is_dark
@@ -106,6 +108,10 @@ def _curvature(cells: Levels) -> Array:
 
 
 def _image(recording: Recording, index: int) -> Image:
-    image = recording[index].image
-    assert image is not None
-    return image
+    """Return an image, or the next one that is not damaged; raises FileError if there is none."""
+    for each in range(index, len(recording)):
+        with suppress(FileError):
+            image = recording[each].image
+            assert image is not None
+            return image
+    raise FileError(f"{recording.file or 'the recording'}: all images from frame {index} on are damaged")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import FrameError, SettingError
+from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import summarise
@@ -113,7 +113,7 @@ def track(
         summary["unusual_colours"] = tracker.unusual_colours
     smoothed = tracker.smoothed()
     if not used.all():
-        smoothed = Trajectory(recording.time, smoothed.pose[np.cumsum(used) - 1], contact=online.contact)
+        smoothed = Trajectory(recording.time, smoothed.pose[np.maximum(np.cumsum(used) - 1, 0)], contact=online.contact)
     is_learnt = settings.tactile.startswith("learnt")
     return Run(
         recording=recording,
@@ -136,22 +136,34 @@ def track(
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:
     """Yield the estimate at each frame, False if the frame is skipped, and the time of the step [ms].
 
-    At a skipped frame the estimate before it is repeated with status "faulty". Raises FrameError at the first frame.
+    Skipped are frames whose image is damaged and those that the tracker refuses; there the estimate before, or of the
+    first frame that is used, is repeated with status "faulty". Raises FrameError if the tracker refuses the first
+    frame, FileError if all images are damaged.
     """
     last: Estimate | None = None
-    skipped = 0
-    for frame in recording:
-        start, used = time.perf_counter(), True
+    skipped: list[PalpateError] = []
+    for index, when in enumerate(recording.time.tolist()):
+        start = time.perf_counter()
         try:
-            last = tracker.update(frame)
-        except FrameError as error:
-            if last is None:
+            frame = recording[index]
+            start = time.perf_counter()  # without the time to decode the image
+            estimate = tracker.update(frame)
+        except (FrameError, FileError) as error:
+            if last is None and (isinstance(error, FrameError) or index + 1 == len(recording)):
                 raise
-            used, skipped = False, skipped + 1
-            if skipped <= 5:
-                logger.warning("%s; it is skipped%s", error, ", further ones without a word" if skipped == 5 else "")
-            last = replace(last, time=frame.time, status="faulty", reason=str(error))
-        yield last, used, (time.perf_counter() - start) * 1e3
+            skipped.append(error)
+            if len(skipped) <= 5:
+                more = ", further ones without a word" if len(skipped) == 5 else ""
+                logger.warning("%s; it is skipped%s", error, more)
+            if last is not None:
+                last = replace(last, time=when, status="faulty", reason=str(error))
+                yield last, False, (time.perf_counter() - start) * 1e3
+            continue
+        if last is None:
+            for early, error in zip(recording.time.tolist(), skipped, strict=False):
+                yield replace(estimate, time=early, status="faulty", reason=str(error)), False, 0.0
+        last = estimate
+        yield last, True, (time.perf_counter() - start) * 1e3
 
 
 def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]:

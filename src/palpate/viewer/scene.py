@@ -93,7 +93,12 @@ def touch_images(recording: Recording, calibration: Calibration | None) -> Itera
     """
     detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
     untouched = detector.background
-    for frame in recording:
+    for index in range(len(recording)):
+        try:
+            frame = recording[index]
+        except FileError:  # a damaged image
+            yield np.zeros((recording.sensor.image_height, recording.sensor.image_width, 3), np.uint8), None
+            continue
         assert frame.image is not None
         image = detector.read(frame.image)
         if not detector.update(image):
