@@ -31,10 +31,12 @@ def existing_file(path: Path | str) -> Path:
             raise FileError(f"{path}: no such file")
         if path.stat().st_size == 0:
             raise FileError(f"{path}: is empty")
-        with path.open("rb"):
-            return path
+        with path.open("rb") as file:
+            if file.read(23) == b"version https://git-lfs":
+                raise FileError(f"{path}: is a Git LFS pointer in place of the file; `git lfs pull` gets the file")
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+    return path
 
 
 def new_file(path: Path | str, overwrite: bool = False) -> Path:
@@ -139,9 +141,11 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
             is_gzipped = file.read(2) == b"\x1f\x8b"
         with gzip.open(path) if is_gzipped else path.open("rb") as file:
             data = file.read(most + 1)
-        text = data.decode("utf-8")
-    except (OSError, EOFError, zlib.error) as error:
+        text = data.decode("utf-8-sig")  # without a byte order mark
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({error})") from error
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: is not a text file") from error
     if len(data) > most:
@@ -159,7 +163,7 @@ def text_start(path: Path, length: int = 4096) -> str:
     except (OSError, EOFError, zlib.error):
         return ""
     # The cut may go through a character: its rest does not matter.
-    text = data.decode("utf-8", errors="replace")
+    text = data.decode("utf-8-sig", errors="replace")
     return "" if "\x00" in text or "\ufffd" in text[:-4] else text
 
 
@@ -227,7 +231,11 @@ def read_arrays(path: Path | str) -> dict[str, NDArray[Any]]:
     """Return the arrays of a NumPy archive (.npz) by name. Raises FileError."""
     path = existing_file(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (OSError, EOFError, ValueError, KeyError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
         raise FileError(f"{path}: is no .npz, or is truncated or damaged") from error

@@ -71,6 +71,7 @@ def track(
         mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
         html: Write a page that shows the push in any browser, page.html.
     """
+    from palpate.io.mcap_file import nanoseconds
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
     from palpate.pipeline.track import track as track_recording
     from palpate.types.space import flat
@@ -84,6 +85,8 @@ def track(
     def track_file(file: Path, folder: Path) -> dict[str, Any]:
         with new_run(folder, force) as part:
             recording, plane = bag.read(file)
+            if mcap:
+                nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
             with progress_bar(file.name, len(recording)) as progress:
                 run = track_recording(recording, settings, first_pose, **known, progress=progress)
             write_files(run, part, (plane or flat()) if mcap else None)

@@ -95,8 +95,11 @@ def _writing(file: BinaryIO, chunk_seconds: float = np.inf) -> Iterator[MessageW
 
 
 def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
-    """Return times (N,) [s] as stamps [ns]. Raises FileError where ROS has no such stamp."""
-    latest = 2.0**31
+    """Return times (N,) [s] as stamps [ns], counted from the first if that is below 0.
+
+    Raises FileError where ROS has no such stamp.
+    """
+    latest, time = 2.0**31, time - min(time[0], 0.0)
     if len(wrong := np.flatnonzero((time < 0.0) | (time >= latest))):
         found = f"frame {wrong[0]} is at {time[wrong[0]]:g} s"
         raise FileError(f"{path}: {found}, stamps of ROS messages go from 0 to {latest:g} s")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, PalpateError
+from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import existing_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
@@ -47,8 +47,10 @@ def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Map
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write a recording, whole or not at all; an existing file is replaced only if `overwrite`. Raises FileError."""
-    # Stamps cannot be negative; the exact times are in an array.
-    stamps = nanoseconds(path, recording.time - min(recording.time[0], 0.0))
+    if not isinstance(recording, Recording):
+        found = type(recording).__name__
+        raise SettingError(f"found a {found} to write, expected a Recording; that of read_bag is its .recording")
+    stamps = nanoseconds(path, recording.time)
     plane = flat()
     sensor, sensor_turn = out_of_plane(plane, recording.sensor_pose)
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose

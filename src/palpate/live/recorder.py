@@ -25,14 +25,16 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
     Raises FileError if the file exists, unless `force`.
     """
     ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
-    plane = flat()
+    plane, first = flat(), None
     with growing_mcap(path, force) as file:
         describe(file, shape, sensor)
         file.flush()
 
         def record(item: TouchImage | TimedPose | LiveEstimate) -> None:
+            nonlocal first
             time = item.estimate.time if isinstance(item, LiveEstimate) else item.time
-            (stamp,) = nanoseconds(path, np.array([time]))
+            first = time if first is None else first
+            _, stamp = nanoseconds(path, np.array([first, time]))
             if isinstance(item, LiveEstimate):
                 add_live_estimate(file, plane, stamp, item, {})
             elif isinstance(item, TimedPose):

@@ -53,7 +53,7 @@ def recording_from_arrays(
     if not isinstance(shape, Shape):
         raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
     check_outline(shape)
-    taken, size = _nanoseconds("image_time", images[0]), (sensor.image_height, sensor.image_width)
+    taken, size = _nanoseconds("image_time", images[0], least=1e-3), (sensor.image_height, sensor.image_width)
     check_rows("image_time", taken, np.diff(taken, prepend=taken[0] - 1) > 0, "a time after the one before")
     given = _checked_images(images[1], len(taken), sensor)
     flags = None if contact is None else checked_array("contact", contact, FLAGS, (len(taken),))
@@ -110,24 +110,36 @@ def recording_from_arrays(
     )
 
 
-def _nanoseconds(name: str, time: ArrayLike) -> Times:
+def _nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     """Return times (N,), seconds as floats or nanoseconds as integers, as nanoseconds.
 
-    Raises FileError where they are none or seem to be in another unit.
+    Raises FileError where they are none, are rounded, or seem to be in another unit: steps are below `least` [s].
     """
     given = checked_array(name, time, NUMBERS, ("N",))
     if not len(given):
         raise FileError(f"{name}: found no times, expected one or more")
     is_whole = given.dtype.kind in "iu"
     check_rows(name, given, np.isfinite(given), "a finite number")
-    steps = np.abs(np.diff(given.astype(np.int64 if is_whole else np.float64)))
+    exact = given.astype(np.int64 if is_whole else np.float64)
+    steps, latest = np.abs(np.diff(exact)), np.abs(given).max()
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    is_late = not is_whole and np.abs(given).max() > 4e9  # after the year 2096
-    if is_late or (step and not 50e-6 <= step * (1e-9 if is_whole else 1.0) <= 10.0):
+    is_late = not is_whole and latest > 4e9  # after the year 2096
+    if is_late or (step and not least <= step * (1e-9 if is_whole else 1.0) <= 10.0):
         kind = "integers, which are nanoseconds" if is_whole else "floats, which are seconds"
-        question = other_time_unit(step, 30.0)
+        question = " ".join(filter(None, (other_time_unit(step, rate) for rate in (30.0, 500.0))))
         raise FileError(f"{name}: found {kind}, in the median {step:g} from one to the next; {question}")
-    return given.astype(np.int64) if is_whole else np.round(given * 1e9).astype(np.int64)
+    resolution = 0.0 if is_whole else float(np.spacing(latest))
+    if resolution > max(0.1 * step, 1e-4):
+        raise FileError(
+            f"{name}: found times up to {latest:.10g} s in {given.dtype}, which is exact to {resolution:.3g} s there; "
+            "give float64, or integers of nanoseconds"
+        )
+    if (steps == 0).sum() > 0.5 * len(steps):
+        raise FileError(
+            f"{name}: {(steps == 0).sum()} of {len(given)} times are that before; were they rounded, as float32 rounds "
+            "them?"
+        )
+    return (exact if is_whole else np.round(exact * 1e9)).astype(np.int64)
 
 
 def _checked_images(images: Any, count: int, sensor: SensorProfile) -> Any:
