@@ -60,17 +60,20 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def decode_image(data: bytes, codec: Codec, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the RGB image (height, width, 3) of this size that bytes hold. Raises FileError."""
+    """Return the RGB image (height, width, 3) of this size that bytes hold, as its pixels are stored. Raises FileError.
+
+    A turn in the EXIF data is ignored: viewers and phones write it, cameras of touch sensors do not.
+    """
     import cv2
 
     found, image = image_size(data), None
-    if found in (size, size[::-1]):  # a JPEG may ask to be turned
+    if found == size:
         with suppress(cv2.error):
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-        found = None if image is None else image.shape[:2]
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        found = None if image is None else size
     if found is None:
         raise FileError(f"its {len(data)} bytes do not decode as {codec}")
-    if image is None or found != size:
+    if image is None:
         fits = "; turned by a quarter it fits" if found == size[::-1] else ""
         raise FileError(f"found {found} rows and columns, the sensor has {size}{fits}")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
