@@ -5,7 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_samples import image_times, pose_message, pose_times, push_messages, true_pose, write_bag
+from bag_samples import (
+    image_message,
+    image_times,
+    pose_message,
+    pose_times,
+    push_messages,
+    touch_images,
+    true_pose,
+    write_bag,
+)
 from rosbags.highlevel import AnyReader
 
 import palpate
@@ -79,6 +88,22 @@ def test_messages_of_a_run_contain_all_answers(succeeds):
 def test_bad_input_is_one_line(fails, words, message):
     assert message in fails(*words)
     assert not list(Path().glob("runs/*")) and not Path("a.mcap").exists()
+
+
+def test_info_proposes_no_track_that_is_refused(json_of):
+    grey = [
+        image_message(time, image, encoding="mono8") for time, image in zip(image_times(), touch_images(), strict=True)
+    ]
+    turned = [
+        image_message(time, image.transpose(1, 0, 2)) for time, image in zip(image_times(), touch_images(), strict=True)
+    ]
+    poses = [message for message in push_messages() if message.topic == "/ee_pose"]
+    advice = {}
+    for name, images in (("grey", grey), ("turned", turned)):
+        write_bag(Path(name), "ros1", [*images, *poses])
+        advice[name] = json_of("info", f"{name}.bag")["advice"]
+    assert "images are encoded as 'mono8', allowed are rgb8" in advice["grey"]
+    assert advice["turned"].startswith("palpate track turned.bag --sensor gelsight-mini --shape NAME|FILE")
 
 
 def test_convert_makes_a_recording_of_a_bag(succeeds):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import pushed, seen
 
 import palpate
 
@@ -124,6 +124,25 @@ def test_a_frame_that_cannot_be_used_repeats_the_estimate(caplog):
     assert (status == "faulty").sum() == 4 and len(run.smoothed) == len(run.online) == 40
     assert run.online.pose[7].tolist() == run.online.pose[6].tolist()
     assert sum("is skipped" in record.message for record in caplog.records) == 4
+
+
+def test_a_damaged_image_is_a_faulty_frame(run_palpate, caplog):
+    made = seen(pushed())
+    images = [data[: len(data) // 2] if index in (0, 9, 25) else data for index, data in enumerate(made.image)]
+    palpate.write_recording(replace(made, image=tuple(images)), "torn.mcap")
+    code, out, err = run_palpate("track", "torn.mcap", "--tactile", "none", "--json", "--html")
+    assert code == 0, err
+    assert json.loads(out)["statuses"]["faulty"] == 3
+    assert all(f"torn.mcap: image of frame {index}: " in caplog.text for index in (0, 9, 25))
+    assert len(table("runs/torn/estimates.csv")) == 40
+    found = json.loads(run_palpate("info", "torn.mcap", "--json")[1])["findings"]
+    assert [one["kind"] for one in found if one["kind"] == "image"] == ["image"] * 3
+
+
+def test_times_below_zero_become_messages(succeeds):
+    palpate.write_recording(replace(pushed(), time=pushed().time - 1e5), "before.mcap")
+    succeeds("track", "before.mcap", "--mcap")
+    assert table("runs/before/estimates.csv")["time"][0] == -1e5 and Path("runs/before/estimates.mcap").exists()
 
 
 def test_several_files_get_a_folder_and_a_row_each(json_of, succeeds):

@@ -11,7 +11,7 @@ from bag_samples import CONTAINERS, ROS2, Message, build_message, pose_message, 
 from mcap.writer import CompressionType, Writer
 from rosbags import rosbag2
 
-from palpate import Disc, FileError, read_bag
+from palpate import Disc, FileError, load_recording, read_bag
 
 
 @pytest.fixture
@@ -149,3 +149,22 @@ def test_what_is_no_bag(tmp_path):
     (tmp_path / "a.bag").write_bytes(b"something else")
     with pytest.raises(FileError, match="is no bag; known are MCAP"):
         read_bag(tmp_path / "a.bag", Disc(0.05))
+
+
+def test_a_write_ahead_log_beside_a_database_is_named(tmp_path):
+    folder = write_bag(tmp_path / "bag", "ros2", push_messages())
+    (database,) = folder.glob("*.db3")
+    database.with_name(f"{database.name}-wal").write_bytes(b"messages")
+    for path in (folder, database):
+        with pytest.raises(FileError, match=r"bag\.db3: bag\.db3-wal beside it holds messages .* wal_checkpoint"):
+            read_bag(path, Disc(0.05))
+
+
+def test_a_git_lfs_pointer_is_named(tmp_path):
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:0123\nsize 1627389\n"
+    folder = write_bag(tmp_path / "bag", "ros2", push_messages())
+    next(folder.glob("*.db3")).write_text(pointer)
+    (tmp_path / "push.mcap").write_text(pointer)
+    for path in (folder, tmp_path / "push.mcap"):
+        with pytest.raises(FileError, match="is a Git LFS pointer in place of the file; `git lfs pull` gets the file"):
+            load_recording(path)

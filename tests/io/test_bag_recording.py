@@ -71,6 +71,34 @@ def test_a_bag_that_another_program_wrote(tmp_path, container, compressed):
     assert recording.object_pose is None
 
 
+def as_encoding(message: Message, encoding: str, pixels: Any) -> Message:
+    """An image message whose bytes are these (height, width, channels)."""
+    changes = {"encoding": encoding, "step": pixels[0].size, "data": np.ascontiguousarray(pixels).reshape(-1)}
+    return replace(message, content=message.content | changes)
+
+
+@pytest.mark.parametrize("encoding", ["bgra8", "rgba8", "yuv422", "yuv422_yuy2", "bayer_rggb8", "bayer_gbrg8"])
+def test_encodings_that_opencv_converts(tmp_path, encoding):
+    """Of a sensor of one colour, which neither a mosaic nor half the colours' resolution changes."""
+    red, green, blue = 150, 90, 60
+    shape, message = (320, 240), image_message(image_times()[0], touch_images(1)[0])
+    if encoding.startswith("bayer"):
+        names = np.array(list(encoding[6:10])).reshape(2, 2)
+        tile = np.vectorize({"r": red, "g": green, "b": blue}.get)(names)
+        pixels = np.tile(tile, (160, 120)).astype(np.uint8)[..., None]
+    elif encoding.startswith("yuv"):
+        y, u, v = 16 + 0.257 * red + 0.504 * green + 0.098 * blue, 128 - 0.148 * red - 0.291 * green + 0.439 * blue, 0.0
+        v = 128 + 0.439 * red - 0.368 * green - 0.071 * blue
+        colours = np.broadcast_to(np.where(np.arange(240) % 2 == 0, u, v), shape)
+        pair = [colours, np.full(shape, y)]
+        pixels = np.rint(np.dstack(pair if encoding == "yuv422" else pair[::-1])).astype(np.uint8)
+    else:
+        order = (red, green, blue) if encoding == "rgba8" else (blue, green, red)
+        pixels = np.broadcast_to(np.array([*order, 255], np.uint8), (*shape, 4))
+    found = read(tmp_path, [as_encoding(message, encoding, pixels), *poses()])[0].image
+    assert np.abs(found[2:-2, 2:-2].astype(int) - [red, green, blue]).max() <= 3
+
+
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "8UC3"])
 def test_colours_of_raw_images(tmp_path, caplog, encoding):
     pixels = touch_images(3)
@@ -307,3 +335,54 @@ def test_choices_that_are_none():
     for wrong in wrongs:
         with pytest.raises(SettingError, match="; allowed "):
             BagChoices(**wrong)
+
+
+def test_a_damaged_image_is_one_frame(tmp_path):
+    messages = few_images()
+    for index, data in ((0, b""), (3, bytes(messages[3].content["data"])[:900])):
+        content = messages[index].content | {"data": np.frombuffer(data, np.uint8)}
+        messages[index] = replace(messages[index], content=content)
+    recording = read(tmp_path, messages + poses())
+    assert len(recording) == 6
+    for index in range(6):
+        if index in (0, 3):
+            with pytest.raises(FileError, match=f"image of frame {index}: .* do not decode"):
+                recording[index]
+        else:
+            assert recording[index].image is not None
+
+
+LOST = {"nan": dict.fromkeys("xyzw", float("nan")), "zero": dict.fromkeys("xyzw", 0.0)}
+
+
+@pytest.mark.parametrize("kind", LOST)
+def test_poses_that_motion_capture_lost_are_unknown(tmp_path, kind):
+    truth = poses("/object")
+    for index in range(10, 15):
+        content = truth[index].content
+        pose = content["pose"] | {"orientation": LOST[kind]}
+        truth[index] = replace(truth[index], content=content | {"pose": pose})
+    recording = read(tmp_path, few_images(20) + poses() + truth, object_poses="/object")
+    after = (image_times(20) - START) / 2e7  # poses come every 20 ms
+    known = ~np.isnan(recording.object_pose[:, 0])
+    assert known.tolist() == [not 9 < number < 15 for number in after]
+    same_poses(recording.object_pose[known], true_pose(image_times(20))[known])
+    lost = [replace(each, topic="/ee_pose") for each in truth[10:15]]
+    with pytest.raises(FileError, match="/ee_pose: none of 5 poses is known"):
+        read(tmp_path / "all", few_images() + lost)
+
+
+def test_transforms_that_nobody_uses_may_contradict_each_other(tmp_path):
+    recording = read(tmp_path, few_images() + poses() + still("oak left", "right left"), sensor_poses="/ee_pose")
+    assert len(recording) == 6
+
+
+def test_times_of_recording_that_are_all_equal(tmp_path):
+    messages = [replace(message, log_time=0) for message in few_images() + poses()]
+    recording = read(tmp_path, messages)
+    assert recording.time.tolist() == (image_times(6) / 1e9).tolist()
+    with pytest.raises(FileError, match=r"6 messages in /digit/image/compressed have only 1 different times of record"):
+        read(tmp_path / "log", messages, clock="log")
+    unstamped = restamped(messages, lambda time: 0)
+    with pytest.raises(FileError, match=r"have a stamp of zero$"):
+        read(tmp_path / "none", unstamped)

@@ -66,7 +66,7 @@ def test_cmu_logs_of_other_objects_are_refused(tmp_path):
     path = tmp_path / "log.txt"
     rows = [line.split(",") for line in cmu().splitlines()]
     path.write_text("\n".join(",".join([row[0], f"{float(row[1]) - 8.0}", *row[2:]]) for row in rows))
-    with pytest.raises(FileError, match=r"the tips push -8\.0 mm off a rectangle .* logs of other objects are not read"):
+    with pytest.raises(FileError, match=r"the tips push -8\.0 mm off a rectangle .* other objects are not read"):
         load(path)
 
 

@@ -43,6 +43,14 @@ def test_tables(text):
     assert apart(load_shape("box.csv", unit="mm"), BOX) < 1e-12
 
 
+def test_a_byte_order_mark_and_decimal_commas():
+    mark = "\ufeff"
+    Path("box.csv").write_text(mark + "x;y\n0;0\n0,09;0\n0,09;0,06\n0;0,06\n", encoding="utf-8")
+    Path("box.json").write_text(mark + json.dumps({"vertices": BOX}), encoding="utf-8")
+    for name in ("box.csv", "box.json"):
+        assert apart(load_shape(name), BOX) < 1e-12
+
+
 def test_json():
     Path("box.json").write_text(json.dumps({"vertices": BOX}))
     assert load_shape(Path("box.json")) == Polygon(BOX)
