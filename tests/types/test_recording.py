@@ -1,5 +1,6 @@
 """Recordings and trajectories: frames, and fields that are refused."""
 
+import multiprocessing
 from dataclasses import replace
 from typing import Any
 
@@ -7,8 +8,20 @@ import cv2
 import numpy as np
 import pytest
 from recording_samples import encoded, pushed, tiny_images, tiny_recording
+from view_samples import imaged_push
 
-from palpate import DIGIT, POINT, Disc, FileError, Frame, Recording, SettingError, Trajectory
+from palpate import (
+    DIGIT,
+    POINT,
+    Disc,
+    FileError,
+    Frame,
+    Recording,
+    SettingError,
+    Trajectory,
+    load_recording,
+    write_recording,
+)
 
 
 def test_frames_come_out_as_they_went_in():
@@ -103,3 +116,24 @@ def test_fields_of_a_trajectory_that_do_not_fit_are_refused(changes, message):
     fields = {"time": np.array([0.0, 1.0]), "pose": np.zeros((2, 3))}
     with pytest.raises(FileError, match=message):
         Trajectory(**(fields | changes))
+
+
+def test_forked_processes_read_their_own_images(tmp_path):
+    push = imaged_push()
+    assert push.image is not None
+    padding = np.random.default_rng(0).bytes
+    given = tuple(image + padding(1_500_000) for image in push.image)  # more than is kept in memory
+    write_recording(replace(push, image=given), tmp_path / "push.mcap")
+    found = load_recording(tmp_path / "push.mcap").image
+
+    def read(start: int) -> None:
+        for _ in range(3):
+            assert found is not None and found[start::2] == given[start::2]
+
+    context = multiprocessing.get_context("fork")
+    readers = [context.Process(target=read, args=(index % 2,)) for index in range(4)]
+    for reader in readers:
+        reader.start()
+    for reader in readers:
+        reader.join()
+    assert [reader.exitcode for reader in readers] == [0] * 4

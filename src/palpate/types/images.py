@@ -1,16 +1,16 @@
 """Touch images as the encoded bytes that a recording keeps."""
 
 import io
+import mmap
 import operator
 import struct
 import tempfile
-import threading
 import warnings
 import weakref
 import zlib
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import Any, Literal, SupportsIndex, overload
+from typing import IO, Any, Literal, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,29 +80,38 @@ def decode_image(data: bytes, codec: Codec, size: tuple[int, int]) -> NDArray[np
 
 
 class SpooledImages(Sequence[bytes]):
-    """Encoded images that go to a temporary file where they are many; equal to any sequence of the same bytes."""
+    """Encoded images, beyond 64 MB in a temporary file; equal to any sequence of the same bytes.
+
+    Reading moves no place in the file, which threads and forked processes would share.
+    """
 
     def __init__(self) -> None:
-        self._file = tempfile.SpooledTemporaryFile(max_size=64_000_000)  # noqa: SIM115  # closed by the finalizer
-        self._lock = threading.Lock()
-        self._places: list[tuple[int, int]] = []
-        weakref.finalize(self, self._file.close)
+        self._images: list[bytes | tuple[int, int]] = []  # or offset and length in the file
+        self._in_memory = 0
+        self._file: IO[bytes] | None = None
+        self._owner: SpooledImages | None = None  # closes the file
 
     def append(self, data: bytes) -> None:
         """Add an image."""
-        with self._lock:
-            self._places.append((self._file.seek(0, 2), len(data)))
-            self._file.write(data)
+        if self._in_memory + len(data) <= 64_000_000:
+            self._images.append(data)
+            self._in_memory += len(data)
+            return
+        if self._file is None:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115  # closed by the finalizer
+            weakref.finalize(self, self._file.close)
+        self._images.append((self._file.seek(0, 2), len(data)))
+        self._file.write(data)
+        self._file.flush()
 
     def selected(self, indices: Iterable[int]) -> "SpooledImages":
         """Return some of the images, without copying them."""
-        found = SpooledImages.__new__(SpooledImages)
-        found._file, found._lock, found._places = self._file, self._lock, [self._places[index] for index in indices]
-        found._owner = self  # pyright: ignore[reportAttributeAccessIssue]  # keeps the file open
+        found = SpooledImages()
+        found._images, found._file, found._owner = [self._images[index] for index in indices], self._file, self
         return found
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._images)
 
     @overload
     def __getitem__(self, index: SupportsIndex) -> bytes: ...
@@ -112,10 +121,15 @@ class SpooledImages(Sequence[bytes]):
         """Return one image, or a tuple of some."""
         if isinstance(index, slice):
             return tuple(self[each] for each in range(*index.indices(len(self))))
-        offset, length = self._places[operator.index(index)]
-        with self._lock:
-            self._file.seek(offset)
-            return self._file.read(length)
+        image = self._images[operator.index(index)]
+        if isinstance(image, bytes):
+            return image
+        assert self._file is not None
+        offset, length = image
+        start = offset - offset % mmap.ALLOCATIONGRANULARITY
+        file, size = self._file.fileno(), offset + length - start
+        with mmap.mmap(file, size, access=mmap.ACCESS_READ, offset=start) as found:
+            return found[offset - start :]
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and len(self) == len(other) and all(map(bytes.__eq__, self, other))
