@@ -1,11 +1,13 @@
 """The page of a run, which `palpate track --html` writes."""
 
 import json
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 from page_samples import Page
@@ -155,3 +157,32 @@ def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
     assert "The truth is not known." in Page(page.read_text(encoding="utf-8")).words
     move_slider(browser, 20)
     assert browser.get_log("browser") == []
+
+
+def test_a_name_that_is_no_text_and_settings_of_the_user(tmp_path, command, monkeypatch, caplog):
+    monkeypatch.setitem(matplotlib.rcParams, "text.usetex", True)
+    monkeypatch.setitem(matplotlib.rcParams, "axes.titlesize", 40.0)
+    push = tmp_path / os.fsdecode(b"r\xfcck.mcap")
+    palpate.write_recording(replace(pushed(), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
+    try:
+        (tmp_path / "push.mcap").rename(push)
+    except OSError:
+        pytest.skip("this file system takes no such names")
+    assert command("track", push, "--html", "--out", tmp_path / "run") == 0
+    assert r"<h1>r\udcfcck.mcap</h1>" in (tmp_path / "run" / "page.html").read_text(encoding="utf-8")
+    assert caplog.text == "" and (tmp_path / "run" / "figure.png").exists()
+    assert matplotlib.rcParams["text.usetex"] is True
+
+
+def test_a_picture_that_fails_loses_nothing_else(tmp_path, command, monkeypatch, caplog):
+    def fail(*_: Any) -> None:
+        raise RuntimeError("no font")
+
+    monkeypatch.setattr("palpate.pipeline.run_folder.run_figure", fail)
+    monkeypatch.setattr("palpate.viewer.page.draw_path", fail)
+    palpate.write_recording(replace(pushed(), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
+    assert command("track", tmp_path / "push.mcap", "--html", "--out", tmp_path / "run") == 0
+    left = {path.name for path in (tmp_path / "run").iterdir()}
+    assert {"estimates.csv", "summary.json"} <= left and not {"figure.png", "page.html"} & left
+    for name in ("figure.png", "page.html"):
+        assert f"{name} is left out: RuntimeError: no font" in caplog.text

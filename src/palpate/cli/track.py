@@ -72,6 +72,7 @@ def track(
         html: Write a page that shows the push in any browser, page.html.
     """
     from palpate.io.mcap_file import nanoseconds
+    from palpate.pipeline.figures import drawing
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
     from palpate.pipeline.track import track as track_recording
     from palpate.types.space import flat
@@ -93,7 +94,8 @@ def track(
             if html:
                 from palpate.viewer.page import write_page
 
-                write_page(run, file.name, part / PAGE)
+                with drawing(PAGE):
+                    write_page(run, file.name, part / PAGE)
         return run.summary
 
     if len(files) == 1:

@@ -1,14 +1,15 @@
 """The figure of a run: the push from above, touch images, and errors over time, in mm and degrees."""
 
+import logging
 import textwrap
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, one_line
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
@@ -19,10 +20,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 # The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
 TRUTH, ESTIMATE, SENSOR, START, CONTACT = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA", "#E69F00"
+
+
+@contextmanager
+def own_style(**settings: Any) -> Iterator[None]:
+    """Draw with Matplotlib's defaults and some settings, whatever a matplotlibrc of the user says."""
+    import matplotlib as mpl
+
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        for name, value in settings.items():
+            mpl.rcParams[name] = value  # pyright: ignore[reportArgumentType]
+        yield
+
+
+@contextmanager
+def drawing(what: str) -> Iterator[None]:
+    """Draw what a run can do without: if that fails, a warning says so and nothing else is lost."""
+    try:
+        with own_style():
+            yield
+    except Exception as error:  # of a library, by its fonts or the data
+        logger.warning("%s is left out: %s: %s", what, type(error).__name__, one_line(error))
 
 
 def run_figure(run: Run) -> "Figure":

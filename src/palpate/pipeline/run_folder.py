@@ -21,7 +21,7 @@ from palpate.files import read_text, whole_folder
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
 from palpate.io.trajectories import COVARIANCE, UPPER, write_estimates_csv, write_tum
-from palpate.pipeline.figures import run_figure
+from palpate.pipeline.figures import drawing, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Answer, Answers
 from palpate.types.space import Plane
@@ -72,7 +72,8 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
     _write_json(folder / "summary.json", run.summary)
-    run_figure(run).savefig(folder / "figure.png", dpi=120)
+    with drawing("figure.png"):
+        run_figure(run).savefig(folder / "figure.png", dpi=120)
     if run.recording.file is None:
         write_recording(run.recording, folder / RECORDING)
 

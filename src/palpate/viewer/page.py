@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.errors import printable
 from palpate.files import whole_file
 from palpate.geometry.se2 import half_axes_95
-from palpate.pipeline.figures import draw_errors, draw_path, frame_above
+from palpate.pipeline.figures import draw_errors, draw_path, frame_above, own_style
 from palpate.pipeline.track import Run
 from palpate.pipeline.truth import flag_runs
 from palpate.viewer.scene import COLOURS, STATUS_COLOURS, jpeg, touch_images
@@ -25,11 +26,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+@own_style(**{"svg.fonttype": "none", "svg.hashsalt": "palpate"})
 def write_page(run: Run, name: str, path: Path) -> None:
     """Write the page of a run, whole or not at all; FileError if it exists."""
     page = rendered_page(
         Path(__file__).with_name("page.html.j2"),
-        name=name,
+        name=printable(name),
         summary=run.summary,
         colours=COLOURS,
         status_colours={word: colour for word, colour in STATUS_COLOURS.items() if word in (run.online.status or ())},
@@ -104,11 +106,9 @@ def _plots(run: Run) -> dict[str, Any]:
 def _svg(figure: "Figure") -> Any:
     """Return a figure as an SVG element, whose text is text."""
     import markupsafe
-    from matplotlib import rc_context
 
     file = io.StringIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "palpate"}):
-        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     text = file.getvalue()
     return markupsafe.Markup(text[text.index("<svg") :])
 
@@ -166,5 +166,5 @@ def _json(data: dict[str, Any]) -> Any:
     """Return JSON that is safe inside a script element."""
     import markupsafe
 
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return markupsafe.Markup(text.replace("<", "\\u003c"))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import SettingError
+from palpate.errors import SettingError, printable
 from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
@@ -82,7 +82,7 @@ def live_view(recording: Recording, name: str) -> Iterator[Listen]:
 def _opened(scene: Scene, path: Path | None = None, is_live: bool = False) -> Iterator["SceneLog"]:
     """Open a new file, or a new viewer, for a scene; a warning is logged at the end if the viewer was closed."""
     stream, blueprint = rr.RecordingStream("palpate"), _blueprint(is_live)
-    stream.send_recording_name(scene.name)
+    stream.send_recording_name(printable(scene.name))
     if path:
         stream.save(path, blueprint)
     else:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.files import whole_file
 from palpate.geometry import se2
+from palpate.pipeline.figures import own_style
 
 Array = NDArray[np.float64]
 Tracks = Mapping[str, Mapping[str, Any]]
@@ -18,6 +19,7 @@ COLOURS = {"none": "#000000", "const": "#E69F00", "learnt": "#0072B2", "oracle":
 UNITS = ("translation [mm]", "rotation [deg]")
 
 
+@own_style()
 def draw(out: Path, tracks: Tracks) -> None:
     """Write all figures to a folder."""
     rectangles = {name: track for name, track in tracks.items() if name.startswith("rect")}

@@ -15,6 +15,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import shape_from_dict
 from palpate.lab.study.results import ALL, FINALS
 from palpate.lab.study.study import Trial, flat
+from palpate.pipeline.figures import own_style
 from palpate.pipeline.metrics import inside_95, rotation_errors, translation_errors
 from palpate.viewer.page import picture_uri, rendered_page
 
@@ -84,10 +85,8 @@ def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial])
 
 def study_figures(trials: Sequence[Trial]) -> list[StudyFigure]:
     """Return the figures of those trials that have ground truth."""
-    import matplotlib as mpl
-
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
-    with mpl.rc_context(STYLE):
+    with own_style(**STYLE):
         return [_over_time(scored), _final_errors(scored), _trajectories(scored)] if scored else []
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from palpate.errors import SettingError
 from palpate.files import whole_file
 from palpate.geometry.shapes import Shape
+from palpate.pipeline.figures import own_style
 
 Array = NDArray[np.float64]
 Gray = NDArray[np.uint8]
@@ -97,6 +98,7 @@ def _detected(image: Gray, exact: bool) -> dict[int, Array]:
     return {int(number): np.asarray(each[0], np.float64) for number, each in zip(numbers.ravel(), found, strict=True)}
 
 
+@own_style()
 def write_sheets(path: Path, name: str, shape: Shape, paper: str = "a4", overwrite: bool = False) -> None:
     """Write a PDF of four pages for an object. Raises SettingError if its outline is larger than the paper."""
     from matplotlib.backends.backend_pdf import PdfPages
