@@ -62,7 +62,7 @@ def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[s
     model, mean = shipped_model(DIGIT.name), reduced(calibration.background.mean)
     looks = [model.read(difference(calibration.view.of(image), mean)) for image in images]
     direction, variance = np.array([look.direction for look in looks]).T
-    direction = np.array([calibration.direction.true(angle) for angle in direction])
+    direction = (direction - calibration.direction.offset) / calibration.direction.scale
     error = direction - true
     slope, intercept = np.polyfit(true, direction, 1)
     inside = coverage(error, variance * model.settings.spread["direction"].scale)

@@ -1,5 +1,6 @@
 """Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,8 +15,9 @@ from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import PoseMonitor, StreamQuality
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
+from palpate.touch.cells import is_dark, is_grey
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import GREY, lacks_colours
+from palpate.touch.pipeline import GREY
 from palpate.types.measurements import (
     ContactDirection,
     ContactPlace,
@@ -26,6 +28,8 @@ from palpate.types.measurements import (
     finite_numbers,
 )
 from palpate.types.sensor import SensorProfile
+
+logger = logging.getLogger(__name__)
 
 _PAUSE = 10  # intervals without a frame after which a contact is a new one
 _NEAR, _INSIDE = 3.0, 5e-3  # [standard deviations] and [m] of clearance: may touch, and touches for sure
@@ -42,16 +46,21 @@ class InputGate:
         self._detector = ContactDetector(sensor, calibration)
         self._begin()
 
+    @property
+    def needs_clearance(self) -> bool:
+        """True if `check` needs the clearance, as images that may show a touch are to be taken as untouched."""
+        return self._may_show_touch or self._detector.sees_new_view
+
     def reset(self) -> None:
         """Start again at any time; the untouched gel stays known unless its images may show a touch."""
-        if self.needs_clearance:
+        if self._may_show_touch:
             self._detector.forget()
         self._begin()
 
     def _begin(self) -> None:
         self._poses, self._quality = PoseMonitor(self._rate), StreamQuality(self._rate, self._deviation)
-        self.needs_clearance = self._detector.background is None
-        """True while the first images, taken as untouched, may show a touch; `check` then needs the clearance."""
+        self._may_show_touch = self._detector.background is None  # of the first images, taken as untouched
+        self._has_touched = False
         self.last: Frame | None = None
         """The last accepted frame."""
         self.paused = False
@@ -83,14 +92,15 @@ class InputGate:
         self._poses.check_time(frame.time)
         image, contact, touches_since_start = frame.image, bool(frame.contact), False
         if image is not None:
+            image, contact = self._detector.read(image), False
             try:
-                image = self._detector.read(image)
-                if reads_images and needs_colours and last is None and lacks_colours(image):
+                if reads_images and needs_colours and last is None and is_grey(image) and not is_dark(image):
                     raise SettingError(GREY)
                 contact = self._detector.update(image)
             except SettingError as error:
-                raise FrameError(f"{when}: {error}") from error
-            if clearance is not None:
+                if not self._learns_anew(clearance):
+                    raise FrameError(f"{when}: {error}") from error
+            if clearance is not None and self._may_show_touch:
                 touches_since_start = self._touches_since_start(*clearance, contact)
             contact = contact or touches_since_start
         elif reads_images and contact:
@@ -103,20 +113,33 @@ class InputGate:
         self.touches_since_start, self.hidden_motion = touches_since_start, self._poses.hidden
         if image is not None and has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
-            contact = self.needs_clearance = self.touches_since_start = False
+            contact = self._may_show_touch = self.touches_since_start = False
         return replace(frame, image=image, contact=contact)
 
     def _touches_since_start(self, distance: float, deviation: float, in_contact: bool) -> bool:
         if self.touches_since_start:
             return True
         came_later = in_contact if self.background is not None else distance >= _NEAR * deviation
-        self.needs_clearance = not came_later
+        self._may_show_touch = not came_later
         # Mounting and outline may be wrong by some millimetres.
-        return self.needs_clearance and distance < -max(deviation, _INSIDE)
+        return self._may_show_touch and distance < -max(deviation, _INSIDE)
+
+    def _learns_anew(self, clearance: tuple[float, float] | None) -> bool:
+        """Take a new steady view as the untouched gel, from this image on, unless something may touch."""
+        if clearance is None or not self._detector.sees_new_view:
+            return False
+        distance, deviation = clearance
+        if self._has_touched and distance < _NEAR * deviation + _INSIDE:
+            return False
+        logger.warning("the untouched gel is learnt anew, from images that are steady and unlike it")
+        self._detector.forget()
+        self._may_show_touch = True
+        return True
 
     def accept(self, frame: Frame) -> None:
         """Make a checked frame the last one."""
         self.last, self.doubt = frame, self._detector.doubt
+        self._has_touched = self._has_touched or bool(frame.contact)
         in_contact = bool(frame.contact) and frame.image is not None and not self.paused
         self.weakness = self._quality.add(frame.time, frame.sensor_pose, self._detector.light, in_contact)
 

@@ -22,7 +22,7 @@ from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, DirectionCorrection, correction_of
+from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.types.estimate import Estimate, Trajectory
@@ -77,7 +77,7 @@ class Tracker:
         is_view_known = calibration is not None and calibration.is_view_known
         self._bank = HypothesisBank(
             contact_model(shape, sensor, settings.pressure),
-            with_correction(settings.noise, correction_of(calibration)),
+            with_correction(settings.noise, calibration.direction if calibration else UNCORRECTED),
             settings.smoother,
             *self._first,
             settings.hypotheses,
@@ -120,7 +120,8 @@ class Tracker:
         clearance = bank.clearance(frame.sensor_pose) if needs_clearance else None
         frame = gate.check(frame, clearance, touch.reads_images, touch.needs_colours)
         if gate.last is None:
-            self._begin_with(frame)
+            self._check_first_pose(frame)
+        touch.choose(frame.image, gate.background)
 
         # 2. End a contact that is over.
         if bank.in_contact and (gate.paused or not frame.contact):
@@ -149,11 +150,6 @@ class Tracker:
         return self._touch.reason
 
     @property
-    def unusual_colours(self) -> str:
-        """Question about the first image if its channels may be exchanged, or images turned or mirrored, else empty."""
-        return self._touch.question
-
-    @property
     def frame(self) -> Frame:
         """The last frame as it was used, its image in the profile's view; EstimationError before the first one."""
         if self._gate.last is None:
@@ -171,13 +167,12 @@ class Tracker:
             raise EstimationError(_NO_FRAME)
         return Trajectory(np.array(self._times), self._bank.path(), contact=np.array(self._contacts, dtype=bool))
 
-    def _begin_with(self, frame: Frame) -> None:
-        """Take the first frame: warn of a first pose far from the sensor, and choose how images are read."""
+    def _check_first_pose(self, frame: Frame) -> None:
+        """Warn of a first pose far from the sensor at the first frame."""
         pose, covariance = self._first
         apart = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
         if apart > SPAN + 3.0 * float(np.sqrt(np.diagonal(covariance)[:2].max())):
             logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
-        self._touch.begin(frame.image)
 
     def _measure(self, frame: Frame) -> Sequence[Measurement]:
         """Return the measurements by touch at a frame of contact."""

@@ -20,7 +20,7 @@ class FakeTracker:
     """Does `step` with each frame, and estimates the same pose."""
 
     background = frame = None
-    tactile, tactile_reason, unusual_colours = "none", "", "unusual colours"
+    tactile, tactile_reason = "none", ""
 
     def __init__(self, step: Callable[[Any], None] = lambda frame: None) -> None:
         self.frames: list[Any] = []
@@ -85,10 +85,11 @@ def test_while_a_step_runs_only_the_newest_image_waits():
         assert four_are_there.wait(5.0)
 
     tracker = FakeTracker(slow_once)
+    tracker.tactile_reason = "images are grey"
     session, notes = run(tracker, images, np.arange(-1, 20) / 10)
     assert [frame.time for frame in tracker.frames] == [0.0, 0.05]
     assert (session.counts["tracked"], session.counts["dropped"]) == (2, 4)
-    assert notes == ["unusual colours"]
+    assert notes == ["tactile none: images are grey"]
 
 
 def test_a_slow_step_at_60_hz_drops_what_it_must_and_counts_it():

@@ -271,7 +271,8 @@ def mini_readings(shape: Any, front: float, tilt: float, y: float, depth: float)
 def test_the_model_of_the_mini_is_chosen_by_its_name_and_reads_places_and_tilts():
     assert shipped_model("my finger").folder == SHIPPED
     chosen = TouchReader("auto", GELSIGHT_MINI)
-    chosen.begin(MINIS[0].no_contact)
+    bare = MINIS[0].no_contact
+    chosen.choose(bare, Background(np.float32(bare), np.zeros_like(bare, np.float32)))
     assert (chosen.tactile, chosen.reason) == ("learnt", "images fit the touch model of the GelSight Mini")
     places = [mini_readings(Disc(0.05), -0.05, 0.0, y, 5e-4)[1] for y in (-0.005, 0.0, 0.005)]
     assert places[0] < places[1] - 0.002 < places[2] - 0.004

@@ -51,8 +51,7 @@ def calibrate(
     from palpate import io as formats
     from palpate.touch.background import background_of
     from palpate.touch.calibration import Calibration, misfit, write_calibration
-    from palpate.touch.press_calibration import calibrate as by_recording
-    from palpate.touch.press_calibration import read_image, untouched_frames
+    from palpate.touch.press_calibration import read_image, untouched_frames, untouched_images
     from palpate.types.sensor import DIGIT, known_sensor
 
     is_table = presses is not None and presses.suffix.lower() == ".csv"
@@ -74,11 +73,12 @@ def calibrate(
         rest = untouched if file is None else recordings[file]
         calibration, numbers = _by_presses(presses, recordings.get(presses), rest, profile, model)
     elif file is not None:
-        with progress_bar("calibrating", len(untouched_frames(recordings[file]))) as progress:
-            background, frames = by_recording(recordings[file], progress)
+        frames = len(untouched_frames(recordings[file]))
+        with progress_bar("calibrating", frames) as progress:
+            background = background_of(untouched_images(recordings[file], progress))
         calibration, numbers = Calibration(background), {"frames": frames}
     else:
-        images = [read_image(each, grey=True) for each in untouched]
+        images = [read_image(each) for each in untouched]
         for name, image in zip(untouched, images, strict=True):
             if image.shape != images[0].shape:
                 sizes = ["{} x {} px".format(*each.shape) for each in (image, images[0])]
@@ -90,7 +90,7 @@ def calibrate(
     files = {"file": file and str(file), "out": str(out)}
     report(json, "calibration", files | numbers | about_calibration(calibration))
     if presses is not None and not json:
-        print_line("Presses find left and right only; up and down, and an unusual order of colours, may be wrong.")
+        print_line("Presses find left and right only; up and down may be wrong.")
         if not calibration.view.keeps_left_and_right:
             print_line("Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y.")
     return 0
@@ -111,14 +111,10 @@ def _by_presses(
     from palpate.touch.press_calibration import learn_from_presses, read_image, read_presses, untouched_images
     from palpate.touch.touch_model import TouchModel, shipped_model
 
-    may_be_grey = model is not None  # a model of the user's own
-    if isinstance(rest, tuple):
-        still = [read_image(each, may_be_grey) for each in rest]
-    else:
-        still = list(untouched_images(rest))
-    given = read_presses(path, may_be_grey, in_order=True) if presses is None else presses_of(presses)
+    still = list(map(read_image, rest) if isinstance(rest, tuple) else untouched_images(rest))
+    given = read_presses(path, in_order=True) if presses is None else presses_of(presses)
     with in_file(path):
-        if not may_be_grey and any(map(is_grey, (*still, *given.images))):
+        if model is None and any(map(is_grey, (*still, *given.images))):
             raise FileError(GREY)
         fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
     numbers = {

@@ -68,7 +68,7 @@ def train(
     if source.suffix.lower() == ".csv":
         if not untouched or not sensor or start or calibration or test:
             raise SettingError("train: presses (.csv) take --untouched and --sensor, not --from, --calibration, --test")
-        still, presses = [read_image(path, grey=True) for path in untouched], read_presses(source, grey=True)
+        still, presses = [read_image(path) for path in untouched], read_presses(source)
         with in_file(source):
             results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
     else:

@@ -172,8 +172,6 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         return
     if "tactile_reason" in summary:
         print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
-    if "unusual_colours" in summary:
-        print_line(summary["unusual_colours"])
     rows = {"final pose": pose_words(summary["final_pose"], summary["final_sigma"])}
     rows |= {name: summary[key] for name, key in (FACTS | (KNOCKS if summary["knocks"] else {})).items()}
     print_table(quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows))

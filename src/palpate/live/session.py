@@ -66,6 +66,7 @@ class LiveSession:
         self._times: deque[float] = deque(maxlen=60)  # of the last images
         self._latencies: array[float] = array("d")
         self._next_note: dict[str, float] = {}
+        self._tactile_reason = ""
 
     def run(self, stop: threading.Event, listeners: Sequence[Listen] = (), seconds: float = np.inf) -> None:
         """Track until the images end, `stop` is set, or for some seconds [s].
@@ -159,10 +160,9 @@ class LiveSession:
                 raise
             self._count_fault("left_out", "a frame is left out", str(error))
             return
-        if self.last is None and self._tracker.tactile_reason:
-            self.say(f"tactile {self._tracker.tactile}: {self._tracker.tactile_reason}")
-        if self.last is None and self._tracker.unusual_colours:
-            self.say(self._tracker.unusual_colours)
+        if (reason := self._tracker.tactile_reason) != self._tactile_reason:
+            self._tactile_reason = reason
+            self.say(f"tactile {self._tracker.tactile}: {reason}")
         self.counts["tracked"] += 1
         self.statuses[estimate.status] += 1
         latency = self._clock.now() - image.time

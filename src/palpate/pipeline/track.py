@@ -109,8 +109,6 @@ def track(
         summary["untouched_from_s"] = release.time
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    if tracker.unusual_colours and not recording.is_simulated:  # simulated units have any light
-        summary["unusual_colours"] = tracker.unusual_colours
     smoothed = tracker.smoothed()
     if not used.all():
         smoothed = Trajectory(recording.time, smoothed.pose[np.maximum(np.cumsum(used) - 1, 0)], contact=online.contact)

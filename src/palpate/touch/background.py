@@ -1,4 +1,4 @@
-"""Background: statistics of the untouched gel, from its images, with which an image is compared."""
+"""Background: the untouched gel as its images show it, with which an image is compared."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.touch.cells import SPARSE, Image, Levels, cell_width, cells_of, compare, is_dark, is_flat, is_grey
+from palpate.touch.cells import Image, Levels, cell_width, cells_of, change_in_light, compare, is_dark, is_grey
 
 AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
 
 UNLIKE = np.float32(8.0)  # [grey levels] between cells of images that do not show one gel at rest
-_MOVED = 0.01  # share of values unlike, from which something moves on the gel
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +24,8 @@ class Background:
     deviation: Levels
     """Standard deviation over the time of the first images or the calibration, (height, width, 3) [grey levels]."""
     noise: Levels = field(default_factory=lambda: np.empty((0, 0, 3), np.float32))
-    """Standard deviation of the cells, (rows, columns, 3) [grey levels]. By default pixels have independent noise; some
-    cameras have stripes, which cells share."""
+    """Standard deviation of the cells, in the light of each image, (rows, columns, 3) [grey levels]. By default pixels
+    have independent noise; some cameras have stripes, which cells share."""
 
     def __post_init__(self) -> None:
         if not self.noise.size:
@@ -38,30 +37,25 @@ class Background:
         """Return the background with a mean in which an image has the weight `part`, and the past the rest."""
         return replace(self, mean=self.mean + np.float32(part) * (image.astype(np.float32) - self.mean))
 
-    def check_colours(self, image: Image) -> None:
-        """Raise SettingError on a grey image, not black or saturated, if the untouched gel has colours."""
-        colours = float(np.ptp(self.mean[::SPARSE, ::SPARSE], axis=-1).mean())
-        if colours > 4.0 and is_grey(image) and not is_flat(image):
-            raise SettingError("image: found grey, expected colours as the untouched gel has")
-
 
 def background_of(images: Iterable[Image]) -> Background:
     """Return the statistics of untouched images (height, width, 3), read one after the other; of one, without noise."""
-    count, sums = 0, [np.zeros(())] * 4  # of pixels and their squares, of cells and their squares
+    count, first, sums = 0, None, [np.zeros(())] * 4  # of pixels and their squares, of cells and their squares
     for image in images:
-        pixels, cells = image.astype(np.float64), cells_of(image).astype(np.float64)
-        sums = [total + more for total, more in zip(sums, (pixels, pixels**2, cells, cells**2), strict=True)]
+        pixels, cells = image.astype(np.float64), cells_of(image)
+        first = cells if first is None else first
+        change = change_in_light(cells, first, cells.shape[1]).astype(np.float64)
+        sums = [total + more for total, more in zip(sums, (pixels, pixels**2, change, change**2), strict=True)]
         count += 1
     if not count:
         raise SettingError("a background needs an untouched image, found none")
-    pixels, squares, cells, cell_squares = sums
+    pixels, squares, changes, changes_squared = sums
     mean, freedom = pixels / count, max(count - 1, 1)
     variance = np.maximum(squares - count * mean**2, 0.0) / freedom
-    noise = np.maximum(cell_squares - count * (cells / count) ** 2, 0.0) / freedom
+    noise = np.maximum(changes_squared - count * (changes / count) ** 2, 0.0) / freedom
     prior = 10  # images; weight of the mean noise of all cells, as that of one is known from few images
     noise = (freedom * noise + prior * noise.mean()) / (freedom + prior)
-    deviation, noise = np.sqrt(variance), np.sqrt(noise)
-    return Background(mean.astype(np.float32), deviation.astype(np.float32), noise.astype(np.float32))
+    return Background(*(each.astype(np.float32) for each in (mean, np.sqrt(variance), np.sqrt(noise))))
 
 
 def first_frames(rate: float) -> int:
@@ -89,7 +83,7 @@ class SteadyImages:
         """Add an image (height, width, 3); return the background once there are enough, then start again."""
         if is_dark(image):
             return None
-        if self._seen and compare(cells_of(image), cells_of(self._seen[0]), UNLIKE)[0] > _MOVED:
+        if self._seen and not _are_alike(image, self._seen[0]):
             self._seen = []  # something moves, or the light is still coming on
         self._seen.append(image.copy())  # a driver may reuse its array
         if len(self._seen) < self._needed:
@@ -97,6 +91,16 @@ class SteadyImages:
         found = background_of(self._seen)
         self.forget()
         return found
+
+
+def _are_alike(image: Image, other: Image) -> bool:
+    """Return true if nothing moves between two images, and the camera and its light have settled."""
+    if is_grey(image) != is_grey(other):
+        return False
+    cells, before = cells_of(image), cells_of(other)
+    change, level = np.abs(cells - before).mean(axis=(0, 1)), before.mean(axis=(0, 1))
+    moves = compare(cells, before, UNLIKE)[0] > 0.01
+    return not moves and bool((change < 2.0 + 0.2 * level).all())  # lamps flicker by less
 
 
 # Markers: dots on some gels, darker than the gel around them. Sizes in pixels, 13 are 0.8 mm on a GelSight Mini.

@@ -14,8 +14,8 @@ from palpate.checks import FLAGS, INTEGERS, NUMBERS, checked_array
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, read_arrays, whole_file
 from palpate.touch.background import Background
-from palpate.touch.cells import Levels, area_means
-from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.touch.cells import Levels
+from palpate.types.sensor import SensorProfile
 
 Level = TypeVar("Level", np.uint8, np.float32)
 
@@ -87,36 +87,6 @@ def check_view(cells: Levels, untouched: Levels, name: str) -> None:
         )
 
 
-_USUAL = {DIGIT.name: (0, 2, 1)}
-"""Channels from left to right, by profile: as on 16 of 17 published DIGITs."""
-
-
-def unusual_colours(untouched: NDArray[np.uint8], sensor: SensorProfile) -> str:
-    """Return a question if the lights of an untouched gel are not where those of most units are, otherwise "".
-
-    Units differ, so this refuses nothing. Each light makes one side of the gel glow: the side of a channel is the
-    growth of its share from the middle to the right.
-    """
-    usual = _USUAL.get(sensor.name)
-    if usual is None:
-        return ""
-    cells = area_means(untouched, 32, 24).astype(np.float64) + 10.0  # in the dark colours are noise
-    share = cells / cells.sum(axis=2, keepdims=True)
-    share /= share.mean(axis=(0, 1))
-    x = (2.0 * np.arange(24)[:, None] + 1.0) / 24 - 1.0
-    side = (share * x).mean(axis=(0, 1)) / (x**2).mean()
-    span = float(np.ptp(side))
-    # Nothing to say of a gel that hardly has colours, or if two channels differ by less than a tenth of the span.
-    if span < 0.1 or max(side[usual[0]] - side.min(), side.max() - side[usual[-1]]) < 0.1 * span:
-        return ""
-    names, order = ("red", "green", "blue"), np.argsort(side)
-    return (
-        f"the gel is {names[order[0]]} at the left and {names[order[-1]]} at the right, and most units are "
-        f"{names[usual[0]]} at the left and {names[usual[-1]]} at the right: are channels exchanged, or "
-        "images rotated or mirrored? `palpate calibrate --presses` tells"
-    )
-
-
 @dataclass(frozen=True)
 class DirectionCorrection:
     """Linear error of a unit's contact directions: measured = offset + scale true.
@@ -132,14 +102,6 @@ class DirectionCorrection:
     """Standard deviation of the offset [rad]; None if it was not measured."""
     scale_sigma: float | None = None
     """Standard deviation of the scale; None likewise."""
-
-    def true(self, measured: Any) -> Any:
-        """Return the true angles (...) [rad] of measured ones."""
-        return (measured - self.offset) / self.scale
-
-    def measured(self, true: Any) -> Any:
-        """Return the measured angles (...) [rad] of true ones."""
-        return self.offset + self.scale * true
 
 
 UNCORRECTED = DirectionCorrection()
@@ -172,19 +134,9 @@ class Calibration:
         return digest.hexdigest()
 
 
-def view_of(calibration: Calibration | None) -> CameraView:
-    """Return a calibration's camera view; without one, images stay as they are."""
-    return calibration.view if calibration else AS_IT_IS
-
-
-def correction_of(calibration: Calibration | None) -> DirectionCorrection:
-    """Return a calibration's correction of directions; without one, none."""
-    return calibration.direction if calibration else UNCORRECTED
-
-
 def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
     """Return the sensor with the size of its images before the calibration's rotation."""
-    if view_of(calibration).quarter_turns % 2 == 0:
+    if calibration is None or calibration.view.quarter_turns % 2 == 0:
         return sensor
     return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
 

@@ -1,6 +1,5 @@
 """Contact detection: the share of an image that differs from the untouched gel (paper Sec. V-A)."""
 
-import logging
 import math
 from collections import deque
 from dataclasses import replace
@@ -9,7 +8,7 @@ import numpy as np
 
 from palpate.errors import SettingError
 from palpate.touch.background import Background, SteadyImages, first_frames, has_markers, without_markers
-from palpate.touch.calibration import AS_IT_IS, Calibration, check_view, misfit, view_of
+from palpate.touch.calibration import AS_IT_IS, Calibration, check_view, misfit
 from palpate.touch.cells import (
     SPARSE,
     Image,
@@ -20,11 +19,10 @@ from palpate.touch.cells import (
     check_image,
     compare,
     is_flat,
+    is_grey,
     wide_cells_of,
 )
 from palpate.types.sensor import SensorProfile
-
-logger = logging.getLogger(__name__)
 
 START = 0.01
 """Share of significant values from which the gel is touched: the paper's for its smallest contacts.
@@ -72,17 +70,20 @@ class ContactDetector:
         """Share of the last image's values that differ significantly from the untouched gel, 0 to 1."""
         self.light = np.ones(3)
         """Brightness of each channel in the middle of the last image, relative to the untouched gel."""
+        self.sees_new_view = False
+        """True if the images refused last are steady for half a second, as of a camera that was set up late."""
         self._size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
-        self._first, self._patience = SteadyImages(sensor.rate), first_frames(sensor.rate)
-        self._view = view_of(calibration)
-        self._doubted, self._doubted_images = "", 0
+        self._steady = SteadyImages(sensor.rate)
+        self._view = calibration.view if calibration else AS_IT_IS
+        self._doubted = ""
         self._is_view_checked = self._touched = self._has_markers = False
         self._untouched_images = 0
-        self._recent: deque[tuple[float, Levels]] = deque(maxlen=self._patience)  # shares and cells of this touch
+        self._recent: deque[tuple[float, Levels]] = deque(maxlen=first_frames(sensor.rate))  # of this touch
         self._sparse: Image | None = None  # of the last image
         self._repeats, self._is_noisy = 0, False
         if calibration is not None:
             gel = calibration.background
+            self._size = gel.mean.shape[:2]
             self._doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
             self._has_markers = has_markers(gel.mean)
             self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
@@ -101,38 +102,39 @@ class ContactDetector:
         """Return a camera's image as `update` takes it: in the profile's view, without markers."""
         if image.ndim != 3 or image.shape[2] != 3:
             return image  # `update` refuses it
-        if self._view != AS_IT_IS:
-            image = self._view.of(image)
-        if self.background is None and self._first.is_empty:
+        image = self._view.of(image)
+        if self.background is None and self._steady.is_empty:
             self._has_markers = has_markers(image)
         return without_markers(image) if self._has_markers else image
 
     def update(self, image: Image) -> bool:
         """Return true if the gel is touched in an image (height, width, 3) from `read`.
 
-        Raises SettingError, and changes nothing, on an image of another size or type, in another view, grey if the
-        untouched gel has colours, without any gel (black, noise, another light), or repeated by a camera that hangs.
+        Raises SettingError, and changes nothing but `sees_new_view`, on an image of another size or type, in another
+        view, grey if the untouched gel has colours, without any gel (black, noise, another light), or repeated by a
+        camera that hangs.
         """
+        size = self._size or np.atleast_2d(image).shape[:2]
+        check_image(image, *size)
+        self._size = size
         if self.background is None:
-            self._collect(image)
+            if (found := self._steady.add(image)) is not None:
+                self._use(found)
+                self._is_view_checked = True
             return False
-        check_image(image, *self.background.mean.shape[:2])
         cells = cells_of(image)
         share, light = self._significant_share(image, cells)
-        most = _NO_GEL_IN_DOUBT if self._doubted else _NO_GEL
-        if share > most or not self._is_view_checked:
-            self._check_gel(image, cells, share, most)
+        self._check_gel(image, cells, share)
         self._check_not_repeated(image)
         self.share, self.light = share, light[:, 0]
         self._touched = share > (END if self._touched else START)
-        if self._doubted:
-            self._update_doubt()
         if self._touched:
             self._recent.append((share, cells))
             if self._is_residual_imprint(share, cells):
                 self._touched, self.share = False, 0.0
                 self._use(replace(self.background, mean=image.astype(np.float32)))
         if not self._touched:
+            self._doubted = ""
             self._recent.clear()
         if self.share <= END:
             self._untouched_images += 1
@@ -142,27 +144,18 @@ class ContactDetector:
 
     def forget(self) -> None:
         """Take the next images as untouched: a supposed touch is a gel or a light that has changed."""
-        self.background, self._touched, self._doubted = None, False, ""
-        self._first.forget()
-
-    def _collect(self, image: Image) -> None:
-        size = self._size or np.atleast_2d(image).shape[:2]
-        check_image(image, *size)
-        self._size = size
-        found = self._first.add(image)
-        if found is not None:
-            self._use(found)
-            self._is_view_checked = True
+        self.background, self._touched, self._doubted, self.sees_new_view = None, False, "", False
+        self._recent.clear()
+        self._steady.forget()
 
     def _use(self, background: Background) -> None:
         self.background = background
         self._cells, self._wide_cells = cells_of(background.mean), None
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
-        self._is_flat = is_flat(self._cells)
 
     def _significant_share(self, image: Image, cells: Levels) -> tuple[float, Light]:
         share, light = compare(cells, self._cells, self._tolerance)
-        if is_flat(cells) and not self._is_flat:
+        if is_flat(cells) and not is_flat(self._cells):
             return 1.0, light
         # Thin lines decide where a touch may begin or end, which is where its share falls.
         if share <= END or share > _FALLS * max((each for each, _ in self._recent), default=math.inf):
@@ -173,13 +166,21 @@ class ContactDetector:
         wide, _ = compare(wide_cells_of(image), self._wide_cells, self._tolerance)
         return (wide if wide < _THIN * share else share), light
 
-    def _check_gel(self, image: Image, cells: Levels, share: float, most: float) -> None:
-        """Raise SettingError if an image lies in another view or shows no gel."""
-        assert self.background is not None
-        self.background.check_colours(image)
+    def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
+        """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
+        shows_gel = share <= (_NO_GEL_IN_DOUBT if self._doubted else _NO_GEL)
+        if shows_gel:
+            self._steady.forget()
+            self.sees_new_view = False
+        elif self._is_view_checked and not self._doubted and not is_flat(cells):
+            self.sees_new_view = self._steady.add(image) is not None or self.sees_new_view
+        if shows_gel and self._is_view_checked:
+            return
+        if float(np.ptp(self._cells, axis=-1).mean()) > 4.0 and is_grey(image) and not is_flat(cells):
+            raise SettingError("image: found grey, expected colours as the untouched gel has")
         check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
         self._is_view_checked = True
-        if share > most:
+        if not shows_gel:
             known = "what was seen in the first half second or is in the calibration: is"
             if self._doubted:
                 known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
@@ -199,13 +200,6 @@ class ContactDetector:
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"
             )
-
-    def _update_doubt(self) -> None:
-        self._doubted_images += 1
-        if not self._touched:
-            self._doubted = ""
-        elif self._doubted_images == self._patience:
-            logger.warning("%s", self.doubt)
 
     def _is_residual_imprint(self, share: float, cells: Levels) -> bool:
         if len(self._recent) <= _IMPRINT_IMAGES or share >= _MOST_IMPRINT:

@@ -10,8 +10,8 @@ from palpate.config import Tactile, TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, correction_of, unusual_colours
-from palpate.touch.cells import Image, is_dark, is_grey
+from palpate.touch.calibration import UNCORRECTED, Calibration
+from palpate.touch.cells import Image, is_grey
 from palpate.touch.touch_model import COLUMNS, ROWS, TouchModel, difference_in_light, reduced, shipped_model
 from palpate.types.measurements import ContactDirection, ContactPlace, Frame, Measurement, Turn
 from palpate.types.sensor import SensorProfile
@@ -50,16 +50,13 @@ class TouchReader:
         Raises SettingError if the model does not fit the sensor or measures no turns.
         """
         self.tactile: TactileChoice = tactile
-        """Source of the measurements; of auto, the one chosen by the first image."""
+        """Source of the measurements; of auto, the one chosen once the untouched gel is known."""
         self.reason = ""
         """Reason for that choice; empty if there was none."""
-        self.question = ""
-        """Question on the first image, if its colours are unusual."""
-        self._sensor, self._own = sensor, own
+        self._own, self._is_open = own, own is None and tactile == "auto"
         self.needs_colours = model is None
         """True if the touch model is one that comes with palpate: these read colours."""
-        self._correction = correction_of(calibration)
-        self._is_view_known = calibration is not None and calibration.is_view_known
+        self._correction = calibration.direction if calibration else UNCORRECTED
         self._mean: NDArray[np.float32] | None = None  # of the untouched gel when the contact began
         self._model = model or shipped_model(sensor.name)
         self._factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
@@ -72,12 +69,20 @@ class TouchReader:
         """True if a touch model reads the images."""
         return self.tactile.startswith("learnt") and self._own is None
 
-    def begin(self, image: Image | None) -> None:
-        """Choose the source by the first image if that is open, and ask about unusual colours."""
-        if self.tactile == "auto" and self._own is None:
-            self.tactile, self.reason = self._choice(image)
-        if self.reads_images and image is not None and self.needs_colours and not self._is_view_known:
-            self.question = unusual_colours(image, self._sensor)
+    def choose(self, image: Image | None, background: Background | None) -> None:
+        """Choose the source if that is open, by the untouched gel: the first images may be grey or white.
+
+        It is learnt if the model reads such images: of its size, of one tip, and in colours unless it is the user's.
+        """
+        if not self._is_open:
+            return
+        if image is None or self._misfit:
+            self.tactile, self.reason = "none", self._misfit if image is not None else "there are no images"
+        elif background is not None and self.needs_colours and is_grey(background.mean):
+            self.tactile, self.reason = "none", GREY
+        elif background is not None:
+            self.tactile, self.reason = "learnt", f"images fit the touch model of the {self._model.settings.sensor}"
+            self._is_open = False
 
     def read(self, frame: Frame, background: Background | None) -> Sequence[Measurement]:
         """Return the measurements of a frame of contact; `background` is the untouched gel as known now.
@@ -123,25 +128,8 @@ class TouchReader:
             wrong = wrong or f"{self._model.folder} was trained on presses, which show directions alone"
         if wrong:
             raise SettingError(f"tactile is {self.tactile}; {wrong}")
-        self._model.read(np.zeros((ROWS, COLUMNS, 3), np.float32))
-
-    def _choice(self, image: Image | None) -> tuple[Tactile, str]:
-        """Return the source of measurements for a stream that begins with this image, and the reason.
-
-        It is learnt if the model reads such images: of its size, of one tip, and in colours unless it is the user's.
-        """
-        if image is None:
-            return "none", "there are no images"
-        if self._misfit:
-            return "none", self._misfit
-        if self.needs_colours and lacks_colours(image):
-            return "none", GREY
-        return "learnt", f"images fit the touch model of the {self._model.settings.sensor}"
-
-
-def lacks_colours(image: Image) -> bool:
-    """Return true if an image is grey, and not dark."""
-    return not is_dark(image) and is_grey(image)
+        blank = np.zeros((ROWS, COLUMNS, 3), np.uint8)
+        self._model.read(difference_in_light(blank, reduced(blank)))
 
 
 def _misfit(sensor: SensorProfile, model: TouchModel) -> str:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import csv_rows, existing_file, read_text
-from palpate.touch.background import Background, background_of
-from palpate.touch.calibration import Calibration, CameraView, DirectionCorrection, unusual_colours, views
-from palpate.touch.cells import Image, is_grey
+from palpate.touch.background import background_of
+from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, CameraView, DirectionCorrection, views
+from palpate.touch.cells import Image
 from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference, reduced
 from palpate.types.images import image_size
@@ -37,14 +37,8 @@ SPREAD = np.radians(8.0)  # [rad] between least and greatest angle: less does no
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
 _OFFSET, _SCALE = np.radians(2.0), 0.1  # standard deviations of offset [rad] and scale before any press
 _OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball
-_UNUSUAL = -math.log(5 * 16)  # log odds of a view with unusual colours: 1 DIGIT of 17, in 5 other orders
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
-
-
-def calibrate(recording: Recording, progress: Callable[[int], None] | None = None) -> tuple[Background, int]:
-    """Return the background of a recording's frames without contact, and their number; see `untouched_images`."""
-    return background_of(untouched_images(recording, progress)), len(untouched_frames(recording))
 
 
 def untouched_frames(recording: Recording) -> NDArray[np.int64]:
@@ -99,10 +93,10 @@ class Presses:
         return bool(np.isfinite(self.angle).all())
 
 
-def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Presses:
+def read_presses(path: Path, in_order: bool = False) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    Grey images are allowed only with `grey`, a table without angles, of presses in order, only with `in_order`.
+    A table without angles, of presses in order, is allowed only with `in_order`.
     """
     columns, *lines = csv_rows(read_text(path), path) or [[]]
     rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
@@ -120,12 +114,12 @@ def read_presses(path: Path, grey: bool = False, in_order: bool = False) -> Pres
                 raise FileError(f"{path}: row {index + 1}: angle_deg is {angle!r}; expected -90 to 90 degrees")
         if not name.isprintable() or not name:
             raise FileError(f"{path}: row {index + 1}: file is {name!r}; expected the name of an image")
-        images.append(read_image(path.parent / name, grey))
+        images.append(read_image(path.parent / name))
     return Presses(tuple(images), np.radians(angles), tuple(row["file"] for row in rows))
 
 
-def read_image(path: Path, grey: bool = False) -> Image:
-    """Return an image file as (height, width, 3) RGB; raises FileError if it is none, or grey without `grey`."""
+def read_image(path: Path) -> Image:
+    """Return an image file as (height, width, 3) RGB; raises FileError if it is none."""
     import cv2
 
     data = existing_file(path).read_bytes()
@@ -138,10 +132,7 @@ def read_image(path: Path, grey: bool = False) -> Image:
         raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
     if image.ndim != 3:
         image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    found = np.ascontiguousarray(image[..., 2::-1], np.uint8)
-    if not grey and is_grey(found):
-        raise FileError(f"{path}: is a grey image; touch images are in colours")
-    return found
+    return np.ascontiguousarray(image[..., 2::-1], np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +183,8 @@ def learn_from_presses(
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
     check_alike(presses, untouched)
-    candidates = list(views(untouched[0].shape, height, width))
+    # A model reads exchanged channels as well, so these stay as they come.
+    candidates = [view for view in views(untouched[0].shape, height, width) if view.channels == AS_IT_IS.channels]
     if not candidates:
         found = "images of {} x {} px".format(*untouched[0].shape)
         raise FileError(f"{found} are not those of {sensor.name!r}, {height} x {width} px, in any turn")
@@ -200,11 +192,13 @@ def learn_from_presses(
     # nearly as likely would make errors a tenth larger.
     fits = [_fit(view, presses, untouched, sensor, model) for view in candidates]
     log_likelihood, fit = max(fits, key=lambda each: each[0])
-    if not presses.is_measured:
-        if log_likelihood == -math.inf:
-            _check_touched(fit, presses, sensor)  # one that shows nothing is in no order either
-            raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
-        check_spread(fit.angle)
+    for name, image in zip(presses.names, presses.images, strict=True):
+        detector = ContactDetector(sensor, replace(fit.calibration, is_sure=True))
+        if not detector.update(detector.read(image)):
+            raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")
+    if log_likelihood == -math.inf:
+        raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
+    check_spread(fit.angle)
     over, worst = ("the given angles", WORST) if presses.is_measured else ("the places of the imprints", 2.0 * WORST)
     if fit.scatter > worst:
         raise FileError(
@@ -212,7 +206,6 @@ def learn_from_presses(
             f"allowed are {np.degrees(worst):.0f}: are {over} right, and is the untouched gel of this unit, and "
             "untouched?"
         )
-    _check_touched(fit, presses, sensor)
     return fit
 
 
@@ -234,9 +227,8 @@ def _fit(
     offset, scale = np.linalg.solve(information, prior[1] @ prior[0] + design.T @ (measured / variance))
     off = measured - offset - scale * angle
     cost = off @ (off / variance) + (offset / _OFFSET) ** 2 + ((scale - 1.0) / _SCALE) ** 2 + np.log(variance).sum()
-    log_likelihood = -0.5 * float(cost) + (_UNUSUAL if unusual_colours(view.of(untouched[0]), sensor) else 0.0)
-    scatter = float(np.sqrt(np.mean(off**2)))
-    correction = DirectionCorrection()
+    log_likelihood, scatter = -0.5 * float(cost), float(np.sqrt(np.mean(off**2)))
+    correction = UNCORRECTED
     if is_measured:
         inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
         sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * inflation
@@ -258,10 +250,3 @@ def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:
         return math.nan
     column = (2.0 * np.arange(COLUMNS) + 1.0) / COLUMNS - 1.0
     return math.asin(float(strength @ column / strength.sum()) * sensor.half_width / sensor.radius)
-
-
-def _check_touched(fit: PressFit, presses: Presses, sensor: SensorProfile) -> None:
-    for name, image in zip(presses.names, presses.images, strict=True):
-        detector = ContactDetector(sensor, replace(fit.calibration, is_sure=True))
-        if not detector.update(detector.read(image)):
-            raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")

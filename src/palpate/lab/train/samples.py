@@ -17,7 +17,7 @@ from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
-from palpate.touch.calibration import Calibration, misfit, turned_as, view_of
+from palpate.touch.calibration import AS_IT_IS, Calibration, misfit, turned_as
 from palpate.touch.cells import Image
 from palpate.touch.press_calibration import Presses
 from palpate.touch.touch_model import KINDS, difference, reduced
@@ -108,7 +108,7 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     if lacks := lacking(recording):
         raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
     assert recording.object_pose is not None and recording.contact is not None
-    view = view_of(calibration)
+    view = calibration.view if calibration else AS_IT_IS
 
     def image(index: int) -> Image:
         found = recording[index].image
@@ -123,7 +123,7 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     direction, place, kind = geometry_of(recording, g[frame])
     yaw = g[frame, 2]
     if calibration:
-        direction = calibration.direction.measured(direction)
+        direction = calibration.direction.offset + calibration.direction.scale * direction
         for each in np.unique(episode):  # each without a leap at half a turn
             yaw[episode == each] = calibration.direction.scale * np.unwrap(yaw[episode == each])
     elif SHOWN in recording.extra:

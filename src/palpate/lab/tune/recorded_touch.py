@@ -18,7 +18,7 @@ from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.pipeline.truth import trusted_truth
-from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, correction_of, turned_as
+from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, turned_as
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import TouchModel, shipped_model
@@ -106,7 +106,9 @@ def record_touch(
         raise SettingError(f"{name}: is never in contact where ground truth is known, so there is nothing to score")
     truth = np.where(known[:, None], recording.object_pose, np.nan)
     blind = replace(recording, image=None, contact=contact)
-    return RecordedTouch(blind, truth, measurements, tactile, correction=correction_of(calibration))
+    return RecordedTouch(
+        blind, truth, measurements, tactile, correction=calibration.direction if calibration else UNCORRECTED
+    )
 
 
 def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
