@@ -113,7 +113,7 @@ def test_a_stall_is_noted_and_estimates_carry_the_age_of_the_pose():
 
     pose_times = [*np.arange(0, 30) / 100, *np.arange(90, 130) / 100]
     session, notes = run(FakeTracker(), 0.1 + np.arange(36) / 30, pose_times, listen)
-    _, note, *_ = notes  # after that of the tracker
+    note, *_ = notes
     assert "an image is without a sensor pose, 1 so far: the last one before it is 0.1" in note
     during = [(when, age) for when, age in ages.items() if 0.35 < when < 0.44]
     assert during and all(age == pytest.approx(when - 0.29) for when, age in during)
