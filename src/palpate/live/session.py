@@ -71,8 +71,8 @@ class LiveSession:
     def run(self, stop: threading.Event, listeners: Sequence[Listen] = (), seconds: float = np.inf) -> None:
         """Track until the images end, `stop` is set, or for some seconds [s].
 
-        A frame that the tracker refuses is left out and counted. Raises what a source, a listener or the tracker
-        raises, and the error of the first frame.
+        A damaged image, or a frame that the tracker refuses, is left out and counted. Raises what a source, a listener
+        or the tracker raises, and the FrameError of the first frame.
         """
         self._listeners = listeners
         sources: tuple[ImageSource, PoseSource] = (self._sources.images, self._sources.poses)
@@ -156,7 +156,7 @@ class LiveSession:
         try:
             estimate = self._tracker.update(Frame(image.time, pose, image.pixels(self._sources.sensor)))
         except (FileError, FrameError) as error:
-            if self.last is None:  # the first frame shows a fault of the set-up
+            if self.last is None and isinstance(error, FrameError):  # the first frame shows a fault of the set-up
                 raise
             self._count_fault("left_out", "a frame is left out", str(error))
             return

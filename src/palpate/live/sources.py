@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import SettingError
+from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.images import Codec, decode_image, encode_image
 from palpate.types.recording import Recording
@@ -145,12 +145,13 @@ def _on_line(start: TimedPose, end: TimedPose, time: float) -> Array:
 def replayed(recording: Recording) -> Sources:
     """Return sources that play a recording in real time, with its own times, from the start of the session.
 
-    Raises SettingError if it has no images, FileError if the first one is damaged.
+    Raises SettingError if it has no images.
     """
     images = recording.image
     if images is None:
         raise SettingError(f"{recording.file or 'the recording'}: has no images, and live tracking needs them")
-    recording[0]  # loads OpenCV and finds damaged images before the session, not in its first step
+    with suppress(FileError):
+        recording[0]  # loads OpenCV before the session, not in its first step
     clock = Clock(float(recording.time[0]) - 0.05)  # a moment for the threads to start
 
     def due(stop: threading.Event) -> Iterator[tuple[int, float]]:
