@@ -152,12 +152,13 @@ def _from_arrays(
     images, codec, count = _frames(path, len(arrays["time"]))
     if 0 < len(images) < count:
         raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
+    images.keep(range(min(count, len(images))))
     return Recording(
         **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
         **first,
         shape=shape,
         sensor=sensor,
-        image=images.selected(range(count)) if len(images) else None,
+        image=images if len(images) else None,
         codec=codec or about.get("codec", "jpeg"),  # pyright: ignore[reportArgumentType]  # Recording checks it
         contact_derived=about.get("contact_derived") == "true",
         source=about.get("source", ""),

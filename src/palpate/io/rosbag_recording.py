@@ -340,7 +340,8 @@ def _recording(
         words = "%s: %d of %d images have no sensor pose at their time and are left out"
         logger.warning(words, found.path, lost, len(time))
     stamps, time, placed = stamps[placed.known], time[placed.known], placed[placed.known]
-    images = streams.images.selected(streams.order[stamp] for stamp in stamps.tolist())
+    images = streams.images
+    images.keep(streams.order[stamp] for stamp in stamps.tolist())
     plane = chosen_plane(str(found.path), choices.plane, frame, placed)
     sensor_pose = planar(f"the sensor ({chosen.sensor.name})", plane, time, placed, choices.off_plane)
     frames = {"sensor_pose": f"{chosen.sensor.name} in {frame!r}, interpolated; {plane}"}

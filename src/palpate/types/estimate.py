@@ -1,8 +1,8 @@
 """Output of the tracker: the object's pose at one frame with its covariance, and its trajectory over time."""
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,7 @@ from palpate.errors import FileError
 
 Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
-"""Reliability of an estimate.
-
-- resting: nothing touches the object, so it has not moved.
-- tracking: all is well.
-- ambiguous: several poses far apart fit the measurements; the covariance spans them.
-- strained: touch and pushing contradict each other, now or earlier (a slip, a disturbance), or measured poses of the
-  object contradict the rest; the covariance is inflated accordingly.
-- uncertain: the covariance is too large to be reliable, or touch cannot measure anything yet.
-- displaced: the object was moved while nothing touched it, and its pose has the uncertainty of the covariance.
-- indeterminate: the graph had no solution at this frame and starts anew from the last pose.
-- faulty: the input from sensor or robot is implausible; the reason says why.
-"""
+"""Reliability of an estimate, which `docs/guide/status.md` describes; REASONS has each in short."""
 REASONS: dict[Status, str] = {
     "resting": "",
     "tracking": "",
@@ -49,7 +38,7 @@ class RosPose(NamedTuple):
 
 
 class _PlanarPose:
-    """A pose in the plane with its covariance; equal to another if all values are, NaN being equal to NaN."""
+    """A pose in the plane with its covariance."""
 
     pose: Array
     covariance: Array
@@ -65,21 +54,6 @@ class _PlanarPose:
         (position,), (orientation,) = out_of_plane(plane, self.pose[None])
         spatial = spatial_covariance(plane, self.pose[None], self.covariance[None])
         return RosPose(position, orientation, spatial.reshape(36))
-
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return NotImplemented
-        return all(_are_same(getattr(self, one.name), getattr(other, one.name)) for one in fields(self))  # pyright: ignore[reportArgumentType]
-
-    __hash__ = None  # pyright: ignore[reportAssignmentType]  # arrays may be changed
-
-
-def _are_same(one: Any, other: Any) -> bool:
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(_are_same, one, other))
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
-    return bool(one == other or (one != one and other != other))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 import io
 import mmap
-import operator
 import struct
 import tempfile
 import warnings
@@ -10,7 +9,7 @@ import weakref
 import zlib
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import IO, Any, Literal, SupportsIndex, overload
+from typing import IO, Any, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,12 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 
 Codec = Literal["jpeg", "png"]
+
+
+def check_codec(codec: str) -> None:
+    """Raise FileError unless a codec is known."""
+    if codec not in get_args(Codec):
+        raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
 
 
 def codec_of(data: bytes) -> Codec | None:
@@ -31,11 +36,9 @@ def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
 
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise FileError(f"image: found {image.dtype} of shape {image.shape}, allowed is uint8 (height, width, 3)")
-    settings = {"jpeg": (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 95]), "png": (".png", [])}
-    if codec not in settings:
-        raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
-    extension, options = settings[codec]
-    done, data = cv2.imencode(extension, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
+    check_codec(codec)
+    options = [cv2.IMWRITE_JPEG_QUALITY, 95] if codec == "jpeg" else []
+    done, data = cv2.imencode(f".{codec}", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise FileError(f"image: an image of shape {image.shape} could not be encoded as {codec}")
     return data.tobytes()
@@ -80,61 +83,57 @@ def decode_image(data: bytes, codec: Codec, size: tuple[int, int]) -> NDArray[np
 
 
 class SpooledImages(Sequence[bytes]):
-    """Encoded images, beyond 64 MB in a temporary file; equal to any sequence of the same bytes.
-
-    Reading moves no place in the file, which threads and forked processes would share.
-    """
+    """Encoded images, the first 64 MB of them in memory and the rest in a temporary file."""
 
     def __init__(self) -> None:
-        self._images: list[bytes | tuple[int, int]] = []  # or offset and length in the file
-        self._in_memory = 0
+        self._images: list[bytes | tuple[int, int]] = []
+        """Each image, or its place in the file and its length [bytes]."""
         self._file: IO[bytes] | None = None
-        self._owner: SpooledImages | None = None  # closes the file
+        self._size = 0
 
     def append(self, data: bytes) -> None:
         """Add an image."""
-        if self._in_memory + len(data) <= 64_000_000:
+        if self._size + len(data) <= 64_000_000:
             self._images.append(data)
-            self._in_memory += len(data)
-            return
-        if self._file is None:
-            self._file = tempfile.TemporaryFile()  # noqa: SIM115  # closed by the finalizer
-            weakref.finalize(self, self._file.close)
-        self._images.append((self._file.seek(0, 2), len(data)))
-        self._file.write(data)
-        self._file.flush()
+        else:
+            try:
+                if self._file is None:
+                    self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by the finalizer
+                    weakref.finalize(self, self._file.close)
+                self._images.append((self._file.seek(0, 2), len(data)))
+                self._file.write(data)
+            except OSError as error:
+                raise FileError(f"{tempfile.gettempdir()}: images cannot be kept there ({error.strerror})") from error
+        self._size += len(data)
 
-    def selected(self, indices: Iterable[int]) -> "SpooledImages":
-        """Return some of the images, without copying them."""
-        found = SpooledImages()
-        found._images, found._file, found._owner = [self._images[index] for index in indices], self._file, self
-        return found
+    def keep(self, indices: Iterable[int]) -> None:
+        """Keep these images only, in this order."""
+        self._images = [self._images[index] for index in indices]
 
     def __len__(self) -> int:
         return len(self._images)
 
     @overload
-    def __getitem__(self, index: SupportsIndex) -> bytes: ...
+    def __getitem__(self, index: int) -> bytes: ...
     @overload
     def __getitem__(self, index: slice) -> tuple[bytes, ...]: ...
-    def __getitem__(self, index: SupportsIndex | slice) -> bytes | tuple[bytes, ...]:
+    def __getitem__(self, index: int | slice) -> bytes | tuple[bytes, ...]:
         """Return one image, or a tuple of some."""
-        if isinstance(index, slice):
-            return tuple(self[each] for each in range(*index.indices(len(self))))
-        image = self._images[operator.index(index)]
+        found = self._images[index]
+        if isinstance(found, list):
+            return tuple(map(self._read, found))
+        return self._read(found)
+
+    def _read(self, image: bytes | tuple[int, int]) -> bytes:
         if isinstance(image, bytes):
             return image
         assert self._file is not None
+        # Reading moves no place in the file, which threads and forked processes would share.
         offset, length = image
         start = offset - offset % mmap.ALLOCATIONGRANULARITY
-        file, size = self._file.fileno(), offset + length - start
-        with mmap.mmap(file, size, access=mmap.ACCESS_READ, offset=start) as found:
+        size = offset + length - start
+        with mmap.mmap(self._file.fileno(), size, access=mmap.ACCESS_READ, offset=start) as found:
             return found[offset - start :]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Sequence) and len(self) == len(other) and all(map(bytes.__eq__, self, other))
-
-    __hash__ = None  # pyright: ignore[reportAssignmentType]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return tuple, (list(self),)
