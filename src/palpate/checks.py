@@ -45,6 +45,25 @@ def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool
         raise FileError(f"{name}: frame {index} is {values[index].tolist()}, allowed is {allowed}")
 
 
+def checked_times(time: Any, of: str) -> NDArray[np.float64]:
+    """Return times as floats (N,) [s], one or more, strictly increasing. Raises FileError."""
+    given = checked_array("time", time, NUMBERS, ("N",)).astype(np.float64)
+    if not len(given):
+        raise FileError(f"time: found no times, {of} needs at least one")
+    check_increasing(given)
+    return given
+
+
+def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -> NDArray[np.float64]:
+    """Return n poses in the plane as floats (n, 3); unknown ones are three NaN. Raises FileError."""
+    given = checked_array(name, poses, NUMBERS, (n, 3)).astype(np.float64)
+    good, allowed = is_near(given).all(axis=1), f"three numbers up to {FARTHEST:g}"
+    if may_be_unknown:
+        good, allowed = good | np.isnan(given).all(axis=1), f"{allowed}, or three NaN"
+    check_rows(name, given, good, allowed)
+    return given
+
+
 def check_increasing(time: NDArray[np.float64]) -> None:
     """Raise FileError unless times (N,) [s] are finite and strictly increasing."""
     check_rows("time", time, np.isfinite(time), "a finite number")

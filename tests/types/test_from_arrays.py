@@ -108,7 +108,7 @@ def test_images_that_are_stamped_late(caplog):
     recording = made(time_offset=-0.05)
     assert len(recording) == 19
     same(recording.sensor_pose, true_pose(IMAGE_TIME[1:] - 0.05))
-    assert "1 of 20 images have no pose at their time" in caplog.text
+    assert "1 of 20 images have no sensor pose at their time" in caplog.text
     assert (recording[0].image == tiny_images(20)[1]).all()
     assert "-0.05 s" in recording.frames["sensor_pose"]
 
@@ -169,7 +169,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
     [
         ({"image_time": IMAGE_TIME * 1e9}, "image_time: .*floats, which are seconds.*are these nanoseconds"),
         ({"pose_time": (POSE_TIME * 1e6).astype(int)}, "pose_time: .*integers, which are nano.*are these microseconds"),
-        ({"pose_time": POSE_TIME + 1e6}, "no pose is known at the time of any image.* are both by one clock"),
+        ({"pose_time": POSE_TIME + 1e6}, "no sensor pose is known at the time of any image.* are both by one clock"),
         ({"image_time": (np.arange(20) / 15 * 1e6).astype(int)}, "image_time: .*are these microseconds"),
         ({"pose_time": np.float32(1e6 + POSE_TIME)}, "pose_time: .* in float32, which is exact to 0.0625 s there"),
         ({"pose_time": np.float32(1e6 + POSE_TIME).astype(float)}, "pose_time: 33 of 50 .*; were they rounded"),

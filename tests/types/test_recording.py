@@ -54,7 +54,7 @@ def test_colours_keep_their_order():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": np.zeros((0,))}, "time: found no frames, a recording needs at least one"),
+        ({"time": np.zeros((0,))}, "time: found no times, a recording needs at least one"),
         ({"time": np.zeros((5, 1))}, r"time: found shape \(5, 1\), expected \(N,\)"),
         ({"time": np.array([0, 1, 1, 2, 3.0])}, "time: frame 2 repeats 1 s after 1 s"),
         ({"time": np.array([0, 1, 0.5, 2, 3])}, "time: frame 2 runs backwards at 0.5 s after 1 s"),
@@ -72,7 +72,7 @@ def test_colours_keep_their_order():
         ({"image": ("x.png",) * 5}, "image 0 is str, expected encoded bytes"),
         ({"image": (b"",) * 4}, "image: found 4 images for 5 times"),
         ({"first_pose": np.zeros((5, 3))}, r"first_pose: found shape \(5, 3\), expected \(3,\)"),
-        ({"first_pose": [0.0, np.nan, 0.0]}, r"first_pose: found \[0.0, nan, 0.0\], allowed are three numbers"),
+        ({"first_pose": [0.0, np.nan, 0.0]}, r"first_pose: frame 0 is \[0.0, nan, 0.0\], allowed is three numbers"),
         ({"first_pose_sigma": [0.1, 0.0, 0.1]}, r"first_pose_sigma: found \[0.1, 0.0, 0.1\], allowed is above 0"),
         ({"first_pose": None}, "first_pose_sigma: .* with a first_pose"),
         ({"extra": {"pose": np.ones((4, 3))}}, r"extra/pose: found shape \(4, 3\), expected \(5, 3\)"),
@@ -104,7 +104,7 @@ def test_fields_of_a_trajectory_are_settled():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": np.zeros(0), "pose": np.zeros((0, 3))}, "time: found no poses"),
+        ({"time": np.zeros(0), "pose": np.zeros((0, 3))}, "time: found no times"),
         ({"pose": np.zeros((3, 3))}, r"pose: found shape \(3, 3\), expected \(2, 3\)"),
         ({"pose": np.full((2, 3), np.nan)}, r"pose: frame 0 is \[nan, nan, nan\]"),
         ({"covariance": np.zeros((2, 3))}, r"covariance: found shape \(2, 3\), expected \(2, 3, 3\)"),

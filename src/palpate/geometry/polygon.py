@@ -112,8 +112,6 @@ class PolygonDistance:
     """
 
     def __init__(self, corners: Array) -> None:
-        from scipy.spatial import KDTree
-
         edges = np.roll(corners, -1, axis=0) - corners
         self._start_x, self._start_y = np.ascontiguousarray(corners.T)
         self._edge_x, self._edge_y = np.ascontiguousarray(edges.T)
@@ -122,18 +120,22 @@ class PolygonDistance:
         at_start = normal + np.roll(normal, 1, axis=0)
         self._normals = np.stack((at_start, normal, np.roll(at_start, -1, axis=0)), axis=1)
         """Outward normals at the start of each edge, along it and at its end (N, 3, 2)."""
+        self._tree, self._samples, self._slack = None, 0, 0.0
+        if len(corners) <= 24:  # all edges are looked at sooner
+            return
+        from scipy.spatial import KDTree
+
         samples, edge = points_along(corners, max(len(corners), 1000))
         interval = np.roll(samples, -1, axis=0) - samples
         self._slack = 0.25 * float((interval**2).sum(axis=1).max())
-        self._edges_at = np.column_stack((edge, np.roll(edge, 1)))
+        self._edges_at, self._samples = np.column_stack((edge, np.roll(edge, 1))), len(samples)
         # Built thus it finds the nearest of 10 000 samples on a circle four times faster than a balanced tree.
         self._tree = KDTree(samples, leafsize=32, compact_nodes=False, balanced_tree=False)
 
     def __call__(self, points: Array) -> Array:
         """Return the distances (M,) [m] of points (M, 2)."""
         found = np.empty(len(points))
-        is_few = len(self._edge_x) <= 24  # then all edges are looked at sooner than the tree is searched
-        count, unsure = self._tree.n if is_few else 2, np.arange(len(points))
+        count, unsure = 2 if self._tree else len(self._edge_x), np.arange(len(points))
         while len(unsure):
             size = len(unsure) * min(count, len(self._edge_x))
             parts = np.array_split(unsure, 1 + size // 2**16)  # whose arrays stay in the processor's cache
@@ -143,7 +145,7 @@ class PolygonDistance:
 
     def _look(self, points: Array, count: int, found: Array, part: Indices) -> NDArray[np.bool_]:
         """Write the distances from the edges near points to `found`, and flag those near which there may be others."""
-        if count >= self._tree.n:
+        if self._tree is None or count >= self._samples:
             edges, reach = np.arange(len(self._edge_x))[None], np.full(len(points), np.inf)
         else:
             distance, nearest = self._tree.query(points, count, workers=-1)

@@ -36,8 +36,7 @@ from palpate.types.space import (
     always,
     at_times,
     checked_choices,
-    chosen_plane,
-    planar,
+    in_plane,
     poses_in_time,
 )
 
@@ -333,37 +332,29 @@ def _recording(
     stamps = np.array(sorted(streams.order), np.int64)
     time = stamps + round(choices.time_offset * 1e9)
     frame, placed = _placed_at(streams, chosen.sensor, time)
-    if not placed.known.any():
-        span = f"{time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s"
-        raise FileError(f"no sensor pose is known at the time of any image, {span}")
-    if lost := int(np.count_nonzero(~placed.known)):
-        words = "%s: %d of %d images have no sensor pose at their time and are left out"
-        logger.warning(words, found.path, lost, len(time))
-    stamps, time, placed = stamps[placed.known], time[placed.known], placed[placed.known]
-    images = streams.images
-    images.keep(streams.order[stamp] for stamp in stamps.tolist())
-    plane = chosen_plane(str(found.path), choices.plane, frame, placed)
-    sensor_pose = planar(f"the sensor ({chosen.sensor.name})", plane, time, placed, choices.off_plane)
-    frames = {"sensor_pose": f"{chosen.sensor.name} in {frame!r}, interpolated; {plane}"}
-    object_pose = None
+    name, truth = chosen.sensor.name, None
+    frames = {}
     if chosen.object is not None:
-        name, (other, placed) = chosen.object.name, _placed_at(streams, chosen.object, time)
+        other, seen = _placed_at(streams, chosen.object, time)
         if other != frame:
             raise FileError(f"poses of the sensor are given in frame {frame!r}, those of the object in {other!r}")
-        known = placed.known
-        object_pose = np.full((len(time), 3), np.nan)
-        object_pose[known] = planar(f"the object ({name})", plane, time[known], placed[known], choices.off_plane)
-        frames["object_pose"] = f"{name}, likewise"
+        truth = f"the object ({chosen.object.name})", seen
+        frames["object_pose"] = f"{chosen.object.name}, likewise"
+    of_sensor = f"the sensor ({name})", placed
+    motion = in_plane(str(found.path), frame, time, of_sensor, truth, choices.plane, choices.off_plane)
+    frames["sensor_pose"] = f"{name} in {frame!r}, interpolated; {motion.plane}"
+    images = streams.images
+    images.keep(streams.order[stamp] for stamp in stamps[motion.keep].tolist())
     recording = Recording(
-        time=time / 1e9,
-        sensor_pose=sensor_pose,
+        time=time[motion.keep] / 1e9,
+        sensor_pose=motion.sensor_pose,
         shape=shape,
         sensor=sensor,
-        object_pose=object_pose,
+        object_pose=motion.object_pose,
         image=images,
         codec=streams.codec,
         source=f"bag {found.path.name}, images {chosen.images}",
         frames=frames,
         file=found.path,
     )
-    return BagReading(recording, plane)
+    return BagReading(recording, motion.plane)

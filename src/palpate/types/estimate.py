@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST, FLAGS, NUMBERS, check_increasing, check_rows, checked_array, is_near
+from palpate.checks import FLAGS, NUMBERS, check_rows, checked_array, checked_poses, checked_times
 from palpate.errors import FileError
 
 Array = NDArray[np.float64]
@@ -120,15 +120,9 @@ class Trajectory:
     """(N,) status of each estimate."""
 
     def __post_init__(self) -> None:
-        time = checked_array("time", self.time, NUMBERS, ("N",)).astype(np.float64)
-        if not len(time):
-            raise FileError("time: found no poses, a trajectory needs at least one")
-        check_increasing(time)
-        n = len(time)
-        pose = checked_array("pose", self.pose, NUMBERS, (n, 3)).astype(np.float64)
-        check_rows("pose", pose, is_near(pose).all(axis=1), f"three numbers up to {FARTHEST:g}")
-        object.__setattr__(self, "time", time)
-        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "time", checked_times(self.time, "a trajectory"))
+        n = len(self.time)
+        object.__setattr__(self, "pose", checked_poses("pose", self.pose, n))
         if self.covariance is not None:
             covariance = checked_array("covariance", self.covariance, NUMBERS, (n, 3, 3)).astype(np.float64)
             check_rows("covariance", covariance, np.isfinite(covariance).all(axis=(1, 2)), "finite numbers")

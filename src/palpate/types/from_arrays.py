@@ -1,6 +1,5 @@
-"""A recording from arrays: each image with the pose that the sensor had when it was taken."""
+"""Times, poses and images in the forms that `Recording.from_arrays` takes them."""
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,109 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import FLAGS, NUMBERS, TURNS, check_metres, check_rows, checked_array, other_time_unit
-from palpate.errors import FileError, SettingError
+from palpate.checks import NUMBERS, TURNS, check_metres, check_rows, checked_array, other_time_unit
+from palpate.errors import FileError
 from palpate.files import existing_file
-from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.images import Codec, codec_of, decode_image, encode_image
-from palpate.types.recording import Images, Recording
-from palpate.types.sensor import SensorProfile
-from palpate.types.space import (
-    STEEPEST,
-    Normal,
-    Placed,
-    Times,
-    always,
-    at_times,
-    checked_choices,
-    chosen_plane,
-    planar,
-    rotations,
-)
-from palpate.types.space import poses_in_time as poses_of
-
-logger = logging.getLogger(__name__)
+from palpate.types.space import STEEPEST, Placed, Plane, Times, always, at_times, poses_in_time, rotations
 
 Array = NDArray[np.float64]
 
 
-def recording_from_arrays(
-    images: tuple[ArrayLike, Images | None],
-    poses: tuple[ArrayLike, ArrayLike],
-    shape: Shape,
-    sensor: SensorProfile,
-    sensor_T_gel: ArrayLike | None,
-    time_offset: float,
-    plane: Normal,
-    off_plane: float,
-    truth: tuple[ArrayLike, ArrayLike] | None,
-    contact: ArrayLike | None,
-    codec: Codec,
-    source: str,
-) -> Recording:
-    """See `Recording.from_arrays`; images, poses and truth come with their times."""
-    plane = checked_choices(plane, off_plane, time_offset)
-    if not isinstance(shape, Shape):
-        raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
-    check_outline(shape)
-    taken, size = _nanoseconds("image_time", images[0], least=1e-3), (sensor.image_height, sensor.image_width)
-    check_rows("image_time", taken, np.diff(taken, prepend=taken[0] - 1) > 0, "a time after the one before")
-    given = _checked_images(images[1], len(taken), sensor)
-    flags = None if contact is None else checked_array("contact", contact, FLAGS, (len(taken),))
-    if given is None and flags is None:
-        raise FileError("images: found None, and no contact; a recording needs one of them")
-
-    time = taken + round(time_offset * 1e9)
-    placed = _placed("poses", "pose_time", poses, time)
-    if sensor_T_gel is not None:
-        gel = _numbers("sensor_T_gel", [sensor_T_gel])
-        check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
-        placed @= always(poses_of("sensor_T_gel", "sensor", np.zeros(1, np.int64), gel), len(time))
-    keep = placed.known
-    if not keep.any():
-        raise FileError(
-            f"poses: no pose is known at the time of any image, from {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; "
-            "are both by one clock, and is time_offset in seconds?"
-        )
-    if left_out := int(np.count_nonzero(~keep)):
-        logger.warning("from_arrays: %d of %d images have no pose at their time and are left out", left_out, len(time))
-    time, placed = time[keep], placed[keep]
-    flat = chosen_plane("from_arrays", plane, "world", placed)
-    sensor_pose = planar("the sensor (poses)", flat, time, placed, off_plane)
-    upright = np.abs(rotations(placed.rotation).apply(flat.axes[:, 2], inverse=True)[:, 2])
-    if (roll := np.arccos(min(upright.min(), 1.0))) > STEEPEST:
-        raise FileError(
-            f"poses: the sensor's z axis is up to {np.degrees(roll):.0f} degrees off the plane's normal, allowed are "
-            f"{np.degrees(STEEPEST):.0f}: is w the last of each quaternion?"
-        )
-    shifted = f", images shifted by {time_offset:+g} s" if time_offset else ""
-    frames = {"sensor_pose": f"as given, interpolated; {flat}{shifted}"}
-    object_pose = None
-    if truth is not None and not np.isnan(np.asarray(truth[1], np.float64)).all():  # unknown throughout: no truth
-        seen = _placed("object_poses", "object_time", truth, time, may_be_unknown=True)
-        object_pose = np.full((len(time), 3), np.nan)
-        object_pose[seen.known] = planar(
-            "the object (object_poses)", flat, time[seen.known], seen[seen.known], off_plane
-        )
-        frames["object_pose"] = "as given, likewise"
-    kept = None
-    if given is not None:
-        kept, codec = _encoded_images([given[index] for index in np.flatnonzero(keep).tolist()], codec, size)
-    return Recording(
-        time=time / 1e9,
-        sensor_pose=sensor_pose,
-        shape=shape,
-        sensor=sensor,
-        object_pose=object_pose,
-        contact=None if flags is None else flags[keep],
-        image=kept,
-        codec=codec,
-        source=source,
-        frames=frames,
-    )
-
-
-def _nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
+def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     """Return times (N,), seconds as floats or nanoseconds as integers, as nanoseconds.
 
     Raises FileError where they are none, are rounded, or seem to be in another unit: steps are below `least` [s].
@@ -142,19 +48,7 @@ def _nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     return (exact if is_whole else np.round(exact * 1e9)).astype(np.int64)
 
 
-def _checked_images(images: Any, count: int, sensor: SensorProfile) -> Any:
-    if images is None:
-        return None
-    if isinstance(images, str | bytes | Path):
-        raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
-    if not sensor.image_height:
-        raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
-    if len(images) != count:
-        raise FileError(f"images: found {len(images)} images for {count} times, expected one for each")
-    return images
-
-
-def _encoded_images(images: Sequence[Any], codec: Codec, size: tuple[int, int]) -> tuple[tuple[bytes, ...], Codec]:
+def encoded_images(images: Sequence[Any], codec: Codec, size: tuple[int, int]) -> tuple[tuple[bytes, ...], Codec]:
     """Return images of this size (rows, columns) as encoded bytes, and their codec; bytes and files stay as they are.
 
     Raises FileError that names the first image that does not fit.
@@ -184,17 +78,34 @@ def _encoded(index: int, image: Any, codec: Codec, size: tuple[int, int]) -> byt
     return encode_image(pixels, codec)
 
 
-def _placed(
+def placed_poses(
     name: str, time_name: str, poses: tuple[ArrayLike, ArrayLike], time: Times, may_be_unknown: bool = False
 ) -> Placed:
     """Return poses, given with times of their own, at times (N,) [ns]; unknown ones hold NaN."""
-    known_at, numbers = _nanoseconds(time_name, poses[0]), _numbers(name, poses[1])
+    known_at, numbers = nanoseconds(time_name, poses[0]), _numbers(name, poses[1])
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
     is_known = np.isfinite(numbers[:, 0])
     if not may_be_unknown:
         check_rows(name, numbers, is_known, "finite numbers")
-    return at_times(poses_of(name, "world", known_at, numbers), time)
+    return at_times(poses_in_time(name, "world", known_at, numbers), time)
+
+
+def on_the_gel(sensor: Placed, sensor_T_gel: ArrayLike) -> Placed:
+    """Return the poses of the gel from those of the part that carries it."""
+    gel = _numbers("sensor_T_gel", [sensor_T_gel])
+    check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
+    return sensor @ always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), gel), len(sensor.known))
+
+
+def check_upright(sensor: Placed, plane: Plane) -> None:
+    """Raise FileError if a sensor's z axis is far off the plane's normal."""
+    upright = np.abs(rotations(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2])
+    if (roll := np.arccos(min(upright.min(), 1.0))) > STEEPEST:
+        raise FileError(
+            f"poses: the sensor's z axis is up to {np.degrees(roll):.0f} degrees off the plane's normal, allowed are "
+            f"{np.degrees(STEEPEST):.0f}: is w the last of each quaternion?"
+        )
 
 
 def _numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:

@@ -8,10 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import FARTHEST, FLAGS, INTEGERS, NUMBERS, check_increasing, check_rows, checked_array, is_near
-from palpate.errors import FileError
-from palpate.geometry.shapes import Shape
-from palpate.types.images import Codec, SpooledImages, decode_image
+from palpate.checks import (
+    FARTHEST,
+    FLAGS,
+    INTEGERS,
+    NUMBERS,
+    check_rows,
+    checked_array,
+    checked_poses,
+    checked_times,
+    is_near,
+)
+from palpate.errors import FileError, SettingError
+from palpate.geometry.shapes import Shape, check_outline
+from palpate.types.images import Codec, SpooledImages, check_codec, decode_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
 
@@ -68,30 +78,27 @@ class Recording:
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
         settle("sensor", known_sensor(self.sensor))
-        time = checked_array("time", self.time, NUMBERS, ("N",)).astype(np.float64)
-        if not len(time):
-            raise FileError("time: found no frames, a recording needs at least one")
-        check_increasing(time)
-        settle("time", time)
-        n = len(time)
-        settle("sensor_pose", _poses("sensor_pose", self.sensor_pose, n))
+        settle("time", checked_times(self.time, "a recording"))
+        n = len(self.time)
+        settle("sensor_pose", checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
-            settle("object_pose", _poses("object_pose", self.object_pose, n, allow_unknown=True))
-        if self.first_pose is not None:
-            settle("first_pose", _three("first_pose", self.first_pose))
-        if self.first_pose_sigma is not None:
-            sigma = _three("first_pose_sigma", self.first_pose_sigma)
-            if self.first_pose is None or not (sigma > 0.0).all():
-                raise FileError(f"first_pose_sigma: found {sigma.tolist()}, allowed is above 0, with a first_pose")
-            settle("first_pose_sigma", sigma)
+            settle("object_pose", checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
+        for name in ("first_pose", "first_pose_sigma"):
+            if (given := getattr(self, name)) is not None:
+                numbers = checked_array(name, given, NUMBERS, (3,)).astype(np.float64)
+                check_rows(
+                    name, numbers[None], is_near(numbers).all(keepdims=True), f"three numbers up to {FARTHEST:g}"
+                )
+                settle(name, numbers)
+        if (sigma := self.first_pose_sigma) is not None and (self.first_pose is None or not (sigma > 0.0).all()):
+            raise FileError(f"first_pose_sigma: found {sigma.tolist()}, allowed is above 0, with a first_pose")
         if self.contact is not None:
             settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))
         if self.episode is not None:
             episode = checked_array("episode", self.episode, INTEGERS, (n,)).astype(np.int64)
             check_rows("episode", episode, episode >= -1, "0, 1, 2 ..., or -1 outside contact")
             settle("episode", episode)
-        if self.codec not in ("jpeg", "png"):
-            raise FileError(f"codec: found {self.codec!r}, allowed are 'jpeg' and 'png'")
+        check_codec(self.codec)
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
@@ -127,47 +134,57 @@ class Recording:
         all by one clock. Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) or 4x4 matrices, in one
         frame of the world. Raises FileError or SettingError that names the argument.
 
-        Parameters
-        ----------
-        image_time, images
-            Times (N,), increasing, and images: arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or PNG (bytes),
-            or paths of files. Without images (None), `contact` is needed.
-        pose_time, poses
-            Times (M,) and poses of the sensor, or of the part of a robot that carries it.
-        shape, sensor
-            Outline of the object in the object frame; profile of the sensor, or its name.
-        sensor_T_gel
-            Pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y along the
-            columns of an image. None if `poses` are the gel's own.
-        time_offset
-            Added to the times of the images [s]: negative if they are stamped late.
-        plane, off_plane
-            Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path;
-            largest distance of poses from it [m].
-        object_poses, object_time
-            Poses (K, ...) of the object: ground truth, NaN where it is not known; and times (K,), by default
-            `pose_time`.
-        contact
-            (N,) True for each image in which the sensor touches the object.
-        codec, source
-            Encoding of arrays: "jpeg" at quality 95, or "png", lossless; origin of the data, for people.
+        - image_time, images: times (N,), increasing, and arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or
+          PNG (bytes), or paths of files. Without images (None), `contact` is needed.
+        - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it.
+        - sensor_T_gel: pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
+          along the columns of an image. None if `poses` are the gel's own.
+        - time_offset: added to the times of the images [s]: negative if they are stamped late.
+        - plane, off_plane: normal of the plane of the push in the frame of the poses, or "fit" for the plane through
+          the sensor's path; largest distance of poses from it [m].
+        - object_poses, object_time: ground truth (K, ...), NaN where unknown, and its times, by default `pose_time`.
+        - contact: (N,) True for each image in which the sensor touches the object.
+        - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.types.from_arrays import recording_from_arrays
+        from palpate.types.from_arrays import check_upright, encoded_images, nanoseconds, on_the_gel, placed_poses
+        from palpate.types.space import checked_choices, in_plane
 
-        truth = None if object_poses is None else (pose_time if object_time is None else object_time, object_poses)
-        return recording_from_arrays(
-            (image_time, images),
-            (pose_time, poses),
-            shape,
-            known_sensor(sensor),
-            sensor_T_gel,
-            time_offset,
-            plane,
-            off_plane,
-            truth,
-            contact,
-            codec,
-            source,
+        plane, sensor = checked_choices(plane, off_plane, time_offset), known_sensor(sensor)
+        if not isinstance(shape, Shape):
+            raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
+        check_outline(shape)
+        time = nanoseconds("image_time", image_time, least=1e-3)
+        check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
+        given = None if images is None else _given_images(images, len(time), sensor)
+        flags = None if contact is None else checked_array("contact", contact, FLAGS, (len(time),))
+        if given is None and flags is None:
+            raise FileError("images: found None, and no contact; a recording needs one of them")
+
+        time = time + round(time_offset * 1e9)
+        placed, truth = placed_poses("poses", "pose_time", (pose_time, poses), time), None
+        if sensor_T_gel is not None:
+            placed = on_the_gel(placed, sensor_T_gel)
+        if object_poses is not None and not np.isnan(np.asarray(object_poses, np.float64)).all():
+            seen = (pose_time if object_time is None else object_time, object_poses)
+            truth = "the object (object_poses)", placed_poses("object_poses", "object_time", seen, time, True)
+        motion = in_plane("from_arrays", "world", time, ("the sensor (poses)", placed), truth, plane, off_plane)
+        check_upright(placed[motion.keep], motion.plane)
+        if given is not None:
+            kept = [given[index] for index in np.flatnonzero(motion.keep).tolist()]
+            given, codec = encoded_images(kept, codec, (sensor.image_height, sensor.image_width))
+        shifted = f", images shifted by {time_offset:+g} s" if time_offset else ""
+        frames = {"sensor_pose": f"as given, interpolated; {motion.plane}{shifted}"}
+        return cls(
+            time=time[motion.keep] / 1e9,
+            sensor_pose=motion.sensor_pose,
+            shape=shape,
+            sensor=sensor,
+            object_pose=motion.object_pose,
+            contact=None if flags is None else flags[motion.keep],
+            image=given,
+            codec=codec,
+            source=source,
+            frames=frames if truth is None else {**frames, "object_pose": "as given, likewise"},
         )
 
     @property
@@ -213,21 +230,14 @@ def _checked_images(images: Any) -> tuple[bytes, ...]:
     return kept
 
 
-def _poses(name: str, given: Any, n: int, allow_unknown: bool = False) -> Array:
-    poses = checked_array(name, given, NUMBERS, (n, 3)).astype(np.float64)
-    good = is_near(poses).all(axis=1)
-    if allow_unknown:
-        good |= np.isnan(poses).all(axis=1)
-    allowed = f"three numbers up to {FARTHEST:g}{', or three NaN' if allow_unknown else ''}"
-    check_rows(name, poses, good, allowed)
-    return poses
-
-
-def _three(name: str, value: Any) -> Array:
-    numbers = checked_array(name, value, NUMBERS, (3,)).astype(np.float64)
-    if not is_near(numbers).all():
-        raise FileError(f"{name}: found {numbers.tolist()}, allowed are three numbers up to {FARTHEST:g}")
-    return numbers
+def _given_images(images: Any, count: int, sensor: SensorProfile) -> Any:
+    if isinstance(images, str | bytes | Path):
+        raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
+    if not sensor.image_height:
+        raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
+    if len(images) != count:
+        raise FileError(f"images: found {len(images)} images for {count} times, expected one for each")
+    return images
 
 
 def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:

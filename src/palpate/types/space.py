@@ -6,7 +6,7 @@ axis as the normal, poses in the plane have the x and y of the frame.
 
 import logging
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,51 @@ def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane
             what,
         )
     return plane
+
+
+class PlanarMotion(NamedTuple):
+    """Motion of a sensor and an object in a plane."""
+
+    keep: NDArray[np.bool_]
+    """(N,) true at the times at which the sensor's pose is known."""
+    plane: Plane
+    sensor_pose: Array
+    """At these times (K, 3) [m, m, rad]."""
+    object_pose: Array | None
+    """Likewise, NaN where it is unknown."""
+
+
+def in_plane(
+    what: str,
+    frame: str,
+    time: Times,
+    sensor: tuple[str, Placed],
+    truth: tuple[str, Placed] | None,
+    normal: Normal,
+    off_plane: float,
+) -> PlanarMotion:
+    """Return the motion in a plane at the times of images (N,) [ns]; a warning says how many have no pose.
+
+    Sensor and truth have their names in errors, `what` is that of the recording. Raises FileError.
+    """
+    keep = sensor[1].known
+    if not keep.any():
+        raise FileError(
+            f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
+            "both by one clock, and is time_offset in seconds?"
+        )
+    if left_out := int(np.count_nonzero(~keep)):
+        logger.warning(
+            "%s: %d of %d images have no sensor pose at their time and are left out", what, left_out, len(time)
+        )
+    name, placed, time = sensor[0], sensor[1][keep], time[keep]
+    plane = chosen_plane(what, normal, frame, placed)
+    sensor_pose, object_pose = planar(name, plane, time, placed, off_plane), None
+    if truth is not None:
+        seen = truth[1][keep]
+        object_pose = np.full((len(time), 3), np.nan)
+        object_pose[seen.known] = planar(truth[0], plane, time[seen.known], seen[seen.known], off_plane)
+    return PlanarMotion(keep, plane, sensor_pose, object_pose)
 
 
 def plane_across(frame: str, normal: Array, position: Array) -> Plane:
