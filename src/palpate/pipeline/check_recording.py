@@ -49,19 +49,14 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
     regular = np.delete(step, _gaps(time))
-    found = [*_rate(recording), *_units(recording), *_time_gaps(recording), *_images(recording)]
+    found = list(_faults_of_frames(recording))
     if truth is not None:
-        found += [*_drop_outs(time, truth), *_jumps(time, truth)]
-    if truth is not None and contact is not None:
-        found += [
-            *_knocks(recording, truth, contact),
-            *_untouched(recording, truth, contact),
-            *_misfits(recording, truth, contact),
-        ]
-    findings = sorted(found, key=lambda finding: (finding.start, finding.end))
+        found += _faults_of_truth(time, truth)
+        found += _faults_of_motion(recording, truth, contact) if contact is not None else ()
+    found.sort(key=lambda finding: (finding.start, finding.end))
     contacts = [] if contact is None else [(float(time[a]), float(time[b])) for a, b in flag_runs(contact)]
-    breaks = Counter(finding.kind for finding in findings if finding.breaks)
-    knocks = sum(finding.kind == "knock" for finding in findings)
+    breaks = Counter(finding.kind for finding in found if finding.breaks)
+    knocks = sum(finding.kind == "knock" for finding in found)
     verdict = f"broken: {', '.join(f'{number} x {kind}' for kind, number in breaks.items())}" if breaks else "unbroken"
     if truth is None and contact is None:
         verdict = "nothing to judge: no ground truth and no contact flags"
@@ -76,36 +71,24 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
-        "findings": [
-            {**asdict(finding), "start": float(time[finding.start]), "end": float(time[finding.end])}
-            for finding in findings
-        ],
+        "findings": [{**asdict(one), "start": float(time[one.start]), "end": float(time[one.end])} for one in found],
         "unbroken": not breaks,
         "knocked": knocks > 0,
         "verdict": verdict + (f"; {knocks} x knock" if knocks else ""),
     }
 
 
-def _gaps(time: Array) -> NDArray[np.intp]:
-    """Return the frames after which others are missing, from times (N,) [s]."""
-    step = np.diff(time)
-    return np.flatnonzero(step > 3.0 * np.median(step)) if len(step) else np.empty(0, np.intp)
-
-
-def _rate(recording: Recording) -> Iterator[Finding]:
-    if len(recording) < 3:
-        return
-    rate, wanted = 1.0 / float(np.median(np.diff(recording.time))), recording.sensor.rate
-    if abs(rate / wanted - 1.0) > 0.05:
-        question = other_time_unit(1.0 / rate, wanted)
-        sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz{question and ': '}{question}"
-        yield Finding("rate", 0, -1, sentence)
-    if sentence := too_often(rate):
-        yield Finding("rate", 0, -1, sentence)
-
-
-def _units(recording: Recording) -> Iterator[Finding]:
-    """Find lengths that are implausible in metres."""
+def _faults_of_frames(recording: Recording) -> Iterator[Finding]:
+    """Find another rate, lengths that are implausible in metres, missing frames and damaged images."""
+    step, contact, wanted = np.diff(recording.time), recording.contact, recording.sensor.rate
+    if len(step) > 1:
+        rate = 1.0 / float(np.median(step))
+        if abs(rate / wanted - 1.0) > 0.05:
+            question = other_time_unit(1.0 / rate, wanted)
+            words = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz"
+            yield Finding("rate", 0, -1, f"{words}{question and ': '}{question}")
+        if sentence := too_often(rate):
+            yield Finding("rate", 0, -1, sentence)
     if wrong := wrong_width(recording.shape):
         yield Finding("unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
@@ -113,17 +96,10 @@ def _units(recording: Recording) -> Iterator[Finding]:
             check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
         except FileError as error:
             yield Finding("unit", 0, -1, str(error))
-
-
-def _time_gaps(recording: Recording) -> Iterator[Finding]:
-    step, contact = np.diff(recording.time), recording.contact
     for frame in _gaps(recording.time).tolist():
         touches = contact is not None and bool(contact[frame] and contact[frame + 1])
         sentence = f"no frames for {step[frame]:.2f} s{' during contact' if touches else ''}"
         yield Finding("time gap", frame, frame + 1, sentence, breaks=touches)
-
-
-def _images(recording: Recording) -> Iterator[Finding]:
     for frame in range(len(recording)) if recording.image is not None else ():
         try:
             recording[frame]
@@ -131,59 +107,52 @@ def _images(recording: Recording) -> Iterator[Finding]:
             yield Finding("image", frame, frame, str(error))
 
 
-def _drop_outs(time: Array, truth: Array) -> Iterator[Finding]:
-    if np.isnan(truth).all():
-        return
+def _faults_of_truth(time: Array, truth: Array) -> Iterator[Finding]:
+    """Find unknown poses, and those that jump away and back; a jump that stays is found with the knocks."""
     unknown = np.isnan(truth[:, 0])
-    for first, last in _merged(time, unknown):
+    for first, last in _merged(time, unknown) if not unknown.all() else ():
         count = int(unknown[first : last + 1].sum())
         # Systems do not start and stop together: at either end truth may be unknown for 0.2 s.
         inner = time[last] > time[0] + 0.2 and time[first] < time[-1] - 0.2
         yield Finding("drop-out", first, last, f"ground truth is unknown in {count} frames", breaks=bool(inner))
-
-
-def _jumps(time: Array, truth: Array) -> Iterator[Finding]:
-    """Find poses that jump away and back; a jump that stays is found with the knocks."""
     for first, last in _merged(time, spikes(truth)):
         sentence = "ground truth jumps away and back; these frames are not scored"
         yield Finding("jump", first, last, sentence, breaks=True)
 
 
-def _knocks(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
-    """Find motion in contact that pushing does not explain, by `knocked_frames`."""
-    known = np.flatnonzero(trusted_truth(recording))
+def _faults_of_motion(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
+    """Find motion that pushing does not explain, and a sensor that is not where it touches."""
+    time, trusted, outline = recording.time, trusted_truth(recording), recording.shape.outline(40)
+    known = np.flatnonzero(trusted)
     for first, last in flag_runs(knocked_frames(recording)):
         around = known[(known >= first - 1) & (known <= last + 1)]
         if contact[first : last + 1].any() and len(around):
-            moved = _motion(*truth[around[[0, -1]]])
-            seconds = recording.time[around[-1]] - recording.time[around[0]]
+            moved, seconds = _moved(*truth[around[[0, -1]]]), time[around[-1]] - time[around[0]]
             yield Finding("knock", first, last, f"something else moves the object: by {moved} in {seconds:.2f} s")
-
-
-def _untouched(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
-    trusted, outline = trusted_truth(recording), recording.shape.outline(40)
     for first, last in flag_runs(~contact):
         pose = truth[first : last + 1][trusted[first : last + 1]]
         points = se2.transform(pose[:, None], outline)
         away = np.linalg.norm(points - points[:1], axis=-1).max(axis=-1, initial=0.0)
         if away.max(initial=0.0) > 3e-3:  # [m], twice the 1.4 mm by which robot and motion capture disagree
-            moved = _motion(pose[0], pose[np.argmax(away)])
-            sentence = f"the object moves by {moved} while nothing touches it"
+            sentence = f"the object moves by {_moved(pose[0], pose[np.argmax(away)])} while nothing touches it"
             yield Finding("untouched motion", first, last, sentence, breaks=True)
-
-
-def _misfits(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
     limit = 2e-3  # [m], for three frames or more: undisturbed runs have 1.4 mm at most
     gap = recording.sensor.gaps(recording.sensor_pose, truth, recording.shape)
-    gap[~(trusted_truth(recording) & contact)] = np.nan
+    gap[~(trusted & contact)] = np.nan
     overlap = "overlap", "the sensor overlaps the true outline by up to"
     stand_off = "stand-off", "the sensor touches but stands off the true outline by up to"
     for (kind, words), wrong in ((overlap, gap < -limit), (stand_off, gap > limit)):
-        for first, last in _merged(recording.time, wrong):
+        for first, last in _merged(time, wrong):
             inside = wrong[first : last + 1]
             if inside.sum() >= 3:
                 worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
                 yield Finding(kind, first, last, f"{words} {worst:.1f} mm")
+
+
+def _gaps(time: Array) -> NDArray[np.intp]:
+    """Return the frames after which others are missing, from times (N,) [s]."""
+    step = np.diff(time)
+    return np.flatnonzero(step > 3.0 * np.median(step)) if len(step) else np.empty(0, np.intp)
 
 
 def _merged(time: Array, flags: Flags) -> list[tuple[int, int]]:
@@ -196,6 +165,6 @@ def _merged(time: Array, flags: Flags) -> list[tuple[int, int]]:
     return merged
 
 
-def _motion(before: Array, after: Array) -> str:
+def _moved(before: Array, after: Array) -> str:
     x, y, theta = se2.between(before, after)
     return f"{np.hypot(x, y) * 1e3:.1f} mm and {abs(np.degrees(theta)):.1f} degrees"

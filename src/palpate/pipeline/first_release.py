@@ -5,9 +5,8 @@ untouched gel has less curvature than the images that it differs from; and it is
 """
 
 import logging
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,7 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Release:
+class Release(NamedTuple):
     """The first half second without contact."""
 
     calibration: Calibration
@@ -62,8 +60,10 @@ def first_release(recording: Recording) -> Release | None:
     than_each = _plainer(moments)
     plainer = np.sum(than_each * unlike, axis=1) / np.maximum(np.sum(unlike, axis=1), 1)
     seen = np.sum(~unlike, axis=1)
-    # The least differences in plainness, to others and to the first half second, are of recorded pushes.
-    may_be = (plainer > 0.15) & (than_each[:, 0] > 0.45) & (seen >= 2) & [_is_steady(each) for each in looks]
+    # Neither black nor moving. The least differences in plainness, to others and to the first half second, are of
+    # recorded pushes.
+    steady = [not any(is_dark(one) or compare(one, look[0], UNLIKE)[0] > START for one in look) for look in looks]
+    may_be = (plainer > 0.15) & (than_each[:, 0] > 0.45) & (seen >= 2) & steady
     if not may_be.any():
         return None
     untouched = int(np.argmax(may_be * plainer * seen))
@@ -72,11 +72,6 @@ def first_release(recording: Recording) -> Release | None:
     first = int(starts[np.argmax(may_be & ~unlike[untouched])])
     background = background_of(_image(recording, index) for index in range(first, first + length))
     return Release(Calibration(background, is_sure=True), float(recording.time[first] - recording.time[0]))
-
-
-def _is_steady(looks: Sequence[Levels]) -> bool:
-    """Return True if half a second is not black and nothing moves on the gel."""
-    return not any(is_dark(cells) or compare(cells, looks[0], UNLIKE)[0] > START for cells in looks)
 
 
 def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
@@ -92,19 +87,17 @@ def _is_unlike(cells: Levels, others: Levels) -> bool:
 
 
 def _plainer(moments: Levels) -> Array:
-    """Return by how much each of N moments is plainer than each other, (N, N): 1 if only the other is touched."""
-    curved = np.array([_curvature(cells) for cells in moments])
+    """Return by how much each of N moments is plainer than each other, (N, N): 1 if only the other is touched.
+
+    A touch curves the image: its measure is the Laplacian of the logarithm, which even light does not change.
+    """
+    soft = 10.0  # [grey levels], since dark cells are noise
+    seen = np.pad(np.log(moments.astype(np.float64) + soft), ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
+    curved = 4.0 * seen[:, 1:-1, 1:-1] - seen[:, :-2, 1:-1] - seen[:, 2:, 1:-1] - seen[:, 1:-1, :-2] - seen[:, 1:-1, 2:]
+    curved = curved.reshape(len(moments), -1)
     strength = np.sum(np.square(curved), axis=1)
     apart = strength[:, None] + strength - 2.0 * curved @ curved.T
     return np.clip((strength - strength[:, None]) / np.maximum(apart, 1e-12), -1.0, 1.0)
-
-
-def _curvature(cells: Levels) -> Array:
-    """Return the Laplacian of the logarithm of the image, which does not change with even light."""
-    soft = 10.0  # [grey levels], since dark cells are noise
-    seen = np.pad(np.log(cells.astype(np.float64) + soft), ((1, 1), (1, 1), (0, 0)), mode="edge")
-    middle = seen[1:-1, 1:-1]
-    return (4.0 * middle - seen[:-2, 1:-1] - seen[2:, 1:-1] - seen[1:-1, :-2] - seen[1:-1, 2:]).ravel()
 
 
 def _image(recording: Recording, index: int) -> Image:

@@ -100,12 +100,10 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the content of `summary.json`, with `about` in it; scores that need truth are None without any.
 
-    `online` has covariance, contact and status. `truth` (N, 3) is NaN where it is unknown or not trusted. Final errors
-    are those of the last frame with truth, at `final_scored_time_s`. Shares `in_95` and `silently_wrong` are of the
+    `truth` (N, 3) is NaN where it is not known and trusted, and `knocked` (N,) flags frames in which something else
+    moves the object. Final errors are of the last frame with truth. Shares `in_95` and `silently_wrong` are of the
     frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 % region with a
-    status in CONTENT, before a touch between a knock and the next contact. `ambiguous_share` is of the frames in
-    contact. `knocked` (N,) flags frames in which something else moved the object; see `recovery`, which leaves the yaw
-    out unless `yaw_shows` (that of a disc does not).
+    status in CONTENT. `recovery` leaves the yaw out unless `yaw_shows`, which that of a disc does not.
     """
     contact, status, covariance = online.contact, online.status, online.covariance
     assert contact is not None and status is not None and covariance is not None
@@ -158,15 +156,13 @@ def before_next_touch(knocked: Flags, contact: Flags) -> Flags:
 
 
 def recovery(time: Array, contact: Flags, translation: Array, rotation: Array, knocked: Flags) -> dict[str, Any]:
-    """Return the part of `summary.json` on knocks, from times [s], errors [mm] and [deg] and flags, (N,) each.
+    """Return the number of knocks, and lists with a value for each, from times [s], errors [mm] and [deg] and flags.
 
-    - knocks: their number.
-    - knock_recovery_s: for each the time [s] from its last frame until the estimate is near the truth (not `is_far`)
-      and stays near in every scored frame until the next knock or the end. None where it does not, or is near for less
-      than LASTING.
-    - knock_recovery_contact_s: the same, counting time in contact only.
-    - knock_contact_s: for each the time in contact [s] until the last scored frame before the next knock or the end.
-    - knock_error_mm: by the seconds after a knock ("0.5") the error then for each; None where no frame is scored then.
+    - knock_recovery_s: time from its last frame until the estimate is near the truth (not `is_far`) and stays so until
+      the next knock or the end; None where it does not, or is near for less than LASTING.
+    - knock_recovery_contact_s, knock_contact_s: time in contact until then, and until the last scored frame before the
+      next knock or the end.
+    - knock_error_mm: by the seconds after the knock ("0.5") the error then; None where no frame is scored.
     """
     interval = np.diff(time, prepend=time[0])
     scored, far = np.isfinite(translation), is_far(translation, rotation)

@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 import palpate
 from palpate.config import PRESETS
@@ -28,8 +27,9 @@ from palpate.types.space import Plane
 
 Array = NDArray[np.float64]
 
-TABLES = "trajectory.tum", "estimates.csv", "answers.csv", "friction.csv"
-FILES = {"settings.json", *TABLES, "summary.json", "figure.png"}
+FILES = {
+    *("settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "friction.csv", "summary.json", "figure.png")
+}
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
@@ -56,41 +56,39 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
 
 def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     """Write FILES to a folder and, with the plane of the push in space, the estimates as messages (MCAP)."""
-    online = run.online
+    online, file, calibration = run.online, run.recording.file, run.calibration
     answers = [
         (when, one.weight, *one.pose, *one.covariance[UPPER])
         for when, several in zip(online.time, run.answers, strict=True)
         for one in several
     ]
-    _write_json(folder / "settings.json", _settings(run))
-    write_tum(run.smoothed, folder / "trajectory.tum")
-    write_estimates_csv(online, folder / "estimates.csv")
-    _write_table(folder / "answers.csv", ANSWERS, np.reshape(answers, (-1, len(ANSWERS))))
-    _write_table(
-        folder / "friction.csv", ("time", "friction", "deviation"), np.column_stack((online.time, run.friction))
-    )
-    if mcap is not None:
-        write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
-    _write_json(folder / "summary.json", run.summary)
-    with drawing("figure.png"):
-        run_figure(run).savefig(folder / "figure.png", dpi=120)
-    if run.recording.file is None:
-        write_recording(run.recording, folder / RECORDING)
-
-
-def _settings(run: Run) -> dict[str, Any]:
-    file, settings, calibration = run.recording.file, run.settings, run.calibration
-    return {
+    settings = {
         "palpate": palpate.__version__,
         "source": run.recording.source,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
         "calibration": str(calibration.file.absolute()) if calibration and calibration.file else None,
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
-        "noise_preset": next((name for name, preset in PRESETS.items() if preset == settings.noise), None),
+        "noise_preset": next((name for name, preset in PRESETS.items() if preset == run.settings.noise), None),
         "recording": RECORDING if file is None else str(file.absolute()),
-        **asdict(settings),
+        **asdict(run.settings),
     }
+    for name, data in (("settings.json", settings), ("summary.json", run.summary)):
+        (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    friction = np.column_stack((online.time, run.friction))
+    for name, columns, rows in (
+        ("answers.csv", ANSWERS, np.reshape(answers, (-1, len(ANSWERS)))),
+        ("friction.csv", ("time", "friction", "deviation"), friction),
+    ):
+        np.savetxt(folder / name, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
+    write_tum(run.smoothed, folder / "trajectory.tum")
+    write_estimates_csv(online, folder / "estimates.csv")
+    if mcap is not None:
+        write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
+    with drawing("figure.png"):
+        run_figure(run).savefig(folder / "figure.png", dpi=120)
+    if file is None:
+        write_recording(run.recording, folder / RECORDING)
 
 
 def read_answers(path: Path, time: Array) -> Answers:
@@ -110,11 +108,3 @@ def read_answers(path: Path, time: Array) -> Answers:
         covariance[UPPER] = covariance.T[UPPER] = row[5:]
         found[row[0]].append(Answer(row[2:5], covariance, float(row[1])))
     return tuple(tuple(several) for several in found.values())
-
-
-def _write_json(path: Path, data: dict[str, Any]) -> None:
-    path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_table(path: Path, columns: tuple[str, ...], rows: ArrayLike) -> None:
-    np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")

@@ -51,8 +51,6 @@ class Run:
     """Estimated friction between sensor and object, and its standard deviation, (N, 2)."""
     step_ms: Array
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
-    wall_s: float
-    """Time of the whole run [s]."""
     truth: Array | None
     """Ground truth that the run is scored by, (N, 3); NaN where it is unknown or jumps away and back."""
     summary: dict[str, Any]
@@ -73,14 +71,15 @@ def track(
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
     default see `first_pose_of`. Without a calibration, the untouched gel of a recording that begins in contact is taken
-    from its first release (`untouched_from_s` in the summary). `progress` is called with the number of frames done. A
-    frame that cannot be used is skipped, see `tracked_frames`. Raises SettingError if the recording lacks something
-    that the settings need, EstimationError if no estimate can be computed or the first frame cannot be used.
+    from its first release. `progress` is called with the number of frames done. A frame that cannot be used is skipped,
+    see `tracked_frames`. Raises SettingError if the recording lacks something that the settings need, EstimationError
+    if no estimate can be computed or the first frame cannot be used.
     """
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
-    _check(recording, settings)
+    truth = known_truth(recording)
+    _check(recording, truth, settings)
     release = None if calibration else release_after_start(recording, first, sigma, settings.tactile)
     calibration = release.calibration if release else calibration
     sensor = turned_as(recording.sensor, calibration)
@@ -91,10 +90,11 @@ def track(
         estimates.append(estimate)
         if progress:
             progress(index + 1)
-
     settings = replace(settings, tactile=tracker.tactile)
     online, answers, friction = gathered(estimates)
-    truth, wall_s = known_truth(recording), time.perf_counter() - begin
+    smoothed = tracker.smoothed()
+    if not used.all():
+        smoothed = Trajectory(recording.time, smoothed.pose[np.maximum(np.cumsum(used) - 1, 0)], contact=online.contact)
     summary = summarise(
         online,
         np.full_like(online.pose, np.nan) if truth is None else truth,
@@ -103,32 +103,16 @@ def track(
         yaw_shows=not isinstance(recording.shape, Disc),
         tactile=settings.tactile,
         smoother=settings.smoother,
-        wall_s=wall_s,
+        wall_s=time.perf_counter() - begin,
     )
     if release:
         summary["untouched_from_s"] = release.time
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    smoothed = tracker.smoothed()
-    if not used.all():
-        smoothed = Trajectory(recording.time, smoothed.pose[np.maximum(np.cumsum(used) - 1, 0)], contact=online.contact)
     is_learnt = settings.tactile.startswith("learnt")
-    return Run(
-        recording=recording,
-        settings=settings,
-        model=(model or shipped_model(recording.sensor.name)) if is_learnt else None,
-        calibration=calibration,
-        first_pose=first,
-        first_pose_sigma=sigma,
-        online=online,
-        smoothed=smoothed,
-        answers=answers,
-        friction=friction,
-        step_ms=step_ms,
-        wall_s=wall_s,
-        truth=truth,
-        summary=summary,
-    )
+    model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
+    estimated = online, smoothed, answers, friction
+    return Run(recording, settings, model, calibration, first, sigma, *estimated, step_ms, truth, summary)
 
 
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:
@@ -215,13 +199,14 @@ def quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _check(recording: Recording, settings: TrackerSettings) -> None:
+def _check(recording: Recording, truth: Array | None, settings: TrackerSettings) -> None:
     """Raise SettingError if the recording lacks something that the settings need."""
-    name = recording.file or "the recording"
+    lacking = ""
     if recording.contact is None and recording.image is None:
-        raise SettingError(f"{name}: has neither images nor contact flags, and tracking needs one of them")
-    if settings.tactile.startswith("learnt") and recording.image is None:
-        raise SettingError(f"{name}: has no images, which tactile {settings.tactile} needs")
-    known = recording.object_pose is not None and not np.isnan(recording.object_pose).all()
-    if settings.tactile == "oracle" and not known:
-        raise SettingError(f"{name}: has no ground truth, which tactile oracle takes its measurements from")
+        lacking = "neither images nor contact flags, and tracking needs one of them"
+    elif settings.tactile.startswith("learnt") and recording.image is None:
+        lacking = f"no images, which tactile {settings.tactile} needs"
+    elif settings.tactile == "oracle" and (truth is None or np.isnan(truth).all()):
+        lacking = "no ground truth, which tactile oracle takes its measurements from"
+    if lacking:
+        raise SettingError(f"{recording.file or 'the recording'}: has {lacking}")

@@ -15,13 +15,6 @@ from palpate.types.recording import Recording, spikes
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Frames = NDArray[np.intp]
-
-
-WINDOW = 0.1
-"""Time over which speeds are averaged [s]: as long as a hand acts, and three frames of noise at 30 Hz."""
-SHORT = 0.3
-"""Knocks that are closer are one, and truth may be unknown for this time while the object jumps [s]."""
 
 
 def trusted_truth(recording: Recording) -> Flags:
@@ -55,55 +48,29 @@ def knocked_frames(recording: Recording) -> Flags:
         return simulated > 0
     knocked = np.zeros(len(recording), np.bool_)
     known = np.flatnonzero(trusted_truth(recording))
-    if len(known) < 2 or recording.contact is None:
+    if len(known) < 2 or recording.contact is None or recording.object_pose is None:
         return knocked
+    # Speeds are means over 0.1 s, as long as a hand acts and three frames of noise at 30 Hz; where that holds too few
+    # known frames, between the two neighbours, and 0 if these are too far apart.
+    time, contact, frame = recording.time[known], recording.contact[known], np.arange(len(known))
+    before = np.minimum(np.searchsorted(time, time - 0.05), np.maximum(frame - 1, 0))
+    after = np.searchsorted(time, time + 0.05, side="right") - 1
+    after = np.maximum(after, np.minimum(frame + 1, len(known) - 1))
+    seconds = time[after] - time[before]
+    outline = se2.transform(recording.object_pose[known][:, None], recording.shape.outline(40))
+    tips = se2.transform(recording.sensor_pose[known][:, None], np.array(recording.sensor.tips))
+    moved, pushed = (np.linalg.norm(one[after] - one[before], axis=-1).max(axis=-1) for one in (outline, tips))
+    touched = contact[before] | contact | contact[after]
+    unexplained = np.maximum(moved - np.where(touched, 2.0 * pushed, 0.0), 0.0)
+    speed = np.where(seconds < 0.4, unexplained, 0.0) / seconds
+    # The noise of the capture is the median distance of a pose from the middle between its neighbours, so that knocks
+    # do not count; the difference of two poses is larger than four of it once in ten thousand steps.
+    off = np.linalg.norm(outline[1:-1] - 0.5 * (outline[:-2] + outline[2:]), axis=-1).max(axis=-1)
+    noise = 4.0 * (float(np.median(off)) if len(off) else 0.0) / seconds
     # Undisturbed real pushes have an unexplained speed of 0.043 m/s at most, hands of 0.12 and more.
-    knocked[known] = _unexplained_speed(recording, known) > np.maximum(0.05, _noise_speed(recording, known))
+    knocked[known] = speed > np.maximum(0.05, noise)
     for first, last in flag_runs(~knocked):
         inner = first > 0 and last + 1 < len(knocked)
-        if inner and recording.time[last + 1] - recording.time[first - 1] < SHORT:
+        if inner and recording.time[last + 1] - recording.time[first - 1] < 0.3:  # [s] one knock
             knocked[first : last + 1] = True
     return knocked
-
-
-def _unexplained_speed(recording: Recording, known: Frames) -> Array:
-    """Return the speed (M,) [m/s] of the object that the sensor does not explain, at M known frames, two or more.
-
-    Speeds are means over WINDOW or, if it holds too few known frames, between the two neighbours; 0 where these are
-    too far apart.
-    """
-    assert recording.object_pose is not None and recording.contact is not None
-    contact, (before, after) = recording.contact[known], _windows(recording.time[known])
-
-    def farthest(pose: Array, points: Array) -> Array:
-        """Return the largest motion (M,) [m] of points (P, 2) [m] on a body from before to after."""
-        placed = se2.transform(pose[known][:, None], points)
-        return np.linalg.norm(placed[after] - placed[before], axis=-1).max(axis=-1)
-
-    touched = contact[before] | contact | contact[after]
-    pushed = np.where(touched, 2.0 * farthest(recording.sensor_pose, np.array(recording.sensor.tips)), 0.0)
-    unexplained = np.maximum(farthest(recording.object_pose, recording.shape.outline(40)) - pushed, 0.0)
-    seconds = recording.time[known][after] - recording.time[known][before]
-    return np.where(seconds < SHORT + WINDOW, unexplained, 0.0) / seconds
-
-
-def _noise_speed(recording: Recording, known: Frames) -> Array:
-    """Return the speed (M,) [m/s] that the noise of the capture may look like, at M known frames.
-
-    Noise is the median distance of a pose from the middle between its neighbours, so that knocks do not count; the
-    difference of two poses is larger than four of it once in ten thousand steps.
-    """
-    assert recording.object_pose is not None
-    points = se2.transform(recording.object_pose[known][:, None], recording.shape.outline(40))
-    off = np.linalg.norm(points[1:-1] - 0.5 * (points[:-2] + points[2:]), axis=-1).max(axis=-1)
-    time = recording.time[known]
-    before, after = _windows(time)
-    return 4.0 * (float(np.median(off)) if len(off) else 0.0) / (time[after] - time[before])
-
-
-def _windows(time: Array) -> tuple[Frames, Frames]:
-    """Return the first and the last frame of the window around each of two or more frames at times (M,) [s]."""
-    frame = np.arange(len(time))
-    before = np.minimum(np.searchsorted(time, time - 0.5 * WINDOW), np.maximum(frame - 1, 0))
-    after = np.searchsorted(time, time + 0.5 * WINDOW, side="right") - 1
-    return before, np.maximum(after, np.minimum(frame + 1, frame[-1]))
