@@ -20,13 +20,14 @@ from palpate.cli.simulate import simulate
 from palpate.cli.study import evaluate, paper
 from palpate.cli.track import demo, track
 from palpate.cli.truth import truth, truth_camera, truth_print
+from palpate.cli.warm_up import warm_up
 from palpate.errors import PalpateError, printable
 
 COMMANDS: Any = {
     command.__name__.replace("_", "-"): command
     for command in (
         *(demo, info, track, live, convert, simulate, calibrate, train, paper, evaluate, tune, view),
-        *(truth_print, truth_camera, truth),
+        *(truth_print, truth_camera, truth, warm_up),
     )
 }
 DESCRIPTION = (

@@ -43,8 +43,13 @@ def compiled_to_sum(function: F) -> F:
     return _cached(_jit(function, fastmath={"reassoc"}))
 
 
+def folder_of(function: Any) -> Path | None:
+    """Return the folder in which code of a compiled function is kept, if it is."""
+    return Path(function._cache.cache_path) if isinstance(function._cache, _Cache) else None
+
+
 def is_cached(function: Any) -> bool:
-    """Return True where machine code of a compiled function is in the cache."""
+    """Return True where code of a compiled function is in the cache."""
     return isinstance(function._cache, _Cache) and function._cache.is_filled()
 
 

@@ -1,0 +1,73 @@
+"""The cache of compiled code: damaged files, changed sources, and folders that others can write to."""
+
+import importlib.util
+import pickle
+import sys
+from pathlib import Path
+
+import pytest
+from numba.core import config
+
+from palpate.graph import compiled
+from palpate.graph.compiled import folder_of, is_cached
+
+SOURCE = """
+from palpate.graph.compiled import compiled
+
+@compiled
+def twice(number):
+    return 2 * number
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The cache's folder for a module in tmp_path."""
+    (tmp_path / "module.py").write_text(SOURCE)
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiled, "_is_safe", compiled._is_safe.__wrapped__)
+    found = folder_of(loaded(tmp_path))
+    assert found is not None and found.is_relative_to(tmp_path / "cache")
+    return found
+
+
+def loaded(folder: Path):
+    """The function as a new process finds it."""
+    spec = importlib.util.spec_from_file_location("module", folder / "module.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["module"] = module
+    spec.loader.exec_module(module)
+    return module.twice
+
+
+def hits(function) -> int:
+    assert function(21) == 42
+    return sum(function.stats.cache_hits.values())
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", ["empty", "cut off", "foreign"])
+def test_a_damaged_file_is_replaced(folder, tmp_path, kind, damage):
+    assert hits(loaded(tmp_path)) == 0
+    assert is_cached(loaded(tmp_path)) and hits(loaded(tmp_path)) == 1
+    (path,) = folder.glob(f"*.{kind}")
+    whole = path.read_bytes()
+    path.write_bytes({"empty": b"", "cut off": whole[: len(whole) // 2], "foreign": pickle.dumps(["a list"])}[damage])
+    assert hits(loaded(tmp_path)) == 0
+    assert hits(loaded(tmp_path)) == 1
+
+
+def test_code_of_other_sources_is_compiled_anew(folder, tmp_path, monkeypatch):
+    assert hits(loaded(tmp_path)) == 0
+    monkeypatch.setattr(compiled, "_sources", lambda: "a kernel in another file has changed")
+    assert not is_cached(loaded(tmp_path)) and hits(loaded(tmp_path)) == 0
+    assert hits(loaded(tmp_path)) == 1
+
+
+def test_a_temporary_folder_that_others_can_write_to_is_not_used(folder, tmp_path, caplog):
+    folder.chmod(0o777)
+    function = loaded(tmp_path)
+    assert "other users can write to it" in caplog.text
+    assert folder_of(function) is None and not is_cached(function)
+    assert hits(function) == 0 and not list(folder.iterdir())
