@@ -119,6 +119,39 @@ def test_dxf():
     assert load_shape("a.dxf").area == pytest.approx(1e-6 * (60 * 40 + np.pi * 20**2 / 2), rel=1e-3)
 
 
+def test_a_drawing_is_read_as_it_is_seen():
+    def draw(space, gap=0.0):
+        document = space.doc
+        for name in ("off", "frozen"):
+            layer = document.layers.add(name)
+            (layer.off if name == "off" else layer.freeze)()
+            space.add_lwpolyline([(-9, -9), (200, -9), (200, 200), (-9, 200)], close=True, dxfattribs={"layer": name})
+        block = document.blocks.new("PART")
+        for start, end in zip(ELL, np.roll(ELL, -1, axis=0), strict=True):
+            block.add_line(start, end + np.array([gap, 0.0]))
+        for _ in range(2):  # drawn twice
+            space.add_blockref("PART", (5, 5), dxfattribs={"rotation": 90})
+        space.add_line((-20, 20), (120, 20))  # a centre line
+
+    wanted = 5e-3 + ELL @ np.array([[0.0, 1.0], [-1.0, 0.0]]) * 1e-3
+    for gap in (0.0, 1e-4, 5e-3):
+        assert apart(load_shape(drawing(4, lambda space, gap=gap: draw(space, gap))), wanted) < 1e-3
+    with pytest.raises(FileError, match=r"no closed outline: lines end at \(.* mm, 0.5 mm apart"):
+        load_shape(drawing(4, lambda space: draw(space, 0.5)))
+
+
+def test_hidden_parts_and_blanks_in_an_svg(caplog):
+    hidden = (
+        '<mask id="m"><rect width="90" height="50"/></mask><g visibility="hidden"><rect width="95" height="50"/></g>'
+    )
+    part = '<rect x="10" y="10" width="60" height="30" mask="url(#m)"/>'
+    for page in ('width="100 mm" height="5.0 cm"', 'width="100mm"', 'height="50mm"'):
+        assert extent_of(load_shape(svg(hidden + part, f'{page} viewBox="0 0 100 50"'))) == pytest.approx(0.06)
+    assert not caplog.text
+    assert extent_of(load_shape("70x9", unit="cm")) == pytest.approx(0.7)
+    assert "70x9: the outline is 0.7 m wide, much for an object that a fingertip pushes" in caplog.text
+
+
 def scanned(corners, count, noise, seed=0):
     along = shapely.Polygon(corners).exterior
     points = shapely.get_coordinates(along.interpolate(np.linspace(0.0, 1.0, count, endpoint=False), normalized=True))

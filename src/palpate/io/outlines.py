@@ -3,9 +3,10 @@
 The libraries svgelements and ezdxf read the drawings, shapely finds the one closed outline among their lines.
 """
 
+import io
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -27,6 +28,8 @@ TOLERANCE = 2e-5
 """[m] Largest deviation of an outline from a drawn curve, or from the many corners of a table."""
 INCH = 0.0254
 """[m]"""
+PIXELS = 96.0
+"""Pixels of an inch, as CSS has it."""
 DXF_UNITS = {1: INCH, 2: 12 * INCH, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
 """[m] by number in $INSUNITS: inches, feet, millimetres, centimetres, metres, micrometres, decimetres."""
 
@@ -65,6 +68,9 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
             )
         if wrong := wrong_width(shape, unit):
             raise ShapeError(wrong + " unit= (--shape-unit) names it" * wrong.endswith("?"))
+        if shape.extent > 0.5:
+            words = "%s: the outline is %.3g m wide, much for an object that a fingertip pushes; is its unit right?"
+            logger.warning(words + " unit= (--shape-unit) names it", name, shape.extent)
     except ShapeError as error:
         raise FileError(f"{name}: {error}") from error
     return shape
@@ -152,27 +158,40 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
     _check_drawing(path, "svgelements")
     import svgelements
 
-    pixels = 96.0  # of an inch, as CSS has it
     try:
-        page = svgelements.SVG.parse(str(path), ppi=pixels)
-        shapes = [svgelements.Path(each) for each in page.elements() if isinstance(each, svgelements.Shape)]
+        data = re.sub(rb"(?s)<(mask|marker)\b[^>]*?(/>|>.*?</\1>)", b"", path.read_bytes())  # are not drawn themselves
+        page = svgelements.SVG.parse(io.BytesIO(data), ppi=PIXELS)
+        drawn: Any = [each for each in page.elements() if isinstance(each, svgelements.Shape)]
+        hidden = {"visibility": ("hidden", "collapse"), "opacity": ("0", "0.0")}
+        seen = (each for each in drawn if not any(each.values.get(name) in values for name, values in hidden.items()))
+        shapes = [svgelements.Path(each) for each in seen]
         for shape in shapes:
             shape.reify()
         lines = [_svg_points(svgelements.Path(part)) for shape in shapes for part in shape.as_subpaths()]
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"{path}: is no SVG that can be read ({one_line(error)})") from error
-    width = str(page.values.get("width", "not given"))
-    if scale is not None:
-        metres = scale / abs(svgelements.Matrix(page.viewbox_transform or "").a)
-    elif re.fullmatch(r"[\d.]+\s*(mm|cm|in|pt|pc|q)\s*", width, re.IGNORECASE):
-        metres = INCH / pixels
-    else:
-        raise ShapeError(
-            f"the drawing has no size, its width is {width!r}: give the unit of its numbers, as "
-            "unit='mm' (--shape-unit mm)"
-        )
+    if scale is None:
+        scale = _svg_unit(page)
+    metres = scale / abs(svgelements.Matrix(page.viewbox_transform or "").a)
     outline = _outline_of_lines(path, [line * (metres, -metres) for line in lines])
     return Polygon(outline.corners - outline.centroid)
+
+
+def _svg_unit(page: Any) -> float:
+    """Return the size of a number in an SVG [m], by width or height of its page. Raises ShapeError if neither says."""
+    units = {"mm": 1e-3, "cm": 1e-2, "in": INCH, "pt": INCH / 72, "pc": INCH / 6, "q": 2.5e-4}
+    sizes = []
+    for side in ("width", "height"):
+        given = re.fullmatch(r"\s*([\d.]+)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
+        if given and given[2] in units:
+            inner = getattr(page.viewbox, side, None)  # without a viewBox numbers are pixels
+            sizes.append(float(given[1]) * units[given[2]] / inner if inner else INCH / PIXELS)
+    if not sizes:
+        raise ShapeError(
+            f"the drawing has no size, its width is {page.values.get('width', 'not given')!r}: give the unit of its "
+            "numbers, as unit='mm' (--shape-unit mm)"
+        )
+    return min(sizes)
 
 
 def _svg_points(path: Any) -> Array:
@@ -200,7 +219,7 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
         metres = scale or DXF_UNITS.get(drawing.units)
         if metres is None:
             raise ShapeError("the drawing has no unit ($INSUNITS): give it, as unit='mm' (--shape-unit mm)")
-        for entity in drawing.modelspace():
+        for entity in _seen_entities(drawing.modelspace(), drawing.layers):
             try:
                 drawn = make_path(entity)
             except TypeError:  # a text, a dimension and the like
@@ -213,6 +232,19 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"{path}: is no DXF that can be read ({one_line(error)})") from error
     return _outline_of_lines(path, lines)
+
+
+def _seen_entities(entities: Iterable[Any], layers: Any) -> Iterator[Any]:
+    """Yield what a CAD program shows: not on layers that are off or frozen, and what is in blocks in its place."""
+    for entity in entities:
+        layer = layers.get(entity.dxf.layer) if layers.has_entry(entity.dxf.layer) else None
+        if entity.dxf.get("invisible", 0) or (layer and (layer.is_off() or layer.is_frozen())):
+            continue
+        if entity.dxftype() == "INSERT":
+            for block in entity.multi_insert():
+                yield from _seen_entities(block.virtual_entities(), layers)
+        else:
+            yield entity
 
 
 def _check_drawing(path: Path, library: str) -> None:
@@ -229,27 +261,47 @@ def _check_lines(lines: Sequence[Array]) -> None:
 
 
 def _outline_of_lines(path: Path, lines: Sequence[Array]) -> Polygon:
-    """Return the outline that lines (n, 2) [m] form, each closed or several end to end.
+    """Return the outline of the area that lines (n, 2) [m] enclose, each closed or several end to end.
 
-    Outlines within it are holes, left out with a warning. Raises ShapeError unless there is one closed outline.
+    Ends within 0.01 mm meet, and lines on one another count once. Outlines within it are holes, left out with a
+    warning. Raises ShapeError unless there is one area.
     """
     import shapely
+    from scipy.spatial import KDTree
 
     _check_lines(lines)
     lines = [line for line in lines if len(line) > 1]
-    grid = 1e-6 * float(np.ptp(np.concatenate(lines), axis=0).max()) if lines else 0.0  # ends that are closer meet
-    strings = [shapely.LineString(np.round(line / grid) * grid) for line in lines if grid]
-    closed = shapely.polygonize(strings).geoms
-    rings = [shapely.Polygon(shapely.get_coordinates(shapely.get_exterior_ring(area))) for area in closed]
-    rings.sort(key=lambda ring: -ring.area)
-    if not rings:
-        raise ShapeError(f"holds no closed outline: its {len(lines)} lines do not meet end to end")
-    beside = sum(not rings[0].contains(ring.representative_point()) for ring in rings[1:])
-    if beside:
-        raise ShapeError(f"holds {beside + 1} outlines side by side; allowed is one, and holes in it")
-    if len(rings) > 1:
-        logger.warning("%s: %d outlines within the largest are holes, which are left out", path, len(rings) - 1)
-    return _simplified(shapely.get_coordinates(rings[0].exterior))
+    if not lines:
+        raise ShapeError("holds no closed outline: there are no lines in it")
+    ends = np.array([line[[0, -1]] for line in lines]).reshape(-1, 2)
+    ends = ends[[min(near) for near in KDTree(ends).query_ball_point(ends, 1e-5)]]
+    joined = [np.vstack([a, line[1:-1], b]) for line, a, b in zip(lines, ends[::2], ends[1::2], strict=True)]
+    drawn: Any = shapely.union_all([shapely.LineString(line) for line in joined], grid_size=1e-6)
+    parts = shapely.get_parts(drawn).tolist()
+    faces: Any = shapely.get_parts(shapely.polygonize(parts))
+    if not len(faces):
+        ends = np.array([shapely.get_coordinates(part)[[0, -1]] for part in parts]).reshape(-1, 2)
+        raise ShapeError(f"holds no closed outline: {_loose_ends(ends)}")
+    area = shapely.union_all([shapely.Polygon(face.exterior) for face in faces])
+    if not isinstance(area, shapely.Polygon):
+        raise ShapeError(f"holds {len(shapely.get_parts(area))} outlines side by side; allowed is one, and holes in it")
+    if holes := sum(len(face.interiors) for face in faces):
+        logger.warning("%s: %d outlines within the largest are holes, which are left out", path, holes)
+    return _simplified(shapely.get_coordinates(area.exterior))
+
+
+def _loose_ends(ends: Array) -> str:
+    """Return a sentence on the two closest ends of lines (N, 2) [m] that meet no other."""
+    from scipy.spatial import KDTree
+
+    places, counts = np.unique(ends, axis=0, return_counts=True)
+    loose = places[counts == 1]
+    if len(loose) < 2:
+        return f"its {len(ends) // 2} lines enclose no area"
+    gaps, others = (np.asarray(each)[:, 1] for each in KDTree(loose).query(loose, k=2))
+    first = int(np.argmin(gaps))
+    (x, y), (u, v) = 1e3 * loose[[first, others[first]]]
+    return f"lines end at ({x:.2f}, {y:.2f}) and ({u:.2f}, {v:.2f}) mm, {1e3 * gaps[first]:.3g} mm apart"
 
 
 def _of_few_corners(outline: Polygon) -> Polygon:
