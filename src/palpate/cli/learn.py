@@ -111,12 +111,12 @@ def tune(
     from palpate.files import held_folder, new_file
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.recorded_touch import record_touch_of_files
-    from palpate.lab.tune.tuning import check_parameters, is_held_out
+    from palpate.lab.tune.tuning import check_evaluations, is_held_out
     from palpate.lab.tune.tuning import tune as tune_settings
 
     begin = time.perf_counter()
     settings = TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
-    check_parameters(settings, evaluations=evaluations)
+    check_evaluations(evaluations)
     model, unit = touch.load(touch.tactile)
     if out.exists() and not (Path(start).exists() and out.samefile(start)):
         raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
@@ -157,7 +157,7 @@ def tune(
             write(tuning)
 
         with progress_bar("tuning", evaluations) as show:
-            tuning = tune_settings(list(recorded.values()), settings, (), evaluations, workers, keep)
+            tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
         tuned = write(tuning) | {"wall_s": time.perf_counter() - begin}
     if json:
         missing = [{"file": str(files[name]), "error": error} for name, error in left_out.items()]

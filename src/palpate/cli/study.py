@@ -3,7 +3,7 @@
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -161,6 +161,6 @@ def _evaluate_faults(folder: Path, out: Path, model: Path | None, workers: int, 
             raise SettingError(f"{folder}: in all recordings the object is shoved, and never while touched")
         write_table(out, runs)
     rows = rows_of(runs)
-    plain = [{key: None if value != value else value for key, value in asdict(row).items()} for row in rows]
+    plain = [{key: None if value != value else value for key, value in row.items()} for row in rows]
     report(json, "one fault at a time", {"report": str(table), "faults": plain})
-    return 3 if any(row.exceptions for row in rows) else 0
+    return 3 if any(row["exceptions"] for row in rows) else 0

@@ -137,11 +137,6 @@ def test_light_and_gel_change(stream, faulty):
     assert shown(faulty("light steps +40 %"), 2) == [200] * 29 + [255] * 31
     out = faulty("one light out").images[-1][0, 0] / stream.images[-1][0, 0]
     assert sorted(np.round(out, 1).tolist()) == [0.1, 1.0, 1.0]
-    worn = faulty("wear, up to 14 levels").images
-    assert np.abs(worn[-1].astype(int) - stream.images[-1]).max() == 14
-    assert np.array_equal(worn[0], stream.images[0])
-    scratched = faulty("a scratch").images[-1].astype(int) - stream.images[-1]
-    assert scratched[..., 2].min() == -60 and (scratched[..., 2] == 0).any()
     unit = faulty("turned by 180 degrees, calibrated").calibration
     assert unit is not None and unit.background.mean[0, 0].tolist() == [1.5, 101.5, 200.0]
 
@@ -226,9 +221,10 @@ def test_a_row_is_the_median_of_its_runs(tmp_path):
 
     runs = [*(made("none", mm) for mm in (1.0, 2.0, 9.0)), made("x", 3.0, 1.1, 0.5), made("x", 5.0, 0.9, 1.5)]
     clean, row = rows_of(runs)
-    assert (clean.final_mm, clean.worst_mm, clean.times_clean, clean.told_percent) == (2.0, 9.0, 1.0, 0.0)
-    assert (row.final_mm, row.times_clean, row.silent_percent, row.told_percent) == (4.0, 2.0, 50.0, 50.0)
-    assert (row.inside_percent, row.refused_percent, row.step_ms) == pytest.approx((90.0, 10.0, 2.0))
+    assert [clean[key] for key in ("final_mm", "worst_mm", "times_clean", "told_percent")] == [2.0, 9.0, 1.0, 0.0]
+    assert [row[key] for key in ("final_mm", "times_clean", "silent_percent", "told_percent")] == [4.0, 2.0, 50.0, 50.0]
+    shares = [row[key] for key in ("inside_percent", "refused_percent", "step_ms")]
+    assert shares == pytest.approx([90.0, 10.0, 2.0])
     write_table(tmp_path, runs)
     (_, written) = csv.DictReader((tmp_path / "faults.csv").read_text().splitlines())
     assert (written["fault"], written["final_mm"], written["runs"]) == ("x", "4", "2")

@@ -4,7 +4,6 @@ Modelled on seventeen real DIGITs: soft or sharp cones of red, green and blue, a
 specks. A flat gel is lit evenly from its sides, as a real GelSight Mini and a real GelSlim are.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,14 +129,3 @@ def grain(size: tuple[int, int], at: tuple[float, float], radius: float) -> NDAr
     """Return the form of a grain, 0 to 1, in an image of this size (rows, columns), at this row and column."""
     rows, columns = np.ogrid[: size[0], : size[1]]
     return np.exp(-0.5 * ((rows - at[0]) ** 2 + (columns - at[1]) ** 2) / radius**2)
-
-
-def scratch(
-    size: tuple[int, int], at: tuple[float, float], angle: float, width: float, length: float = math.inf
-) -> NDArray[np.float64]:
-    """Return the form of a scratch, 0 or 1, centred at this row and column, with its normal at this angle [rad]."""
-    down, right = np.ogrid[: size[0], : size[1]]
-    down, right = down - at[0], right - at[1]
-    across = np.cos(angle) * right + np.sin(angle) * down
-    along = np.cos(angle) * down - np.sin(angle) * right
-    return ((np.abs(across) < 0.5 * width) & (np.abs(along) < 0.5 * length)).astype(np.float64)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry import se2
 from palpate.geometry.shapes import scaled
-from palpate.lab.simulate.backdrop import GRAIN_LEVELS, GRAIN_RADIUS, grain, scratch
+from palpate.lab.simulate.backdrop import GRAIN_LEVELS, GRAIN_RADIUS, grain
 from palpate.lab.simulate.scene import WARM_UP
 from palpate.lab.simulate.unit import SensorUnit
 from palpate.types.recording import Recording
@@ -48,11 +48,14 @@ class Mark:
     def image(self, size: tuple[int, int]) -> Array:
         """Return the change of an image of this size, (rows, columns, 3) [grey levels]."""
         at = (self.place[0] * size[0], self.place[1] * size[1])
-        if self.length:
-            form = scratch(size, at, self.angle, self.width, self.length * size[1])
-        else:
-            form = grain(size, at, self.width)
-        return form[..., None] * np.array(self.levels)
+        if not self.length:
+            return grain(size, at, self.width)[..., None] * np.array(self.levels)
+        down, right = np.ogrid[: size[0], : size[1]]
+        down, right = down - at[0], right - at[1]
+        across = np.cos(self.angle) * right + np.sin(self.angle) * down
+        along = np.cos(self.angle) * down - np.sin(self.angle) * right
+        inside = (np.abs(across) < 0.5 * self.width) & (np.abs(along) < 0.5 * self.length * size[1])
+        return inside[..., None] * np.array(self.levels)
 
 
 @dataclass(frozen=True, eq=False)

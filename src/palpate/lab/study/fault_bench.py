@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,31 +50,6 @@ class FaultRun:
     """Share of estimates since fault and first contact whose 95 % region holds the truth; NaN if there are none."""
     silent_s: float = 0.0
     """Time since fault and contact with the estimate far off, outside its region, and a good status [s]."""
-
-
-@dataclass(frozen=True)
-class FaultRow:
-    """All runs with one fault: medians of final errors, shares of frames and of runs."""
-
-    fault: str
-    runs: int
-    final_mm: float
-    worst_mm: float
-    final_deg: float
-    times_clean: float
-    """Median final error over that without a fault."""
-    inside_percent: float
-    """Estimates in the 95 % region since the fault, mean over runs [%]."""
-    told_percent: float
-    """Runs in which the fault is noticed within a second [%]."""
-    silent_percent: float
-    """Runs that are silently wrong for longer than a second [%]."""
-    refused_percent: float
-    """Frames that are refused [%]."""
-    exceptions: int
-    """Runs that end in an error other than a refusal."""
-    step_ms: float
-    """Mean time of a frame [ms]."""
 
 
 def run_faults(
@@ -132,8 +108,8 @@ def run_stream(
     return FaultRun(fault, recording, len(stream), len(refused), exception, wall_s, noticed_after, **scores)
 
 
-def rows_of(runs: Sequence[FaultRun]) -> list[FaultRow]:
-    """Return a row for each fault, in the order of runs."""
+def rows_of(runs: Sequence[FaultRun]) -> list[dict[str, Any]]:
+    """Return a row for each fault, in the order of runs: medians of final errors, shares of frames and of runs."""
     by_fault: dict[str, list[FaultRun]] = {}
     for run in runs:
         by_fault.setdefault(run.fault, []).append(run)
@@ -143,11 +119,9 @@ def rows_of(runs: Sequence[FaultRun]) -> list[FaultRow]:
 
 def write_table(folder: Path, runs: Sequence[FaultRun]) -> None:
     """Write `fault_runs.csv`, a row for each run, and then `faults.csv`, a row for each fault."""
-    for name, rows in (("fault_runs.csv", runs), ("faults.csv", rows_of(runs))):
-        write_rows(
-            folder / name,
-            [{key: f"{x:.6g}" if isinstance(x, float) else x for key, x in asdict(row).items()} for row in rows],
-        )
+    for name, rows in (("fault_runs.csv", [asdict(run) for run in runs]), ("faults.csv", rows_of(runs))):
+        short = [{key: f"{x:.6g}" if isinstance(x, float) else x for key, x in row.items()} for row in rows]
+        write_rows(folder / name, short)
 
 
 def _run_recording(job: tuple[str, Path], names: Sequence[str], seed: int, model: TouchModel | None) -> list[FaultRun]:
@@ -183,22 +157,23 @@ def _scores(
     }
 
 
-def _row(fault: str, runs: Sequence[FaultRun], clean: float) -> FaultRow:
+def _row(fault: str, runs: Sequence[FaultRun], clean: float) -> dict[str, Any]:
+    """Return the scores of a fault; what is noticed within a second is told, and longer silence is silently wrong."""
     finals, frames = [run.final_mm for run in runs], sum(run.frames for run in runs)
-    return FaultRow(
-        fault=fault,
-        runs=len(runs),
-        final_mm=_known(np.median, finals),
-        worst_mm=_known(np.max, finals),
-        final_deg=_known(np.median, [run.final_deg for run in runs]),
-        times_clean=_known(np.median, finals) / clean,
-        inside_percent=100.0 * _known(np.mean, [run.inside_share for run in runs]),
-        told_percent=100.0 * float(np.mean([run.noticed_after <= 1.0 for run in runs])),
-        silent_percent=100.0 * float(np.mean([run.silent_s > 1.0 for run in runs])),
-        refused_percent=100.0 * sum(run.refused for run in runs) / frames,
-        exceptions=sum(bool(run.exception) for run in runs),
-        step_ms=1e3 * sum(run.wall_s for run in runs) / frames,
-    )
+    return {
+        "fault": fault,
+        "runs": len(runs),
+        "final_mm": _known(np.median, finals),
+        "worst_mm": _known(np.max, finals),
+        "final_deg": _known(np.median, [run.final_deg for run in runs]),
+        "times_clean": _known(np.median, finals) / clean,
+        "inside_percent": 100.0 * _known(np.mean, [run.inside_share for run in runs]),
+        "told_percent": 100.0 * float(np.mean([run.noticed_after <= 1.0 for run in runs])),
+        "silent_percent": 100.0 * float(np.mean([run.silent_s > 1.0 for run in runs])),
+        "refused_percent": 100.0 * sum(run.refused for run in runs) / frames,
+        "exceptions": sum(bool(run.exception) for run in runs),
+        "step_ms": 1e3 * sum(run.wall_s for run in runs) / frames,
+    }
 
 
 def _known(middle: Callable[[Sequence[float]], np.floating], values: Sequence[float]) -> float:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, scaled
-from palpate.lab.simulate.backdrop import scratch
 from palpate.pipeline.truth import flag_runs
 from palpate.touch.background import background_of
 from palpate.touch.calibration import Calibration
@@ -78,13 +77,9 @@ class Stream:
         self.begin = float(self.arrival[frame])
         return frame
 
-    def begin_at_contact(self) -> None:
-        """State that the fault can be noticed from the first contact on."""
-        self.begin_at(int(np.argmax(self.contact)))
-
-    def begin_in_contact(self) -> int:
-        """State that the fault can be noticed from a frame in the first half of the longest contact on; returns it."""
-        return self.begin_at(self.in_contact())
+    def first_contact(self) -> int:
+        """Return the first frame in contact."""
+        return int(np.argmax(self.contact))
 
     def in_contact(self) -> int:
         """Return a frame in the first half of the longest contact."""
@@ -161,7 +156,7 @@ def _jitter(s: Stream, rng: Rng, deviation: float) -> None:
 
 
 def _leap(s: Stream, rng: Rng, seconds: float, for_good: bool = False) -> None:
-    first = s.begin_in_contact()
+    first = s.begin_at(s.in_contact())
     s.time[first : None if for_good else first + 1] += seconds
 
 
@@ -173,17 +168,17 @@ def _stamp_in_nanoseconds(s: Stream, rng: Rng, is_late: bool = False) -> None:
 
 
 def _lose_pose(s: Stream, rng: Rng, seconds: float) -> None:
-    s.sensor_pose[s.during(s.begin_in_contact(), seconds)] = np.nan
+    s.sensor_pose[s.during(s.begin_at(s.in_contact()), seconds)] = np.nan
 
 
 def _freeze_pose(s: Stream, rng: Rng, seconds: float = np.inf) -> None:
-    first = s.begin_in_contact()
+    first = s.begin_at(s.in_contact())
     s.sensor_pose[s.during(first, seconds)] = s.sensor_pose[first]
 
 
 def _shift_poses(s: Stream, rng: Rng, length: float, count: int = 1) -> None:
     """Shift the sensor's pose, in any direction, at some frames in contact."""
-    first = s.begin_in_contact()
+    first = s.begin_at(s.in_contact())
     later = np.flatnonzero(s.contact & (np.arange(len(s)) >= first))
     hit = np.append(first, rng.choice(later[1:], count - 1, replace=False))
     angle = rng.uniform(-np.pi, np.pi, count)
@@ -196,7 +191,7 @@ def _add_pose_noise(s: Stream, rng: Rng, length: float, degrees: float) -> None:
 
 def _misplace_sensor(s: Stream, rng: Rng, length: float = 0.0, degrees: float = 0.0) -> None:
     s.sensor_pose = se2.compose(s.sensor_pose, _offset(rng, length, degrees))
-    s.begin_at_contact()
+    s.begin_at(s.first_contact())
 
 
 def _move_untouched(s: Stream, rng: Rng, length: float = 0.0, degrees: float = 0.0) -> None:
@@ -218,12 +213,12 @@ def _push_aside(s: Stream, rng: Rng) -> None:
 
 def _misstate_first_pose(s: Stream, rng: Rng, length: float = 0.0, degrees: float = 0.0) -> None:
     s.first_pose = se2.compose(s.first_pose, _offset(rng, length, degrees))
-    s.begin_at_contact()
+    s.begin_at(s.first_contact())
 
 
 def _misstate_outline(s: Stream, rng: Rng, share: float) -> None:
     s.shape = scaled(s.shape, 1.0 + share)
-    s.begin_at_contact()
+    s.begin_at(s.first_contact())
 
 
 def _offset(rng: Rng, length: float, degrees: float) -> Array:
@@ -237,16 +232,16 @@ def _offset(rng: Rng, length: float, degrees: float) -> Array:
 
 def _change_all(s: Stream, rng: Rng, change: Callable[[Image], Any]) -> None:
     s.change_images(lambda _, image: change(image))
-    s.begin_at_contact()
+    s.begin_at(s.first_contact())
 
 
 def _change_in_contact(s: Stream, rng: Rng, change: Callable[[Image], Any], seconds: float = np.inf) -> None:
-    s.change_images(lambda _, image: change(image), s.during(s.begin_in_contact(), seconds))
+    s.change_images(lambda _, image: change(image), s.during(s.begin_at(s.in_contact()), seconds))
 
 
 def _delay_images(s: Stream, rng: Rng, frames: int) -> None:
     s.images = [s.images[max(k - frames, 0)] for k in range(len(s))]
-    s.begin_at_contact()
+    s.begin_at(s.first_contact())
 
 
 def _freeze_image(s: Stream, rng: Rng, seconds: float = np.inf) -> None:
@@ -263,7 +258,7 @@ def _exchange_red_and_blue(s: Stream, rng: Rng) -> None:
 
 
 def _calibrate(s: Stream, rng: Rng) -> None:
-    s.calibration = Calibration(background_of(s.images[: int(np.argmax(s.contact))]))
+    s.calibration = Calibration(background_of(s.images[: s.first_contact()]))
 
 
 def _drift_light(s: Stream, rng: Rng, share: float) -> None:
@@ -277,34 +272,13 @@ def _switch_off_light(s: Stream, rng: Rng) -> None:
     _change_in_contact(s, rng, partial(np.multiply, factor))
 
 
-def _wear(s: Stream, rng: Rng, levels: float) -> None:
-    """Let a smooth pattern grow on the gel, up to so many grey levels at the end."""
-    height, width, _ = s.images[0].shape
-    rows, columns = np.indices((height, width))
-    pattern = np.zeros((height, width))
-    for _ in range(12):
-        row, column, size = rng.uniform(0, height), rng.uniform(0, width), rng.uniform(0.05, 0.2) * width
-        pattern += rng.uniform(-1.0, 1.0) * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2.0 * size**2))
-    pattern = pattern[..., None]
-    pattern *= levels / np.abs(pattern).max()
-    s.change_images(lambda k, image: image + pattern * (k / (len(s) - 1)))
-
-
-def _scratch(s: Stream, rng: Rng) -> None:
-    """Draw a dark line, 3 px wide and 60 grey levels deep, over the gel from a frame in a contact on."""
-    height, width, _ = s.images[0].shape
-    angle, off = rng.uniform(0.0, np.pi), rng.uniform(-0.2, 0.2) * width
-    at = (0.5 * height + off * np.sin(angle), 0.5 * width + off * np.cos(angle))
-    _change_in_contact(s, rng, partial(np.add, -60.0 * scratch((height, width), at, angle, 3)[..., None]))
-
-
 def _show_others(s: Stream, rng: Rng, share: float) -> None:
     """Give a share of frames in contact the image of another of them."""
     touched = np.flatnonzero(s.contact)
     images = [s.images[frame] for frame in touched]
     where = s.contact & (rng.random(len(s)) < share)
     s.change_images(lambda *_: images[rng.integers(len(images))], where)
-    s.begin_at_contact()
+    s.begin_at(s.first_contact())
 
 
 def _show_contact(s: Stream, rng: Rng, frames: int) -> None:
@@ -317,7 +291,7 @@ def _show_contact(s: Stream, rng: Rng, frames: int) -> None:
 
 def _hide_contact(s: Stream, rng: Rng, frames: int) -> None:
     """Show the untouched gel in a contact."""
-    start = s.begin_in_contact()
+    start = s.begin_at(s.in_contact())
     count = min(frames, len(s) - start)
     s.images[start : start + count] = [s.images[s.rest()[0]]] * count
 
@@ -334,8 +308,7 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
     **{f"frames lost for {n} s": (partial(_lose, seconds=n),) for n in (1, 2)},
     "frames repeated, 10 %": (partial(_repeat, share=0.1),),
     "frames exchanged, 10 %": (partial(_exchange, share=0.1),),
-    "every second frame only": (partial(_slow_down, every=2),),
-    "every third frame only": (partial(_slow_down, every=3),),
+    **{f"every {name} frame only": (partial(_slow_down, every=n),) for n, name in ((2, "second"), (3, "third"))},
     **{f"stamps jitter, {n} ms": (partial(_jitter, deviation=n / 1e3),) for n in (5, 20)},
     **{f"one stamp {n:+} s": (partial(_leap, seconds=n),) for n in (1000, -1000)},
     **{f"stamps {n:+} s for good": (partial(_leap, seconds=n, for_good=True),) for n in (1000, -1000)},
@@ -371,13 +344,9 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
         for n in (-40, -20, -10, 10, 20, 40)
     },
     "one light out": (_switch_off_light,),
-    **{f"wear, up to {n} levels": (partial(_wear, levels=n),) for n in (7, 14)},
-    "a scratch": (_scratch,),
     **{f"outlier images, {n} %": (partial(_show_others, share=n / 100),) for n in (10, 30)},
-    "false contact of 1 frame": (partial(_show_contact, frames=1),),
-    "false contact of 10 frames": (partial(_show_contact, frames=10),),
-    "missed contact of 1 frame": (partial(_hide_contact, frames=1),),
-    "missed contact of 10 frames": (partial(_hide_contact, frames=10),),
+    **{f"false contact of {n} frame{s}": (partial(_show_contact, frames=n),) for n, s in ((1, ""), (10, "s"))},
+    **{f"missed contact of {n} frame{s}": (partial(_hide_contact, frames=n),) for n, s in ((1, ""), (10, "s"))},
     **{f"first pose off {n} mm": (partial(_misstate_first_pose, length=n / 1e3),) for n in (5, 10, 20)},
     **{f"first pose off {n} deg": (partial(_misstate_first_pose, degrees=n),) for n in (5, 10, 15)},
     **{f"outline {n:+} %": (partial(_misstate_outline, share=n / 100),) for n in (-2, 2, 5)},

@@ -31,43 +31,23 @@ WORST = 50.0
 """Score of a recording that the estimator gives up, and the largest of any [nats]."""
 
 
-class Tunable(NamedTuple):
-    """Range of a setting that can be tuned."""
-
-    lowest: float
-    highest: float
-    by_default: bool = False
-    """Tuned if nothing else is asked for."""
-    components: tuple[int, ...] = ()
-    """Components of a tuple that are scaled together; the setting's value is the first of them."""
-    only_in: tuple[str, ...] = ()
-    """Modes of touch in which it matters; empty are all."""
-
-
 TUNABLE = {
-    "sensor_pose.deviation": Tunable(1e-6, 1e-2, components=(0, 1, 2)),
-    "first_pose.rest": Tunable(1e-8, 1e-2, components=(0, 1, 2)),
-    "contact.deviation": Tunable(1e-5, 1e-2),
-    "direction.share": Tunable(1e-2, 100.0, by_default=True, only_in=MEASURE_DIRECTION),
-    "place.share": Tunable(1e-2, 100.0),
-    "turn.share": Tunable(1e-2, 1000.0, by_default=True, only_in=(*MEASURE_TURN, "oracle")),
-    "sticking.share": Tunable(1e-3, 10.0, by_default=True),
-    "sticking.sliding_share": Tunable(1e-3, 100.0, by_default=True),
-    "sticking.margin": Tunable(1e-3, 0.5, by_default=True),
-    "sticking.kernel": Tunable(0.1, 100.0, by_default=True),
-    "balance.share": Tunable(1e-3, 10.0, by_default=True),
-    "balance.load": Tunable(1e-2, 10.0),
-    "friction_cone.share": Tunable(1e-3, 10.0, by_default=True),
-    "priors.direction_bias": Tunable(1e-4, 0.1, components=(1,)),
-    "priors.direction_scale": Tunable(1e-4, 0.5, components=(1,)),
-    "priors.depth": Tunable(1e-5, 1e-2, components=(1,)),
-    "priors.outline_scale": Tunable(1e-4, 0.5, components=(1,)),
-    "priors.friction_ratio": Tunable(0.01, 2.0, by_default=True, components=(1,)),
-    "priors.friction_center": Tunable(0.01, 1.0, by_default=True, components=(1,)),
-    "priors.grip": Tunable(0.01, 1.0, by_default=True, components=(1,)),
+    "direction.share": (1e-2, 100.0),
+    "turn.share": (1e-2, 1000.0),
+    "sticking.share": (1e-3, 10.0),
+    "sticking.sliding_share": (1e-3, 100.0),
+    "sticking.margin": (1e-3, 0.5),
+    "sticking.kernel": (0.1, 100.0),
+    "balance.share": (1e-3, 10.0),
+    "friction_cone.share": (1e-3, 10.0),
+    "priors.friction_ratio": (0.01, 2.0),
+    "priors.friction_center": (0.01, 1.0),
+    "priors.grip": (0.01, 1.0),
 }
-"""By default nothing is tuned that the robot knows (`sensor_pose`) or that a simulation knows too well (`contact`,
-`priors.depth`)."""
+"""Ranges of the settings that are tuned; of a prior its deviation, the second of a pair.
+
+Nothing is tuned that the robot knows (`sensor_pose`) or that a simulation knows too well (`contact`, `priors.depth`).
+"""
 
 
 @dataclass(frozen=True)
@@ -110,19 +90,19 @@ class _Spent(Exception):
 def tune(
     recordings: Sequence[RecordedTouch],
     settings: TrackerSettings,
-    parameters: Sequence[str] = (),
     evaluations: int = 100,
     workers: int = 1,
     progress: Callable[[Tuning], None] | None = None,
 ) -> Tuning:
-    """Tune the parameters (see `check_parameters`), starting from these settings; the same input gives the same result.
+    """Tune the settings of `parameters_of`, starting from these; the same input gives the same result.
 
-    `progress` is called after each evaluation. Every fourth recording is held out. Raises SettingError on wrong
-    parameters and without recordings.
+    `progress` is called after each evaluation. Every fourth recording is held out. Raises SettingError on fewer than 1
+    evaluations and without recordings.
     """
     from scipy.optimize import minimize
 
-    names = check_parameters(settings, parameters, evaluations)
+    check_evaluations(evaluations)
+    names = parameters_of(settings)
     if not recordings:
         raise SettingError("there are no recordings to tune on")
     learning = [recorded for index, recorded in enumerate(recordings) if not is_held_out(index)]
@@ -150,7 +130,7 @@ def tune(
             progress(best)
         return found.score
 
-    bounds = np.log([(TUNABLE[name].lowest, TUNABLE[name].highest) for name in names])
+    bounds = np.log([TUNABLE[name] for name in names])
     first = np.clip(np.log(np.maximum(start, 1e-300)), *bounds.T)
     radii = {"initial_tr_radius": 0.7, "final_tr_radius": 0.02}  # factors of 2 and 1.02
     with suppress(_Spent):
@@ -158,6 +138,12 @@ def tune(
     if judging:
         best = replace(best, held_out=(judge(judging, settings, workers), judge(judging, best.settings, workers)))
     return best
+
+
+def check_evaluations(evaluations: int) -> None:
+    """Raise SettingError on fewer than 1 evaluations."""
+    if evaluations < 1:
+        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
 
 
 def is_held_out(index: int) -> bool:
@@ -226,46 +212,25 @@ def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) 
     return {name: (value_of(start, name), value_of(now, name)) for name in names}
 
 
-def check_parameters(settings: TrackerSettings, names: Sequence[str] = (), evaluations: int = 1) -> tuple[str, ...]:
-    """Return the parameters to tune: these, or by default those that matter with this touch and are not off.
-
-    Raises SettingError on a parameter that is unknown or off, and on fewer than 1 evaluations.
-    """
-    if evaluations < 1:
-        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
-    for name in names:
-        value_of(settings, name)
+def parameters_of(settings: TrackerSettings) -> tuple[str, ...]:
+    """Return the parameters that matter with the settings' touch and are not off."""
     modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
-    return tuple(dict.fromkeys(names)) or tuple(
-        name
-        for name, tunable in TUNABLE.items()
-        if tunable.by_default and modes & set(tunable.only_in or modes) and _setting(settings, name) is not None
-    )
+    only_in = {"direction.share": set(MEASURE_DIRECTION), "turn.share": {*MEASURE_TURN, "oracle"}}
+    matter = [name for name in TUNABLE if modes & only_in.get(name, modes)]
+    return tuple(name for name in matter if _setting(settings, name) is not None)
 
 
 def value_of(settings: TrackerSettings, name: str) -> float:
-    """Return the value of a parameter; SettingError if it is unknown or off."""
-    if name not in TUNABLE:
-        raise SettingError(f"parameter {name!r} cannot be tuned; allowed are {', '.join(TUNABLE)}")
+    """Return the value of a parameter; of a prior that of its deviation."""
     value = _setting(settings, name)
-    if value is None:
-        raise SettingError(f"parameter {name!r} is off in the settings that tuning starts from; it stays so")
-    components = TUNABLE[name].components
-    return float(value[components[0]] if components else value)
+    return float(value[1] if isinstance(value, tuple) else value)
 
 
 def with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSettings:
     """Return settings with another value of a parameter, rounded to four digits."""
-
-    def rounded(number: float) -> float:
-        return float(f"{number:.4g}")
-
-    new: Any = rounded(value)
-    if components := TUNABLE[name].components:
-        old, factor = _setting(settings, name), value / value_of(settings, name)
-        new = tuple(rounded(number * factor) if k in components else number for k, number in enumerate(old))
     group, setting = name.split(".")
-    changed = replace(getattr(settings.noise, group), **{setting: new})
+    old, new = _setting(settings, name), float(f"{value:.4g}")
+    changed = replace(getattr(settings.noise, group), **{setting: (old[0], new) if isinstance(old, tuple) else new})
     return replace(settings, noise=replace(settings.noise, **{group: changed}))
 
 
