@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
-from palpate.errors import PalpateError, SettingError
+from palpate.errors import PalpateError, SettingError, one_line
 from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
 from palpate.io.outlines import load_shape
 from palpate.io.ros_messages import (
@@ -43,7 +43,7 @@ from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
 from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
-from palpate.types.space import STEEPEST, Plane, into_plane, plane_across
+from palpate.types.space import STEEPEST, Placed, Plane, always, into_plane, plane_across, poses_in_time
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""
@@ -84,7 +84,10 @@ def run(node: Any, stop: threading.Event) -> LiveSession:
     calibration = None if unit is None else load_calibration(Path(str(unit)))
     outline = load_shape(str(shape))
     tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
-    topics = Topics(node, normal or (0.0, 0.0, 1.0))
+    gel, offset = _numbers(node, "sensor_T_gel", 7), _parameter(node, "time_offset") or 0.0
+    if not isinstance(offset, float) or not abs(offset) <= 1.0:
+        raise SettingError(f"parameter time_offset is {offset!r}; allowed are -1.0 to 1.0 s")
+    topics = Topics(node, normal or (0.0, 0.0, 1.0), gel, offset)
     sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration))
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.say(f"tracking: images of {node.resolve_topic_name(IMAGES)}")
@@ -108,7 +111,10 @@ def ros_node(arguments: Sequence[str]) -> Iterator[Any]:
         ) from error
     context = rclpy.Context()
     no_signals = import_module("rclpy.signals").SignalHandlerOptions.NO
-    rclpy.init(args=list(arguments), context=context, signal_handler_options=no_signals)
+    try:
+        rclpy.init(args=list(arguments), context=context, signal_handler_options=no_signals)
+    except RuntimeError as error:  # of arguments that ROS does not know
+        raise SettingError(f"ROS refuses these arguments: {one_line(error)}") from error
     node = rclpy.create_node("palpate", context=context)
     executor = import_module("rclpy.executors").SingleThreadedExecutor(context=context)
     executor.add_node(node)
@@ -129,11 +135,11 @@ def _parameter(node: Any, name: str) -> Any:
     return node.declare_parameter(name, None, any_type).value or None
 
 
-def _numbers(node: Any, name: str) -> list[float] | None:
+def _numbers(node: Any, name: str, count: int = 3) -> list[float] | None:
     value = _parameter(node, name)
-    numbers = finite_numbers(value, (3,))
+    numbers = finite_numbers(value, (count,))
     if value is not None and numbers is None:
-        raise SettingError(f"parameter {name} is {value!r}; allowed are three finite numbers: '[0.1, 0.0, 0.3]'")
+        raise SettingError(f"parameter {name} is {value!r}; allowed are {count} finite numbers: '[0.1, 0.0, ...]'")
     return None if numbers is None else numbers.tolist()
 
 
@@ -166,9 +172,17 @@ class Topics(MessageSink):
     node, under any name of it.
     """
 
-    def __init__(self, node: Any, normal: ArrayLike) -> None:
-        """Take the node and the plane's normal (3,) in the frame of the poses."""
-        self._node, self._normal = node, np.asarray(normal, np.float64)
+    def __init__(
+        self, node: Any, normal: ArrayLike, sensor_T_gel: ArrayLike | None = None, time_offset: float = 0.0
+    ) -> None:
+        """Take the node and the plane's normal (3,) in the frame of the poses.
+
+        `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published,
+        such as a flange; `time_offset` [s] is added to the times of images.
+        """
+        self._node, self._normal, self._time_offset = node, np.asarray(normal, np.float64), time_offset
+        numbers = np.reshape((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0) if sensor_T_gel is None else sensor_T_gel, (1, 7))
+        self._gel = always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), numbers), 1)
         self.clock = Ros2Clock(node)
         self._plane: Plane | None = None
         self._publishers: dict[str, Any] = {
@@ -209,7 +223,7 @@ class Topics(MessageSink):
                 yield convert(waiting.get(timeout=0.05))
 
     def _image(self, message: Any) -> TouchImage:
-        time = self.clock.time_of(message)
+        time = self.clock.time_of(message) + self._time_offset
         if hasattr(message, "format"):
             return TouchImage(time, *compressed_image(message))
         return TouchImage(time, raw_image(message))
@@ -219,11 +233,12 @@ class Topics(MessageSink):
         position, rotation = np.array([pose.numbers[:3]]), np.array([pose.numbers[3:]])
         if not np.isfinite(position).all() or not abs(math.hypot(*pose.numbers[3:]) - 1.0) < 1e-2:
             return Refused(f"{list(pose.numbers)}; allowed are a finite position and a quaternion of length 1")
+        gel = Placed(position, rotation, np.ones(1, np.bool_)) @ self._gel
         if self._plane is None:
-            self._plane = plane_across(pose.frame, self._normal, position)
+            self._plane = plane_across(pose.frame, self._normal, gel.position)
         if pose.frame != self._plane.frame:
             return Refused(f"it is given in frame {pose.frame!r}, the first was in {self._plane.frame!r}")
-        placed, height, angle = into_plane(self._plane, position, rotation)
+        placed, height, angle = into_plane(self._plane, gel.position, gel.rotation)
         if abs(off := height[0] - self._plane.height) > 0.01:
             return Refused(f"it is {off * 1e3:.1f} mm off the plane of the first, allowed are 10 mm")
         if abs(angle[0]) > STEEPEST:

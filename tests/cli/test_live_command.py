@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from bag_samples import decoded_by_another, push_messages, write_bag
@@ -35,7 +36,7 @@ class FakeCapture:
     """Stands for OpenCV's camera: brightens up when opened, is touched after a while, and can be unplugged."""
 
     def __init__(self, size: tuple[int, int] = (320, 240), rate: float = 100.0) -> None:
-        self.size, self.rate = size, rate
+        self.size, self.rate, self.corner = size, rate, 0
         self.is_plugged, self.opened, self.released, self.count = True, 0, 0, 0
         self.asked: dict[int, float] = {}
         self.touched_from = np.inf
@@ -60,6 +61,7 @@ class FakeCapture:
         if self.count % 7 == 0:
             return False, None  # damaged
         image = np.full((*self.size, 3), (10, 30, min(6 * self.count, 60)), np.uint8)  # blue first
+        image[:20, :20, 1] += self.corner
         if self.count > self.touched_from:
             image[100:200, 80:160] += 60
         return True, image
@@ -121,13 +123,13 @@ def _in_folder(tmp_path, monkeypatch):
 def camera(monkeypatch) -> FakeCapture:
     """A camera at the path ./video0."""
     fake = FakeCapture()
-    Path("video0").touch()
+    Path("video0").symlink_to("/dev/null")  # a device, not a file
     monkeypatch.setattr("cv2.VideoCapture", fake)
     return fake
 
 
 def camera_words(poses: str) -> tuple[str, ...]:
-    return ("live", "--tactile", "none", "--camera", str(Path("video0").resolve()), "--poses", poses, *OBJECT)
+    return ("live", "--tactile", "none", "--camera", str(Path("video0").absolute()), "--poses", poses, *OBJECT)
 
 
 def same_frames(name: str, count: int | None = None) -> None:
@@ -252,16 +254,57 @@ def test_camera_and_poses_are_lost_and_come_back(camera, run_palpate):
     assert found["images"] == found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"]
 
 
-def test_without_poses_or_with_turned_images_nothing_is_tracked(camera, run_palpate):
+def test_without_poses_nothing_is_tracked(camera, run_palpate):
     port = free_port()
     code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--seconds", "0.5", "--json")
     found = json.loads(out)
     assert code == 0 and "without a sensor pose, 1 so far: none has come before it" in err
     assert found["tracked"] == 0 and found["without_pose"] + found["dropped"] == found["images"] > 5
-    camera.size = (240, 320)
+
+
+@pytest.mark.parametrize("size", [(240, 320), (480, 640)])
+def test_images_as_a_digit_gives_them_are_turned_scaled_and_late(size, camera, run_palpate):
+    """Landscape, where digit-interface turns them counter-clockwise, and 0.2 s late."""
+    camera.size, camera.corner, port = size, 100, free_port()
+    words = (*camera_words(f"udp:{port}"), "--record", "live.mcap", "--seconds", "2", "--time-offset", "-0.2")
+    with sending(lambda n: pose_packet((0.1 + 0.01 * (time.time() % 1000.0), 0.05, 0.0)), port):
+        code, out, _ = run_palpate(*words, "--json")
+    found = json.loads(out)
+    assert code == 0 and found["tracked"] > 10 and found["latency_ms"]["p50"] > 200.0
+    recorded = palpate.load_recording("live.mcap")
+    image = recorded[10].image
+    assert image is not None and image.shape == (320, 240, 3)
+    corners = [image[row, column, 1] for row, column in ((5, 5), (5, -5), (-5, 5), (-5, -5))]
+    assert int(np.argmax(corners)) == 2 and max(corners) > 90  # the top left corner is at the bottom left
+    assert np.allclose(recorded.sensor_pose[:, 0], 0.1 + 0.01 * (recorded.time % 1000.0), atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["folder", "video"])
+def test_a_folder_of_images_or_a_video_stands_in_for_a_camera(kind, run_palpate, fails):
+    gel = np.full((320, 240, 3), (10, 30, 60), np.uint8)  # blue first
+    if kind == "folder":
+        Path("film").mkdir()
+        for index in range(20):
+            cv2.imwrite(f"film/{index:03d}.png", gel + np.uint8(index))
+        Path("film/007.png").write_bytes(b"torn")
+    else:
+        video = cv2.VideoWriter("film.avi", cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (240, 320))
+        for _ in range(20):
+            video.write(gel)
+        video.release()
+        Path("film.avi").rename("film")
+    port = free_port()
+    words = ("live", "--tactile", "none", "--camera", "film", "--poses", f"udp:{port}", *OBJECT, "--json")
     with sending(lambda n: pose_packet(), port):
-        code, out, err = run_palpate(*camera_words(f"udp:{port}"))
-    assert (code, out) == (2, "") and "(240, 320, 3), turned by a quarter; expected uint8 (320, 240, 3)" in err
+        code, out, err = run_palpate(*words, "--record", "live.mcap")
+    found = json.loads(out)
+    assert code == 0 and found["images"] == (19 if kind == "folder" else 20) and found["tracked"] > 10
+    assert ("image 7 is damaged" in err) == (kind == "folder")
+    image = palpate.load_recording("live.mcap")[0].image
+    assert image is not None and np.abs(image[0, 0].astype(int) - (60, 30, 10)).max() < 6
+    Path("empty").mkdir()
+    for name in ("empty", "push.mcap"):
+        assert "is no video that OpenCV reads, nor a folder" in fails(*words[:4], name, *words[5:])
 
 
 def test_a_camera_that_cannot_be_used(camera, fails):
@@ -295,7 +338,8 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
     assert "either --camera with --poses, or --replay" in fails("live")
     assert "either --camera with --poses, or --replay" in fails("live", "--camera", "0")
     assert "X Y THETA or --first-pose-unknown" in fails("live", "--camera", "0", "--poses", "udp:9")
-    assert "only --shape and --shape-unit" in fails(*camera_words("udp:9"), "--plane", "fit")
+    assert "only --shape, --shape-unit, --time-offset" in fails(*camera_words("udp:9"), "--plane", "fit")
+    assert "allowed are -1 to 1 s" in fails(*camera_words("udp:9"), "--time-offset", "-40")
     assert "'udp:x'; allowed are ports" in fails(*camera_words("udp:x"))
     assert "allowed are udp:PORT or an entry point of palpate.poses" in fails(*camera_words("other"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:

@@ -71,6 +71,15 @@ def test_poses_are_those_of_the_plane_through_the_first():
         assert isinstance(refused, Refused) and expected in refused.reason
 
 
+def test_poses_of_a_flange_are_moved_to_the_gel():
+    turn = np.sqrt(0.5)  # the flange looks along its z axis, which is the gel's x axis; a quarter turn about y
+    gel = (0.0, 0.0, 0.1, 0.0, -turn, 0.0, turn)
+    flange = message(0.2)
+    flange.pose.orientation = SimpleNamespace(x=0.0, y=turn, z=0.0, w=turn)  # its z axis along the world's x
+    (pose,) = heard(ros2.Topics(FakeNode([flange]), (0.0, 0.0, 1.0), gel), 1)
+    assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.6, 0.0, 0.0])
+
+
 def test_a_topic_of_another_type_is_refused():
     topics = ros2.Topics(FakeNode([], "std_msgs/msg/String"), (0.0, 0.0, 1.0))
     with pytest.raises(SettingError, match="/sensor_pose has messages of type std_msgs/msg/String, allowed are geom"):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def live(
     *,
-    camera: Annotated[str | None, arg("SERIAL|PATH|N", "none; or --replay")] = None,
+    camera: Annotated[str | None, arg("SERIAL|N|PATH", "none; or --replay")] = None,
     poses: Annotated[str | None, arg("udp:PORT|NAME", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
     record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
@@ -36,7 +36,7 @@ def live(
     Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
     Args:
-        camera: Camera of a DIGIT.
+        camera: Camera of a DIGIT, or a video or a folder of images in its place.
         poses: Sensor poses: JSON by UDP on this machine, or an entry point of palpate.poses.
         replay: A recording or a bag, played in real time.
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
@@ -77,11 +77,13 @@ def live(
         if camera and poses:
             if bag.shape is None or first is None:
                 raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
-            if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit):
-                raise SettingError("--camera: of the options for bags, only --shape and --shape-unit can be used")
+            if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit, time_offset=bag.time_offset):
+                raise SettingError("--camera: of the options for bags, only --shape, --shape-unit, --time-offset apply")
+            if not abs(bag.time_offset) <= 1.0:
+                raise SettingError(f"--time-offset is {bag.time_offset:g}; allowed are -1 to 1 s")
             name, shape = f"camera {camera}", load_shape(bag.shape, bag.shape_unit)
             with progress_bar("looking for images and poses"):
-                sources = stack.enter_context(camera_sources(camera, poses, DIGIT, unit))
+                sources = stack.enter_context(camera_sources(camera, poses, DIGIT, unit, bag.time_offset))
             scene = Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",))
         else:
             assert replay is not None

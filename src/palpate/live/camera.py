@@ -1,4 +1,4 @@
-"""A camera of this computer: found by number, path or serial, settled, and opened again when it is lost."""
+"""A camera of this computer, found by number, path or serial; or a video, or a folder of images, in its place."""
 
 import os
 import threading
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Sources, TouchImage, pose_source
+from palpate.live.sources import Clock, Image, Sources, TouchImage, pose_source
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.types.sensor import SensorProfile
 
@@ -63,8 +63,10 @@ class Camera:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_V4L2)
         if not capture.isOpened():
             return []
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._sensor.image_height)
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._sensor.image_width)
+        # Cameras have landscape images, also those of a DIGIT.
+        sides = self._sensor.image_height, self._sensor.image_width
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sides))
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sides))
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._capture = capture
         images, begin = [], self._clock.now()
@@ -77,8 +79,6 @@ class Camera:
 
     def _read(self) -> TouchImage | None:
         """Return the next image with the time of its arrival; None if the camera gives none."""
-        import cv2
-
         for _ in range(10):  # more damaged images than that are a fault of the camera
             # OpenCV goes on grabbing from an unplugged camera.
             if not self._path.exists() or not self._capture.grab():
@@ -86,19 +86,80 @@ class Camera:
             time = self._clock.now()
             is_whole, pixels = self._capture.retrieve()
             if is_whole and pixels is not None and pixels.ndim == 3:
-                return TouchImage(time, np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8))
+                return TouchImage(time, upright(pixels, self._sensor))
         return None
 
 
-@contextmanager
-def camera_sources(name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None) -> Iterator[Sources]:
-    """Open a camera (number, path or serial) and a source of poses while the block runs.
+class Film:
+    """A video, or the images of a folder in the order of their names, played in real time in place of a camera."""
 
-    Raises SettingError if one of them is missing.
+    def __init__(self, path: Path, sensor: SensorProfile, clock: Clock) -> None:
+        """Open the file or folder. Raises SettingError if it holds no images."""
+        import cv2
+
+        self._sensor, self._clock = sensor, clock
+        self.rate = sensor.rate
+        """Rate of the video, or that of the sensor [Hz]."""
+        if path.is_dir():
+            files = sorted(str(file) for file in path.iterdir() if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
+            self._count = len(files)
+            self._pixels: Iterator[Any] = map(cv2.imread, files)
+        else:
+            video = cv2.VideoCapture(str(path))
+            self._count = int(video.isOpened())
+            self._pixels = (video.retrieve()[1] for _ in iter(video.grab, False))
+            self.rate = video.get(cv2.CAP_PROP_FPS) or sensor.rate
+        if not self._count:
+            raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
+
+    def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
+        """Yield each image when it is due; ends at the event."""
+        begin = self._clock.now()
+        for index, pixels in enumerate(self._pixels):
+            due = begin + index / self.rate
+            if stop.wait(max(0.0, due - self._clock.now())):
+                return
+            yield f"image {index} is damaged" if pixels is None else TouchImage(due, upright(pixels, self._sensor))
+
+    def close(self) -> None:
+        """Do nothing: files need no release."""
+
+
+def upright(pixels: Any, sensor: SensorProfile) -> Image:
+    """Return an image of OpenCV as RGB in a sensor's size: landscape ones are turned as digit-interface turns them.
+
+    Exact multiples of the size are scaled down; other sizes stay.
+    """
+    import cv2
+
+    height, width = sensor.image_height, sensor.image_width
+    if (pixels.shape[0] < pixels.shape[1]) != (height < width):
+        pixels = np.rot90(pixels)
+    scale = pixels.shape[0] // height
+    if scale > 1 and pixels.shape[:2] == (scale * height, scale * width):
+        pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), cv2.COLOR_BGR2RGB), np.uint8)
+
+
+@contextmanager
+def camera_sources(
+    name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None, time_offset: float = 0.0
+) -> Iterator[Sources]:
+    """Open a camera (number, path or serial), or a video or folder in its place, and a source of poses.
+
+    `time_offset` [s] is added to the times of images. Raises SettingError if camera or source are missing.
     """
     arriving, clock = turned_as(sensor, calibration), Clock()
-    with closing(Camera(camera_path(name), arriving, clock)) as camera, pose_source(poses, clock) as source:
-        yield Sources(camera.images, source, clock, replace(arriving, rate=camera.rate))
+    path = Path(name)
+    is_film = path.is_dir() or path.is_file()
+    opened = Film(path, arriving, clock) if is_film else Camera(camera_path(name), arriving, clock)
+
+    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
+        for image in opened.images(stop):
+            yield image if isinstance(image, str) else image._replace(time=image.time + time_offset)
+
+    with closing(opened), pose_source(poses, clock) as source:
+        yield Sources(images, source, clock, replace(arriving, rate=opened.rate))
 
 
 def camera_path(name: str) -> Path:
