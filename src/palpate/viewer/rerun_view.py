@@ -8,6 +8,7 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -102,8 +103,8 @@ def start_viewer(*options: str) -> str:
     Only this machine can reach it, and it sends no analytics. `options` are further ones of Rerun's command line.
     """
     command = (sys.executable, "-P", "-m", "rerun_cli")  # no modules of the working folder
-    home = str(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "rerun")
-    environment = {**os.environ, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home}  # settings apart from the user's
+    home = tempfile.mkdtemp(prefix="palpate-rerun-")  # settings apart from the user's, who may have no home
+    environment = {**os.environ, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home}
     if subprocess.run([*command, "analytics", "disable"], env=environment, capture_output=True).returncode:
         raise SettingError(f"the viewer's analytics cannot be turned off in {home}, so it is not started")
     with socket.socket() as free:
