@@ -12,7 +12,7 @@ from palpate.config import NoiseSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph.compiled import compiled
-from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surface, contact_model, put_touch
+from palpate.graph.contact_geometry import ContactModel, Surface, contact_model, put_touch
 from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, Step, make_factors, terms_of
 from palpate.graph.gauss_newton import of_step, of_term
 from palpate.graph.pushing import force_angle
@@ -89,12 +89,11 @@ def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, sha
 
 @compiled
 def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any, surface: Surface, out: Array) -> None:
-    parts = np.empty(len(surface.parts), CONTACT_GEOMETRY)
     for b in range(len(steps)):
         for k in range(steps.shape[1]):
             now = steps[b, k]
             now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
-            put_touch(position(now.g), now.turn_g, surface, parts, now.touch)
+            put_touch(position(now.g), now.turn_g, surface, now.touch)
         for k in range(steps.shape[1]):
             steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings[0])
         last, before = steps[b, steps.shape[1] - 1], steps[b, steps.shape[1] - 2]

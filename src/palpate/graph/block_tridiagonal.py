@@ -8,8 +8,6 @@ triangles of matrices count.
 
 import math
 
-import numpy as np
-
 from palpate.graph.compiled import Array, kernel
 from palpate.graph.variables import LAST_SIZE, STEP_SIZE, WIDTH
 
@@ -65,11 +63,14 @@ def step_into_past(system: Array, gradient: Array) -> None:
 
 
 @kernel
-def last_covariance(root: Array, covariance: Array) -> None:
-    """Write the covariance (LAST_SIZE, LAST_SIZE) of the newest step and the shared variables, from their root."""
-    inverse = np.zeros((LAST_SIZE, LAST_SIZE))
+def last_covariance(root: Array, inverse: Array, covariance: Array) -> None:
+    """Write the covariance (LAST_SIZE, LAST_SIZE) of the newest step and the shared variables, from their root.
+
+    `inverse` (LAST_SIZE, LAST_SIZE) is room for that of the root.
+    """
     for i in range(LAST_SIZE - 1, -1, -1):
-        inverse[i, i] = 1.0
+        for j in range(LAST_SIZE):
+            inverse[i, j] = 1.0 if i == j else 0.0
         for k in range(i + 1, LAST_SIZE):
             for j in range(k, LAST_SIZE):
                 inverse[i, j] -= root[i, STEP_SIZE + k] * inverse[k, j]
@@ -84,9 +85,8 @@ def last_covariance(root: Array, covariance: Array) -> None:
 
 
 @kernel
-def inflate(variance: Array, information: Array, gradient: Array) -> None:
-    """Let numbers of a Gaussian (N,) change at random, with these variances (N,)."""
-    pulled = np.empty(len(variance))
+def inflate(variance: Array, information: Array, gradient: Array, pulled: Array) -> None:
+    """Let numbers of a Gaussian (N,) change at random, with these variances (N,); `pulled` (N,) is room."""
     for p in range(len(variance)):
         if variance[p] > 0.0:
             left, change = 1.0 / (information[p, p] + 1.0 / variance[p]), gradient[p]

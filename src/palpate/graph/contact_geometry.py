@@ -56,6 +56,8 @@ class Surface(NamedTuple):
     x0: float
     y0: float
     cell: float
+    each: Records
+    """Room for the CONTACT_GEOMETRY (n,) of each part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,8 @@ class ContactModel:
     def surface(self) -> Surface:
         """The same for compiled code."""
         field, (x0, y0) = self.field, map(float, self.field.origin)
-        return Surface(self.parts, float(self.radius), field.coefficients, x0, y0, float(field.cell))
+        each = np.empty(len(self.parts), CONTACT_GEOMETRY)
+        return Surface(self.parts, float(self.radius), field.coefficients, x0, y0, float(field.cell), each)
 
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
@@ -122,18 +125,17 @@ def reaches(model: ContactModel, points: Complex, normals: Complex) -> Array:
 
 @compiled
 def _touching(g: Array, surface: Surface, out: Records) -> None:
-    parts = np.empty(len(surface.parts), CONTACT_GEOMETRY)
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
-            put_touch(position(g[b, k]), rotation(g[b, k, 2]), surface, parts, out[b, k])
+            put_touch(position(g[b, k]), rotation(g[b, k, 2]), surface, out[b, k])
 
 
 @kernel
-def put_touch(place: complex, turn: complex, surface: Surface, parts: Records, touch: Records) -> None:
-    """Write the geometry at a sensor pose in the object frame to `touch`; `parts` (n,) is room for the parts."""
-    for i in range(len(parts)):
-        _put_round(place, turn, surface.parts[i], surface, parts[i])
-    _put_mean(parts, touch)
+def put_touch(place: complex, turn: complex, surface: Surface, touch: Records) -> None:
+    """Write the geometry at a sensor pose in the object frame to `touch`."""
+    for i in range(len(surface.parts)):
+        _put_round(place, turn, surface.parts[i], surface, surface.each[i])
+    _put_mean(surface.each, touch)
 
 
 @kernel

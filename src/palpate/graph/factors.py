@@ -19,7 +19,7 @@ from palpate.config import NoiseSettings
 from palpate.graph.compiled import Array, Integers
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel
 from palpate.graph.own_measurements import is_available
-from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, WIDTH
+from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, ObjectPose, OwnMeasurement, Turn
 
 logger = logging.getLogger(__name__)
@@ -80,11 +80,14 @@ PAST = _record(
 )
 """A Gaussian on the oldest step and the shared variables, which is what older steps say: information matrix, negative
 gradient, and the values at which it is that. The information is NaN if it is indeterminate."""
+ROOT = _record({"root": f"({STEP_SIZE},{WIDTH})f8", "y": f"{STEP_SIZE}f8"})
+"""What is left of a step once it is eliminated; see `block_tridiagonal.eliminate`."""
 ROW = _record(
     {"shared": f"{SHARED_SIZE}f8", "sign": "f8"}
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
     | {"past": PAST, "next_past": PAST}
-    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": "3f8", "change": "f8", "is_lost": "?"}
+    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": "3f8", "change": "f8"}
+    | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_solved": "?", "is_lost": "?"}
 )
 """All else in a row of the window.
 
@@ -95,19 +98,28 @@ ROW = _record(
 - covariance: joint covariance of the object's last pose and its variables.
 - errors: errors of the last step's sticking and balance, without kernels [standard deviations].
 - change: largest change of a pose in the last Gauss-Newton step [m, rad].
+- last_root, last_y: what is left of the last step and the shared variables once they are eliminated.
+- is_solved: True if the last Gauss-Newton step was possible.
 - is_lost: True if there is no solution.
 """
 LINEAR = _record(
     {"residual": f"{MOST_ROWS}f8", "jacobian": f"({MOST_ROWS},{WIDTH})f8"}
     | {"information": f"{MOST_ROWS}f8", "weight": f"{MOST_ROWS}f8", "columns": f"{WIDTH}i8"}
+    | {"error": "3f8", "by_pose": "(3,3)f8", "adjoint": "(3,3)f8"}
 )
 """Linearised rows of a factor.
 
 - jacobian: by right (body-frame) perturbations of g and e of the step before and of this step, and by the shared
   variables; 0 before a kernel writes to it.
 - information, weight: inverse variances, without and with the weight that the robust kernel leaves.
-- columns: room for `gauss_newton._add`.
+- columns, error, by_pose, adjoint: room for computing.
 """
+WORK = _record(
+    {"linear": LINEAR, "system": f"({WIDTH},{WIDTH})f8", "gradient": f"{WIDTH}f8", "change": f"{WIDTH}f8"}
+    | {"next_system": f"({WIDTH},{WIDTH})f8", "next_gradient": f"{WIDTH}f8", "next_root": ROOT}
+    | {"inverse": f"({LAST_SIZE},{LAST_SIZE})f8", "covariance": f"({LAST_SIZE},{LAST_SIZE})f8"}
+)
+"""Room for computing one row of a window; arrays made in compiled code are slow to compile."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,13 @@ All rows share the terms of measurements, which are sorted by step.
 
 import math
 
-import numpy as np
-
 from palpate.graph import factors, measured, pushing
 from palpate.graph.block_tridiagonal import eliminate, inflate, last_covariance, step_into_past, substitute_back
 from palpate.graph.compiled import Array, Flags, Records, compiled, kernel
-from palpate.graph.contact_geometry import CONTACT_GEOMETRY, Surface, put_touch
-from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LINEAR, OWN, STICKING
-from palpate.graph.se2_kernels import adjoint, between, copy, exp_onto, log, position, rotation, wrap
-from palpate.graph.variables import CONTACT_SIZE, LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
+from palpate.graph.contact_geometry import Surface, put_touch
+from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, OWN, STICKING
+from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
+from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
@@ -60,39 +58,38 @@ def improve(
     surface: Surface,
     own: Array,
     iterations: int,
+    roots: Records,
+    work: Records,
 ) -> bool:
     """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge; False if all are lost.
 
     Steps (B, N) are STEP, of which those from the first to the second number of `window` count; the third is how many
     steps have left it. Rows (B,) are ROW, terms (T,) TERM. `drift` (LAST_SIZE,) are variances by which numbers of the
-    last step and shared variables change from step to step, `own` (B, ...) is `own_measurements.evaluated`.
+    last step and shared variables change from step to step, `own` (B, ...) is `own_measurements.evaluated`. There is
+    room in `roots` (N,), which are ROOT, and `work` (1,), which is WORK.
 
     A row `is_alone`, or goes on until all rows of its sign have converged, but for so many iterations at most.
     """
-    # A record does not keep its array alive: callees take arrays of what is made here.
-    parts, room = np.empty(len(surface.parts), CONTACT_GEOMETRY), np.zeros(1, LINEAR)
     first, last, left = window
-    root, y = np.empty((last - first, STEP_SIZE, WIDTH)), np.empty((last - first, STEP_SIZE))
-    last_root, last_y = np.empty((len(rows), LAST_SIZE, WIDTH)), np.empty(LAST_SIZE)
-    is_solved = np.zeros(len(rows), np.bool_)
+    for b in range(len(rows)):
+        rows[b].is_solved = False
     for _ in range(iterations):
         for b in range(len(rows)):
             if changing[b]:
-                row, own_steps = rows[b], steps[b, first:last]
-                for k in range(len(own_steps)):
-                    _put_touch(own_steps[k], surface, parts)
-                is_solved[b] = _eliminate_steps(
-                    own_steps, left, row, terms, settings[0], drift, own[b], room, root, y, last_root[b], last_y
-                ) and _move(own_steps, row, root, y, last_root[b], last_y)
-                if not is_solved[b]:
+                row, its = rows[b], steps[b, first:last]
+                for k in range(len(its)):
+                    _put_touch(its[k], surface)
+                is_found = _eliminate_steps(its, left, row, terms, settings[0], drift, own[b], roots, work[0])
+                row.is_solved = is_found and _move(its, row, roots, work[0].change)
+                if not row.is_solved:
                     row.is_lost, row.change = True, 0.0
         if not _drop_converged(rows, is_alone, changing):
             break
     is_any = False
     for b in range(len(rows)):
-        if is_solved[b]:
-            _put_touch(steps[b, last - 1], surface, parts)
-            _conclude(steps[b, first:last], rows[b], settings[0], last_root[b], room)
+        if rows[b].is_solved:
+            _put_touch(steps[b, last - 1], surface)
+            _conclude(steps[b, first:last], rows[b], settings[0], work[0])
         is_any = is_any or not rows[b].is_lost
     return is_any
 
@@ -113,10 +110,10 @@ def _drop_converged(rows: Records, is_alone: bool, changing: Flags) -> bool:
 
 
 @kernel
-def _put_touch(now: Records, surface: Surface, parts: Records) -> None:
+def _put_touch(now: Records, surface: Surface) -> None:
     """Write rotations and contact geometry, which several kernels use."""
     now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
-    put_touch(position(now.g), now.turn_g, surface, parts, now.touch)
+    put_touch(position(now.g), now.turn_g, surface, now.touch)
 
 
 @kernel
@@ -128,15 +125,16 @@ def _eliminate_steps(
     settings: Records,
     drift: Array,
     own: Array,
-    room: Records,
-    root: Array,
-    y: Array,
-    last_root: Array,
-    last_y: Array,
+    roots: Records,
+    work: Records,
 ) -> bool:
     """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
-    system, gradient, out, t = np.zeros((WIDTH, WIDTH)), np.zeros(WIDTH), room[0], 0
-    _begin_with_past(steps[0], row, system, gradient)
+    system, gradient, out, t = work.system, work.gradient, work.linear, 0
+    for i in range(WIDTH):
+        gradient[i] = 0.0
+        for j in range(WIDTH):
+            system[i, j] = 0.0
+    _begin_with_past(steps[0], row, work)
     for k in range(len(steps)):
         now, before = steps[k], steps[max(k - 1, 0)]
         now.cost[0] = now.cost[1] = 0.0
@@ -148,7 +146,7 @@ def _eliminate_steps(
         for kind in range(CONTACT + 1):
             if kind == FIRST_POSE:
                 if k == 1:
-                    _write_next_past(now, row, drift, system, gradient)
+                    _write_next_past(now, row, drift, work)
                 if left + k > 0:
                     continue
             if k > 0 or kind > FRICTION_CONE:
@@ -160,9 +158,9 @@ def _eliminate_steps(
             count = _copy(own[int(term.index)], out) if is_own else of_term(now, row, term, settings, out)
             _add(int(term.kind), count, out, now, system, gradient)
             t += 1
-        if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, root[k - 1], y[k - 1]):
+        if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, roots[k - 1].root, roots[k - 1].y):
             return False
-    return eliminate(STEP_SIZE, WIDTH, system, gradient, last_root, last_y)
+    return eliminate(STEP_SIZE, WIDTH, system, gradient, row.last_root, row.last_y)
 
 
 @kernel
@@ -176,13 +174,17 @@ def _copy(own: Array, out: Records) -> int:
 
 
 @kernel
-def _begin_with_past(oldest: Records, row: Records, system: Array, gradient: Array) -> None:
+def _begin_with_past(oldest: Records, row: Records, work: Records) -> None:
     """Write what older steps say about the oldest one in the window and the shared variables."""
-    change, past = np.empty(LAST_SIZE), row.past
-    between(past.g, oldest.g, change[:3])
-    between(past.e, oldest.e, change[3:6])
-    log(change[:3], change[:3])
-    log(change[3:6], change[3:6])
+    past, system, gradient, change, moved = row.past, work.system, work.gradient, work.change, work.linear.error
+    for start in (0, 3):
+        if start == 0:
+            between(past.g, oldest.g, moved)
+        else:
+            between(past.e, oldest.e, moved)
+        log(moved, moved)
+        for i in range(3):
+            change[start + i] = moved[i]
     for i in range(SHARED_SIZE):
         change[STEP_SIZE + i] = row.shared[i] - past.shared[i]
     for i in range(LAST_SIZE):
@@ -193,19 +195,24 @@ def _begin_with_past(oldest: Records, row: Records, system: Array, gradient: Arr
 
 
 @kernel
-def _write_next_past(second: Records, row: Records, drift: Array, system: Array, gradient: Array) -> None:
+def _write_next_past(second: Records, row: Records, drift: Array, work: Records) -> None:
     """Write what the oldest step will say about the second once it has left; all its factors are in the system."""
-    system, gradient, past = np.copy(system), np.copy(gradient), row.next_past
-    is_found = eliminate(0, STEP_SIZE, system, gradient, np.empty((STEP_SIZE, WIDTH)), np.empty(STEP_SIZE))
-    copy(second.g, past.g)
-    copy(second.e, past.e)
-    copy(row.shared, past.shared)
+    system, gradient, past = work.next_system, work.next_gradient, row.next_past
+    for i in range(WIDTH):
+        gradient[i] = work.gradient[i]
+        for j in range(WIDTH):
+            system[i, j] = work.system[i, j]
+    is_found = eliminate(0, STEP_SIZE, system, gradient, work.next_root.root, work.next_root.y)
+    for i in range(3):
+        past.g[i], past.e[i] = second.g[i], second.e[i]
+    for i in range(SHARED_SIZE):
+        past.shared[i] = row.shared[i]
     for i in range(LAST_SIZE):
         past.gradient[i] = gradient[STEP_SIZE + i] if is_found else math.nan
         for j in range(i, LAST_SIZE):
             value = system[STEP_SIZE + i, STEP_SIZE + j] if is_found else math.nan
             past.information[i, j] = past.information[j, i] = value
-    inflate(drift, past.information, past.gradient)
+    inflate(drift, past.information, past.gradient, work.change)
 
 
 @kernel
@@ -241,34 +248,35 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
 
 
 @kernel
-def _move(steps: Records, row: Records, root: Array, y: Array, last_root: Array, last_y: Array) -> bool:
-    """Move all values, newest step first; False if a change is not finite."""
-    change, largest = np.empty(WIDTH), 0.0
-    if not substitute_back(STEP_SIZE, last_root, last_y, change):
+def _move(steps: Records, row: Records, roots: Records, change: Array) -> bool:
+    """Move all values, newest step first; False if a change is not finite. `change` (WIDTH,) is room."""
+    largest = 0.0
+    if not substitute_back(STEP_SIZE, row.last_root, row.last_y, change):
         return False
     for i in range(SHARED_SIZE):
         row.shared[i] += change[2 * STEP_SIZE + i]
     for k in range(len(steps) - 1, -1, -1):
         now = steps[k]
-        exp_onto(now.g, change[STEP_SIZE : STEP_SIZE + 3], now.g)
-        exp_onto(now.e, change[STEP_SIZE + 3 : 2 * STEP_SIZE], now.e)
+        exp_onto(now.g, change, STEP_SIZE)
+        exp_onto(now.e, change, STEP_SIZE + 3)
         turn = rotation(now.e[2] - now.g[2])
         place = position(now.e) - turn * position(now.g)
         now.object[0], now.object[1], now.object[2] = place.real, place.imag, wrap(now.e[2] - now.g[2])
         for i in range(STEP_SIZE, 2 * STEP_SIZE):
             largest = max(largest, abs(change[i]))
         if k > 0:
-            if not substitute_back(0, root[k - 1], y[k - 1], change):
+            if not substitute_back(0, roots[k - 1].root, roots[k - 1].y, change):
                 return False
-            copy(change[:STEP_SIZE], change[STEP_SIZE : 2 * STEP_SIZE])
+            for i in range(STEP_SIZE):
+                change[STEP_SIZE + i] = change[i]
     row.change = largest
     return True
 
 
 @kernel
-def _conclude(steps: Records, row: Records, settings: Records, last_root: Array, room: Records) -> None:
+def _conclude(steps: Records, row: Records, settings: Records, work: Records) -> None:
     """Write what the moved values say at the last step: angle of the force, errors of pushing, and the object."""
-    last, out = len(steps) - 1, room[0]
+    last, out = len(steps) - 1, work.linear
     now, before = steps[last], steps[max(last - 1, 0)]
     for k in range(max(last - pushing.REACH, 0), last):
         steps[k].turn_g, steps[k].turn_e = rotation(steps[k].g[2]), rotation(steps[k].e[2])
@@ -279,31 +287,30 @@ def _conclude(steps: Records, row: Records, settings: Records, last_root: Array,
                 row.errors[2 * kind + r] = abs(out.residual[r]) * math.sqrt(out.information[r])
                 for c in range(WIDTH):
                     out.jacobian[r, c] = 0.0
-    _put_object_covariance(now.g, row, last_root)
+    _put_object_covariance(now.g, row, work)
 
 
 @kernel
-def _put_object_covariance(g: Array, row: Records, last_root: Array) -> None:
+def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
     """Write the covariance of the object: o = e g^-1 moves by Ad_g (d_e - d_g)."""
-    covariance, turned = np.empty((LAST_SIZE, LAST_SIZE)), np.empty((3, 3))
-    last_covariance(last_root, covariance)
-    adjoint(g, turned)
-    by_last = np.zeros((3 + OBJECT_SIZE, LAST_SIZE))
-    for r in range(3):
-        for c in range(3):
-            by_last[r, c], by_last[r, 3 + c] = -turned[r, c], turned[r, c]
-    for i in range(OBJECT_SIZE):
-        by_last[3 + i, STEP_SIZE + CONTACT_SIZE + i] = 1.0
+    covariance, by_e, pulled, out = work.covariance, work.linear.adjoint, work.change, row.covariance
+    last_covariance(row.last_root, work.inverse, covariance)
+    adjoint(g, by_e)
+    shift = LAST_SIZE - OBJECT_SIZE - 3  # from places in the result to those in the covariance of the last step
     for i in range(3 + OBJECT_SIZE):
-        pulled = np.zeros(LAST_SIZE)
-        for k in range(LAST_SIZE):
+        if i < 3:
             for j in range(LAST_SIZE):
-                pulled[j] += by_last[i, k] * covariance[k, j]
+                pulled[j] = 0.0
+                for k in range(6):
+                    pulled[j] += (by_e[i, k - 3] if k > 2 else -by_e[i, k]) * covariance[k, j]
+        else:
+            for j in range(LAST_SIZE):
+                pulled[j] = covariance[shift + i, j]
         for j in range(i, 3 + OBJECT_SIZE):
-            total = 0.0
-            for k in range(LAST_SIZE):
-                total += pulled[k] * by_last[j, k]
-            row.covariance[i, j] = row.covariance[j, i] = total
+            total = 0.0 if j < 3 else pulled[shift + j]
+            for k in range(6 if j < 3 else 0):
+                total += pulled[k] * (by_e[j, k - 3] if k > 2 else -by_e[j, k])
+            out[i, j] = out[j, i] = total
 
 
 @compiled
@@ -315,12 +322,11 @@ def begin_step(
     The sensor pose in the object is that of constant motion from the two steps before.
     """
     first, last, _left = window
-    turned = np.empty(3)
     for b in range(len(steps)):
         now, before = steps[b, last - 1], steps[b, last - 2]
-        copy(sensor_pose, now.e)
-        copy(sensor_pose, now.measured)
+        for i in range(3):
+            now.e[i] = now.measured[i] = sensor_pose[i]
         now.moved, now.slide, now.spread = moved, disturbance[b, 0], disturbance[b, 1]
-        between(steps[b, max(last - 3, first)].g, before.g, turned)
-        ahead = position(before.g) + rotation(before.g[2]) * position(turned)
-        now.g[0], now.g[1], now.g[2] = ahead.real, ahead.imag, wrap(before.g[2] + turned[2])
+        between(steps[b, max(last - 3, first)].g, before.g, now.g)
+        ahead = position(before.g) + rotation(before.g[2]) * position(now.g)
+        now.g[0], now.g[1], now.g[2] = ahead.real, ahead.imag, wrap(before.g[2] + now.g[2])

@@ -5,8 +5,6 @@ A kernel writes the linearised rows of a factor and returns their number; see `f
 
 import math
 
-import numpy as np
-
 from palpate.graph.compiled import Array, Records, kernel
 from palpate.graph.se2_kernels import adjoint, between, cauchy, cross, dot, log, log_by_pose, position, rotation, wrap
 from palpate.graph.variables import (
@@ -45,10 +43,13 @@ def _measured(row: Records, term: Records) -> float:
 @kernel
 def sensor_pose(now: Records, settings: Records, out: Records) -> int:
     """Measured sensor pose, `Log(measured^-1 e)` (paper Eq. 12)."""
-    between(now.measured, now.e, out.residual)
-    log(out.residual, out.residual)
-    log_by_pose(out.residual, out.jacobian[:, _E : _E + 3])
+    between(now.measured, now.e, out.error)
+    log(out.error, out.error)
+    log_by_pose(out.error, out.by_pose)
     for r in range(3):
+        out.residual[r] = out.error[r]
+        for c in range(3):
+            out.jacobian[r, _E + c] = out.by_pose[r, c]
         out.information[r] = out.weight[r] = 1.0 / settings.sensor_pose.deviation[r] ** 2
     return 3
 
@@ -124,7 +125,9 @@ def turn(now: Records, row: Records, term: Records, settings: Records, out: Reco
 @kernel
 def object_pose(now: Records, term: Records, out: Records) -> int:
     """Object pose measured by another source, such as a camera: `Log(measured^-1 e g^-1)`, whitened."""
-    _put_object_pose(now, term.pose, term.root, out)
+    _put_object_pose(now, term.pose, out)
+    for r in range(3):
+        _whiten(term.root[r], r, out)
     return 3
 
 
@@ -135,8 +138,9 @@ def first_pose(now: Records, row: Records, out: Records) -> int:
     The residual is `Log(believed^-1 e g^-1)` followed by the differences of the variables, whitened together. It takes
     the place of the paper's rest factor once the past is marginalised.
     """
-    _put_object_pose(now, row.first_pose, row.first_root, out)
+    _put_object_pose(now, row.first_pose, out)
     for r in range(3 + OBJECT_SIZE):
+        _whiten(row.first_root[r], r, out)
         for k in range(OBJECT_SIZE):
             by_value, here = row.first_root[r, 3 + k], CONTACT_SIZE + k
             out.residual[r] += by_value * (row.shared[here] - row.first_values[k])
@@ -145,22 +149,27 @@ def first_pose(now: Records, row: Records, out: Records) -> int:
 
 
 @kernel
-def _put_object_pose(now: Records, known: Array, root: Array, out: Records) -> None:
-    """Write the rows of root (R, 3 or more) times `Log(known^-1 e g^-1)`, and their derivatives by g and e."""
-    g, e = now.g, now.e
+def _put_object_pose(now: Records, known: Array, out: Records) -> None:
+    """Write the error `Log(known^-1 e g^-1)`, its derivative by e g^-1, and that pose's derivative by e.
+
+    With o = e g^-1: e exp(d) g^-1 = o exp(Ad_g d), and e (g exp(d))^-1 = o exp(-Ad_g d).
+    """
+    g, e, error = now.g, now.e, out.error
     off = (position(e) - rotation(e[2] - g[2]) * position(g) - position(known)) * rotation(-known[2])
-    error = np.empty(3)
     error[0], error[1], error[2] = off.real, off.imag, wrap(e[2] - g[2] - known[2])
     log(error, error)
-    by_object, turned = np.empty((3, 3)), np.empty((3, 3))
-    log_by_pose(error, by_object)
-    # With o = e g^-1: e exp(d) g^-1 = o exp(Ad_g d), and e (g exp(d))^-1 = o exp(-Ad_g d).
-    adjoint(g, turned)
-    for r in range(len(root)):
-        out.information[r] = out.weight[r] = 1.0
-        out.residual[r] = root[r, 0] * error[0] + root[r, 1] * error[1] + root[r, 2] * error[2]
-        for k in range(3):
-            by = root[r, 0] * by_object[0, k] + root[r, 1] * by_object[1, k] + root[r, 2] * by_object[2, k]
-            for c in range(3):
-                out.jacobian[r, _E + c] += by * turned[k, c]
-                out.jacobian[r, _G + c] -= by * turned[k, c]
+    log_by_pose(error, out.by_pose)
+    adjoint(g, out.adjoint)
+
+
+@kernel
+def _whiten(root: Array, r: int, out: Records) -> None:
+    """Write row r of what is whitened by a root, of which this is the row (3 or more,), and its derivatives."""
+    error, by_pose = out.error, out.by_pose
+    out.information[r] = out.weight[r] = 1.0
+    out.residual[r] = root[0] * error[0] + root[1] * error[1] + root[2] * error[2]
+    for k in range(3):
+        by = root[0] * by_pose[0, k] + root[1] * by_pose[1, k] + root[2] * by_pose[2, k]
+        for c in range(3):
+            out.jacobian[r, _E + c] += by * out.adjoint[k, c]
+            out.jacobian[r, _G + c] -= by * out.adjoint[k, c]

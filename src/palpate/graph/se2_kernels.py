@@ -50,13 +50,6 @@ def dot(a: complex, b: complex) -> float:
 
 
 @kernel
-def copy(numbers: Array, out: Array) -> None:
-    """Write numbers (N,) to out (N,); slice assignments of Numba take seconds to compile."""
-    for i in range(len(out)):
-        out[i] = numbers[i]
-
-
-@kernel
 def between(a: Array, b: Array, out: Array) -> None:
     """Write the pose b (3,) as seen from a (3,) to out (3,)."""
     seen = (position(b) - position(a)) * rotation(-a[2])
@@ -64,12 +57,13 @@ def between(a: Array, b: Array, out: Array) -> None:
 
 
 @kernel
-def exp_onto(pose: Array, change: Array, out: Array) -> None:
-    """Write the pose (3,) perturbed by a tangent vector (3,) to out (3,): pose exp(change)."""
-    half = 0.5 * change[2]
+def exp_onto(pose: Array, change: Array, start: int) -> None:
+    """Perturb a pose (3,) by the tangent vector at `start` of a change (N,): pose exp(change)."""
+    dx, dy, turned = change[start], change[start + 1], change[start + 2]
+    half = 0.5 * turned
     chord = math.sin(half) / half if half != 0.0 else 1.0
-    moved = position(pose) + rotation(pose[2] + half) * chord * complex(change[0], change[1])
-    out[0], out[1], out[2] = moved.real, moved.imag, wrap(pose[2] + change[2])
+    moved = position(pose) + rotation(pose[2] + half) * chord * complex(dx, dy)
+    pose[0], pose[1], pose[2] = moved.real, moved.imag, wrap(pose[2] + turned)
 
 
 @kernel

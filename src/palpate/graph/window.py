@@ -20,7 +20,20 @@ from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import FRICTION_CONE, NAMES, OWN, ROW, STEP, TERM, TERM_SIZE, TURN, Step, terms_of
+from palpate.graph.factors import (
+    FRICTION_CONE,
+    NAMES,
+    OWN,
+    ROOT,
+    ROW,
+    STEP,
+    TERM,
+    TERM_SIZE,
+    TURN,
+    WORK,
+    Step,
+    terms_of,
+)
 from palpate.graph.gauss_newton import begin_step, improve
 from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
@@ -60,6 +73,8 @@ class Window:
         if priors is not None:
             self._drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes_per_step
         self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
+        self._roots, self._work = np.empty(1, ROOT), np.empty(1, WORK)
+        self._work["linear"]["jacobian"] = 0.0
         self._first, self._left = 0, 0  # place of the oldest step of the window in `_steps`; steps that have left it
         self._left_costs = np.empty((len(belief), 0, 2))  # of steps that left the window
         self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
@@ -194,6 +209,7 @@ class Window:
         """Make room for as many steps again as are in the window."""
         old = self._steps[:, self._first :]
         self._steps, self._first = np.zeros((self.rows, 2 * old.shape[1]), STEP), 0
+        self._roots = np.empty(2 * old.shape[1], ROOT)
         self._steps[:, : old.shape[1]] = old
 
     def _join(self, arrived: Array, own: list[OwnMeasurement | None]) -> None:
@@ -241,6 +257,8 @@ class Window:
                 surface,
                 own,
                 iterations,
+                self._roots,
+                self._work,
             )
             if not changing.any():
                 break
