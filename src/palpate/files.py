@@ -70,7 +70,6 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder that takes the place of `folder` on success and is removed on any failure."""
     if not folder.name:
         raise FileError(f"{folder}: is not the name of a new folder")
-    made = [each for each in folder.parents if not each.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
@@ -89,17 +88,11 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         if old.exists() and not folder.exists():
             old.rename(folder)
         shutil.rmtree(temporary, ignore_errors=True)
-        with suppress(OSError):  # not empty
-            for parent in made:
-                parent.rmdir()
 
 
 @contextmanager
 def held_folder(folder: Path, file: str = "") -> Iterator[None]:
-    """Keep other processes from writing into a folder, or a file in it, while the block runs. Raises FileError.
-
-    A folder is made where it is missing, and removed if the block leaves it empty.
-    """
+    """Keep others from writing into a folder, or a file in it, while the block runs; it is made, and removed if empty."""
     from filelock import FileLock, Timeout
 
     lock = folder / f".{file or 'folder'}.lock"
@@ -133,14 +126,19 @@ def in_file(path: Path | str) -> Iterator[None]:
         raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
 
 
+def _unpacked(path: Path, most: int) -> bytes:
+    """Return the first bytes of a file, plain or gzipped."""
+    with path.open("rb") as file:
+        is_gzipped = file.read(2) == b"\x1f\x8b"
+    with gzip.open(path) if is_gzipped else path.open("rb") as file:
+        return file.read(most)
+
+
 def read_text(path: Path | str, most: int = 100_000_000) -> str:
     """Return the text of a UTF-8 file, plain or gzipped. Raises FileError, also above `most` bytes unpacked."""
     path = existing_file(path)
     try:
-        with path.open("rb") as file:
-            is_gzipped = file.read(2) == b"\x1f\x8b"
-        with gzip.open(path) if is_gzipped else path.open("rb") as file:
-            data = file.read(most + 1)
+        data = _unpacked(path, most + 1)
         text = data.decode("utf-8-sig")  # without a byte order mark
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({error})") from error
@@ -156,14 +154,10 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
 def text_start(path: Path, length: int = 4096) -> str:
     """Return the start of a text file, gzipped or plain; "" if it is anything else."""
     try:
-        with path.open("rb") as file:
-            is_gzipped = file.read(2) == b"\x1f\x8b"
-        with gzip.open(path) if is_gzipped else path.open("rb") as file:
-            data = file.read(length)
+        text = _unpacked(path, length).decode("utf-8-sig", errors="replace")
     except (OSError, EOFError, zlib.error):
         return ""
     # The cut may go through a character: its rest does not matter.
-    text = data.decode("utf-8-sig", errors="replace")
     return "" if "\x00" in text or "\ufffd" in text[:-4] else text
 
 
@@ -174,33 +168,6 @@ def numbers_of(words: Iterable[str]) -> list[float] | None:
     except ValueError:
         return None
     return numbers if all(map(math.isfinite, numbers)) else None
-
-
-def first_rows(path: Path, count: int, separator: str | None = None) -> list[list[float]]:
-    """Return the first rows of a file of `count` numbers a line; none if it is another file."""
-    lines = _lines(text_start(path))[:5]
-    # A line may be cut off by the end of what was read, the first is not.
-    rows = [numbers_of(line.split(separator)) for _, line in lines[:-1] or lines]
-    return [row for row in rows if row] if all(row and len(row) == count for row in rows) else []
-
-
-def number_rows(path: Path, count: int, separator: str | None = None) -> dict[int, list[float]]:
-    """Return the rows of a file of `count` numbers a line, by the number of the line. Raises FileError."""
-    rows: dict[int, list[float]] = {}
-    for number, line in _lines(read_text(path)):
-        row = numbers_of(line.split(separator))
-        if row is None or len(row) != count:
-            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected {count} numbers")
-        rows[number] = row
-    if not rows:
-        raise FileError(f"{path}: holds no rows of numbers")
-    return rows
-
-
-def _lines(text: str) -> list[tuple[int, str]]:
-    """Return the lines of a text with their numbers, without comments, which # begins, and blank lines."""
-    lines = ((number, line.split("#")[0].strip()) for number, line in enumerate(text.splitlines(), 1))
-    return [(number, line) for number, line in lines if line]
 
 
 def csv_rows(text: str, path: Path | str) -> list[list[str]]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from palpate.checks import check_increasing
 from palpate.errors import FileError
-from palpate.files import first_rows, in_file, number_rows
+from palpate.files import in_file, numbers_of, read_text, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.types.recording import Recording, contact_flags
@@ -40,13 +40,21 @@ LATENCY = 0.164
 
 def is_cmu_log(path: Path) -> bool:
     """Return true if the first rows are those of a log."""
-    rows = first_rows(path, 8, ",")
-    return bool(rows) and rows[0][7].is_integer()
+    lines = text_start(path).splitlines()[:5]
+    # A line may be cut off by the end of what was read, the first is not.
+    rows = [numbers_of(line.split(",")) or [] for line in lines[:-1] or lines]
+    return bool(rows) and all(len(row) == 8 for row in rows) and rows[0][7].is_integer()
 
 
 def read_cmu_log(path: Path) -> Recording:
     """Read one log. Raises FileError."""
-    rows = np.array(list(number_rows(path, 8, ",").values()))[1:]
+    given = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        row = numbers_of(line.split(",")) or []
+        if len(row) != 8 and line.strip():
+            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers")
+        given += [row] if row else []
+    rows = np.array(given)[1:]
     if not len(rows):
         raise FileError(f"{path}: found a single row, and the first row of a log is not valid")
     with in_file(path):
