@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import psutil
 import tyro
+from limit_surface import Steering, push
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -30,7 +31,6 @@ from palpate import DIGIT, ContactDirection, Frame, Measurement, NoiseSettings, 
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import DEPTH, DIRECTION_BIAS, FRICTION_CENTER, FRICTION_RATIO, IN_OBJECT, OUTLINE_SCALE
-from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.pipeline.metrics import inside_95, nees, translation_errors
 
 Array = NDArray[np.float64]

@@ -26,13 +26,13 @@ from typing import Any
 import cv2
 import numpy as np
 from gtsam_graphs import NativeGraph, PlainGraph
+from limit_surface import Steering, push
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
-from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.lab.simulate.recordings import simulate_recording
 
 Array = NDArray[np.float64]

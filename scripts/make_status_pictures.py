@@ -4,6 +4,7 @@ python scripts/make_status_pictures.py
 """
 
 import math
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,13 +17,15 @@ from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Recta
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
 from palpate.graph.contact_geometry import contact_model
-from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.lab.simulate.recordings import plan
 from palpate.pipeline.metrics import deviations
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.patches import Patch
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from limit_surface import Steering, push
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs/pictures"
 FLOOR = 0.1

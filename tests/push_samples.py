@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from limit_surface import Steering, push
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings
@@ -18,7 +19,6 @@ from palpate.graph.gauss_newton import of_step, of_term
 from palpate.graph.pushing import force_angle
 from palpate.graph.se2_kernels import position, rotation
 from palpate.graph.variables import GRIP, IN_SHARED, OBJECT_SIZE, Variable
-from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.types.measurements import ContactDirection, Frame, Measurement
 from palpate.types.sensor import SensorProfile
 

@@ -92,7 +92,10 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def held_folder(folder: Path, file: str = "") -> Iterator[None]:
-    """Keep others from writing into a folder, or a file in it, while the block runs; it is made, and removed if empty."""
+    """Keep others from writing into a folder, or a file in it, while the block runs. Raises FileError.
+
+    The folder is made where it is missing, and removed if it stays empty.
+    """
     from filelock import FileLock, Timeout
 
     lock = folder / f".{file or 'folder'}.lock"

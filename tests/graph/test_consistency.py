@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from limit_surface import Steering, push
 from push_samples import contact_directions, draw_residuals, model_of, noisy, touching, with_settings
 from scipy.stats import chi2
 from smoother_samples import FELT, PLAIN, belief_at
@@ -26,7 +27,6 @@ from palpate.graph.variables import (
     OUTLINE_SCALE,
 )
 from palpate.graph.window import Window
-from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.types.measurements import ContactDirection, Turn
 
 Array = np.ndarray

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from limit_surface import Steering, push
 from push_samples import (
     DEEPER,
     SHAPES,
@@ -25,7 +26,6 @@ from palpate.graph.belief import Belief
 from palpate.graph.factors import make_factors
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT
 from palpate.graph.window import Window
-from palpate.lab.simulate.limit_surface import Steering, push
 
 Array = np.ndarray
 MODEL = model_of("rectangle")

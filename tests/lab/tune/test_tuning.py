@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limit_surface import Steering, push
 from push_samples import SHAPES, contact_directions, draw_residuals, model_of, noisy, sensor, touching, with_settings
 
 from palpate.config import NoiseSettings, Priors, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
-from palpate.lab.simulate.limit_surface import Steering, push
 from palpate.lab.tune import tuning
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.lab.tune.tuning import (

@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
+from limit_surface import Steering, push
 from push_samples import SHAPES, draw_residuals, gaps, model_of, pushing_residuals, sensor, touching
 
 from palpate.config import NoiseSettings
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
-from palpate.lab.simulate.limit_surface import Steering, push
 
 STRAIGHT = Steering(speed=1e-3, aim=0.0, sway=0.0)
 
@@ -53,22 +53,6 @@ def test_a_noise_free_push_stays_on_the_outline(name):
     np.testing.assert_allclose(residual[..., :2], 0.0, atol=3e-6)
     np.testing.assert_allclose(residual[..., 2], 0.0, atol=1e-12)
     assert np.abs(gaps(g, model)).max() < 3e-6
-
-
-def test_drawn_slip_and_torque_are_what_the_residuals_show():
-    rng = np.random.default_rng(1)
-    model = model_of("ellipse")
-    slip, torque = rng.normal(0, 5e-5, (30, 4, 2)), rng.normal(0, 2e-5, (30, 4))
-    g = touching(model, np.linspace(-0.03, 0.03, 4))
-    o, e = push(model, rng.normal(size=(4, 3)), g, 30, Steering(), phase=np.arange(4.0), slip=slip, torque=torque)
-    g = se2.between(o, e)
-    residual = pushing_residuals(g[:-1], e[:-1], g[1:], e[1:], model)
-    np.testing.assert_allclose(residual[..., :2], slip, atol=5e-6)  # what rolling opens is taken back
-    np.testing.assert_allclose(residual[..., 2], torque, atol=1e-12)
-    # The sensor goes as it is steered, whatever slips: 1 mm along its own arc a step.
-    np.testing.assert_allclose(
-        se2.log(se2.between(e[:-1], e[1:]))[..., :2], np.broadcast_to([1e-3, 0], (30, 4, 2)), atol=1e-12
-    )
 
 
 def test_drawn_gaps_and_slips_belong_together():
