@@ -43,7 +43,7 @@ def calibrate(
         out: File of the calibration.
         presses: Five or more presses: a CSV of images (column file) at known contact angles (column angle_deg) or, with
             the column file alone, by hand in order from -y to +y, which finds left and right only; or a recording of
-            presses on an object with known outline and poses, or on a disc that stays anywhere.
+            presses on an object with known outline and poses.
         untouched: Images of the untouched gel, in place of FILE. A recording of presses needs neither.
         sensor: Sensor of the images in files: digit or gelsight-mini.
         model: Folder of the touch model that reads the presses.

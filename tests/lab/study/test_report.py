@@ -34,7 +34,7 @@ def test_the_page_holds_tables_and_figures(report):
     # It needs nothing but itself.
     assert all(source.startswith("data:image/png;base64,") for source in page.all("img", "src"))
     assert not [tag for tag, _ in page.tags if tag in ("script", "iframe", "object")]
-    figures = {"over-time", "final-errors", "trajectories"}
+    figures = {"over-time", "final-errors"}
     assert set(page.all("figure", "id")) == figures == {path.stem for path in (report / "figures").iterdir()}
     # The table is that of results.json, in words.
     row = results["table"]["disc"]["oracle"]

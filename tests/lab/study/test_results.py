@@ -31,7 +31,6 @@ def trial(final_mm: float, method: str = "none", group: str = "disc", **summary:
         pose=pose,
         nees=(1e3 * pose[:, 0]) ** 2,
         contact=np.array([False, True, True, False]),
-        sensor_pose=np.zeros((4, 3)),
         step_ms=np.ones(4),
     )
 

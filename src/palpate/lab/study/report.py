@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import whole_file
-from palpate.geometry import se2
-from palpate.geometry.shapes import shape_from_dict
 from palpate.lab.study.results import ALL, FINALS
 from palpate.lab.study.study import Trial, flat
 from palpate.pipeline.figures import own_style
@@ -35,7 +33,6 @@ COLOURS = {
     "learnt-turn": "#E69F00",
     "learnt-direction": "#CC79A7",
 }
-SENSOR = "#D55E00"
 OVER_TIME: dict[str, Callable[[Trial], Array]] = {
     "error [mm]": lambda trial: np.maximum(1e3 * translation_errors(trial.pose, trial.truth), 0.1),
     "error [deg]": lambda trial: np.maximum(np.degrees(np.abs(rotation_errors(trial.pose, trial.truth))), 0.05),
@@ -87,7 +84,7 @@ def study_figures(trials: Sequence[Trial]) -> list[StudyFigure]:
     """Return the figures of those trials that have ground truth."""
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
     with own_style(**STYLE):
-        return [_over_time(scored), _final_errors(scored), _trajectories(scored)] if scored else []
+        return [_over_time(scored), _final_errors(scored)] if scored else []
 
 
 def _over_time(trials: Sequence[Trial]) -> StudyFigure:
@@ -148,49 +145,12 @@ def _final_errors(trials: Sequence[Trial]) -> StudyFigure:
     )
 
 
-def _trajectories(trials: Sequence[Trial]) -> StudyFigure:
-    figure, panels = _grid(trials, 2, with_all=False)
-    mm, deg = FINALS.values()
-    for _, some, axes in panels:
-        main = _main_method(_methods_of(some))
-        ranked = sorted((trial for trial in some if trial.method == main), key=lambda trial: trial.summary[mm])
-        for axis, trial, kind in zip(
-            axes, (ranked[(len(ranked) - 1) // 2], ranked[-1]), ("median", "worst"), strict=True
-        ):
-            _draw_trajectory(axis, trial)
-            errors = f"{trial.summary[mm]:.1f} mm, {trial.summary[deg]:.1f}°"
-            axis.set_title(f"{kind}: {trial.recording[-28:]}\n{errors}", fontsize=8)
-    return _finished(
-        figure,
-        "trajectories",
-        "Trajectories, true and estimated",
-        "From above, in each group the sequence with the median final error and the one with the largest, with "
-        f"outlines at the start, halfway and at the end. By {_main_method(_methods_of(trials))}, or the nearest "
-        "method that applies. The paper's Figs. 10 to 12.",
-    )
-
-
-def _draw_trajectory(axis: "Axes", trial: Trial) -> None:
-    known = np.flatnonzero(np.isfinite(trial.truth[:, 0]))
-    in_contact = np.where(trial.contact[:, None], trial.sensor_pose[:, :2], np.nan)
-    truth: dict[str, Any] = {"color": "#000000", "ls": "-", "label": "truth"}
-    estimate: dict[str, Any] = {"color": _line(trial.method)["color"], "ls": "--", "label": f"estimate, {trial.method}"}
-    axis.plot(*(1e3 * in_contact.T), color=SENSOR, lw=1.2, label="sensor in contact")
-    axis.plot(*(1e3 * trial.truth[:, :2].T), lw=2.0, **truth)
-    axis.plot(*(1e3 * trial.pose[: known[-1] + 1, :2].T), lw=1.2, **estimate)
-    outline = shape_from_dict(trial.facts["shape"]).outline(100)
-    for frame in known[[0, len(known) // 2, -1]]:
-        for pose, style in ((trial.truth[frame], truth), (trial.pose[frame], estimate)):
-            axis.fill(*(1e3 * se2.transform(pose, outline).T), fill=False, alpha=0.7, **style | {"label": None})
-    axis.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", adjustable="datalim")
-
-
-def _grid(trials: Sequence[Trial], rows: int, with_all: bool = True, **share: Any) -> tuple["Figure", Panels]:
+def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", Panels]:
     """Return a figure and, for all groups together and for each group, its name, trials and axes, from above."""
     from matplotlib.figure import Figure
 
     names = sorted({trial.group for trial in trials})
-    names = [*([ALL] if with_all and len(names) > 1 else []), *names]
+    names = [*([ALL] if len(names) > 1 else []), *names]
     figure = Figure(figsize=(3.3 * max(len(names), 2), 2.7 * rows + 0.5), layout="constrained")
     grid = figure.subplots(rows, len(names), squeeze=False, **share)
     panels: Panels = []

@@ -72,8 +72,6 @@ class Trial:
     """Squared error in units of the covariance (N,); NaN where the truth is unknown."""
     contact: NDArray[np.bool_]
     """(N,)"""
-    sensor_pose: Array
-    """world_T_sensor (N, 3) [m, m, rad]."""
     step_ms: Array
     """Duration of each `Tracker.update` (N,) [ms]."""
 
@@ -235,7 +233,6 @@ def _track(job: Job, settings: StudySettings) -> tuple[Job, Trial | _Failure]:
         pose=online.pose,
         nees=nees(online.pose, online.covariance, truth),
         contact=online.contact,
-        sensor_pose=recording.sensor_pose,
         step_ms=run.step_ms,
     )
     return job, trial
