@@ -126,27 +126,10 @@ def test_light_that_wanders_to_one_side_is_followed_and_hides_no_touch():
     assert camera(touched) and Camera(still())(touched)
 
 
-@pytest.mark.parametrize("before", [0, 4])  # frames; every fifth one is followed by the background
-def test_a_residual_imprint_becomes_part_of_the_untouched_gel(before):
-    rng, camera = np.random.default_rng(8), Camera(still())
-    assert not any(camera(noisy(marked(0), rng)) for _ in range(before))
-    assert all(camera(noisy(marked(300), rng)) for _ in range(20))
-    assert [camera(noisy(marked(12), rng)) for _ in range(40)] == [True] * 4 + [False] * 36
-    assert camera.background.mean[0, 1] == pytest.approx(150.0, abs=3.0)
-    assert camera(noisy(marked(300), rng))
-
-
-def test_a_touch_that_rests_wanes_or_moves_goes_on():
-    rng, camera = np.random.default_rng(9), Camera(still())
-    waning = [300] * 20 + [round(300 * 0.9**count) for count in range(1, 33)]
-    assert all(camera(noisy(marked(count), rng)) for count in waning if count > 9)
-    resting = Camera(still())
-    assert all(resting(marked(20)) for _ in range(200))
-    assert (resting.background.mean == 100.0).all()
-    moving = [np.roll(marked(12), 2 * count, axis=0) for count in range(20)]
-    for after in (moving, [marked(25)] * 20):
-        camera = Camera(still())
-        assert all(camera(noisy(image, rng)) for image in [marked(300)] * 20 + after)
+def test_a_touch_that_rests_goes_on():
+    camera = Camera(still())
+    assert all(camera(marked(20)) for _ in range(200))
+    assert (camera.background.mean == 100.0).all()
 
 
 def line(width: float) -> Array:

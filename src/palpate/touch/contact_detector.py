@@ -1,13 +1,11 @@
 """Contact detection: the share of an image that differs from the untouched gel (paper Sec. V-A)."""
 
-import math
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.touch.background import Background, SteadyImages, first_frames, has_markers, without_markers
+from palpate.touch.background import Background, SteadyImages, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, Calibration, check_view, misfit
 from palpate.touch.cells import (
     SPARSE,
@@ -37,13 +35,9 @@ _SIGNIFICANT = 4.0  # standard deviations of a cell, as in the paper
 _LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are above the steps, up to 3, of JPEG at quality 75
 _NO_GEL, _NO_GEL_IN_DOUBT = 0.8, 0.6  # shares from which no gel is seen; touches make 0.55, other units mostly over 0.6
 _THIN = 0.5  # part of the share left without thin lines, below which they are a scratch and no touch
-_FALLS = 0.5  # part of the most share in half a second, below which a touch may have ended
+_MOST_SCRATCHED = 0.08  # share that scratches reach: a line across the gel changes 0.05
 _MOST_REPEATS, _NOISE = 6, 0.25  # identical images in a row from a camera whose noise changes this share of values
 _MEMORY, _EVERY = 90, 5  # frames over which the background follows the light, 3 s at 30 Hz; one in five is used
-
-# A touch has ended with an imprint left if little shows, less than this part of the most within half a second, and it
-# has not changed for five images. A touch that rolls over a corner shows as little, but for fewer.
-_IMPRINT_PART, _MOST_IMPRINT, _IMPRINT_IMAGES = 0.08, 0.02, 5
 
 
 class ContactDetector:
@@ -78,7 +72,6 @@ class ContactDetector:
         self._doubted = ""
         self._is_view_checked = self._touched = self._has_markers = False
         self._untouched_images = 0
-        self._recent: deque[tuple[float, Levels]] = deque(maxlen=first_frames(sensor.rate))  # of this touch
         self._sparse: Image | None = None  # of the last image
         self._repeats, self._is_noisy = 0, False
         if calibration is not None:
@@ -128,14 +121,8 @@ class ContactDetector:
         self._check_not_repeated(image)
         self.share, self.light = share, light[:, 0]
         self._touched = share > (END if self._touched else START)
-        if self._touched:
-            self._recent.append((share, cells))
-            if self._is_residual_imprint(share, cells):
-                self._touched, self.share = False, 0.0
-                self._use(replace(self.background, mean=image.astype(np.float32)))
         if not self._touched:
             self._doubted = ""
-            self._recent.clear()
         if self.share <= END:
             self._untouched_images += 1
             if self._untouched_images % _EVERY == 0:
@@ -145,7 +132,6 @@ class ContactDetector:
     def forget(self) -> None:
         """Take the next images as untouched: a supposed touch is a gel or a light that has changed."""
         self.background, self._touched, self._doubted, self.sees_new_view = None, False, "", False
-        self._recent.clear()
         self._steady.forget()
 
     def _use(self, background: Background) -> None:
@@ -157,8 +143,7 @@ class ContactDetector:
         share, light = compare(cells, self._cells, self._tolerance)
         if is_flat(cells) and not is_flat(self._cells):
             return 1.0, light
-        # Thin lines decide where a touch may begin or end, which is where its share falls.
-        if share <= END or share > _FALLS * max((each for each, _ in self._recent), default=math.inf):
+        if share <= END or share > _MOST_SCRATCHED:
             return share, light
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
@@ -200,11 +185,3 @@ class ContactDetector:
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"
             )
-
-    def _is_residual_imprint(self, share: float, cells: Levels) -> bool:
-        if len(self._recent) <= _IMPRINT_IMAGES or share >= _MOST_IMPRINT:
-            return False
-        shares = np.array([each for each, _ in self._recent])
-        if shares[-_IMPRINT_IMAGES:].max() >= min(_IMPRINT_PART * shares.max(), _MOST_IMPRINT):
-            return False
-        return compare(cells, self._recent[-_IMPRINT_IMAGES][1], self._tolerance)[0] <= END
