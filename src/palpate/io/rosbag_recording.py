@@ -218,14 +218,15 @@ def _chain(found: Contents, parent: str, child: str) -> PoseSource:
     """Return the chain of transforms between two frames. Raises FileError where there is none."""
     ways = [parent], [child]
     for way in ways:
-        while above := found.parents.get(way[-1]):
-            if len(above) > 1:
-                raise FileError(f"{found.path}: frame {way[-1]} has {len(above)} parents, {' and '.join(above)}")
+        while len(above := found.parents.get(way[-1], [])) == 1:
             if above[0] in way:
                 raise FileError(f"{found.path}: transforms run in a circle: {' < '.join([*way, *above])}")
             way += above
     meeting = next((name for name in ways[1] if name in ways[0]), None)
     if meeting is None or parent == child:
+        for way in ways:
+            if above := found.parents.get(way[-1]):
+                raise FileError(f"{found.path}: frame {way[-1]} has {len(above)} parents, {' and '.join(above)}")
         raise FileError(f"{found.path}: no chain of transforms leads from {parent!r} to {child!r}{_frames(found)}")
     return PoseSource(f"{parent}:{child}", parent, *(way[: way.index(meeting)] for way in ways))
 
@@ -290,8 +291,6 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Str
         if topic.damaged:
             words = "%s: %d messages of %s do not decode and are left out"
             logger.warning(words, found.path, topic.damaged, topic.channel.topic)
-        if any(getattr(message, "encoding", "") == "8UC3" for message in topic.samples):
-            logger.warning("images: encoding 8UC3 does not name the order of colours; blue is taken as the first")
     if repeated := len(images) - len(index):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
     if len(codecs) > 1:

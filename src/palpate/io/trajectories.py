@@ -2,7 +2,7 @@
 
 TUM has lines `t x y z qx qy qz qw` [s, m], here of poses in the plane. `estimates.csv` has one estimate a row in full
 double precision, SI units and radians; the covariance is that of the tangent vector at the estimate (right, body
-frame), and contact is 1, 0 or empty.
+frame), and contact is 1 or 0.
 """
 
 import csv
@@ -34,17 +34,14 @@ def write_tum(data: Recording | Trajectory, path: Path, overwrite: bool = False)
 
 
 def write_estimates_csv(data: Trajectory, path: Path) -> None:
-    """Write estimates. Raises FileError if the file exists."""
+    """Write estimates with covariance, contact and status. Raises FileError if the file exists."""
+    assert data.covariance is not None and data.contact is not None and data.status is not None
+    table = np.column_stack([data.time, data.pose, data.covariance[:, UPPER[0], UPPER[1]]])
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for index in range(len(data)):
-            pose = [repr(float(value)) for value in (data.time[index], *data.pose[index])]
-            terms = [""] * 6
-            if data.covariance is not None:
-                terms = [repr(float(value)) for value in data.covariance[index][UPPER]]
-            contact = "" if data.contact is None else str(int(data.contact[index]))
-            writer.writerow([*pose, *terms, contact, data.status[index] if data.status else ""])
+        for row, contact, status in zip(table.tolist(), data.contact, data.status, strict=True):
+            writer.writerow([*map(repr, row), int(contact), status])
 
 
 def read_estimates_csv(path: Path) -> Trajectory:
@@ -54,27 +51,16 @@ def read_estimates_csv(path: Path) -> Trajectory:
         raise FileError(f"{path}: line 1: expected the header {','.join(COLUMNS)}")
     if not lines:
         raise FileError(f"{path}: holds no estimates")
-    filled = [word != "" for word in [*lines[0], *[""] * len(COLUMNS)]]
-    width, flags = (10 if filled[4] else 4), (("0", "1") if filled[10] else ("",))
     rows = []
     for number, line in enumerate(lines, 2):
-        row = numbers_of(line[:width])
-        if len(line) != len(COLUMNS) or row is None or any(line[width:10]) or line[10] not in flags:
+        row = numbers_of(line[:11])
+        if len(line) != len(COLUMNS) or row is None or line[10] not in ("0", "1"):
             raise FileError(
                 f"{path}: line {number}: found {','.join(line)[:80]!r}, expected a time, a pose, the six terms of a "
-                "covariance, contact 1 or 0, and a status; covariance or contact may be empty in all lines"
+                "covariance, contact 1 or 0, and a status"
             )
         rows.append(row)
-    table, covariance = np.array(rows), None
-    if width == 10:
-        covariance = np.zeros((len(rows), 3, 3))
-        covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:]
-    status = tuple(line[11] for line in lines)
+    table, covariance = np.array(rows), np.zeros((len(rows), 3, 3))
+    covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:10]
     with in_file(path):
-        return Trajectory(
-            time=table[:, 0],
-            pose=table[:, 1:4],
-            covariance=covariance,
-            contact=np.array([line[10] == "1" for line in lines]) if filled[10] else None,
-            status=status if any(status) else None,
-        )
+        return Trajectory(table[:, 0], table[:, 1:4], covariance, table[:, 10] == 1, tuple(line[11] for line in lines))
