@@ -149,24 +149,30 @@ def _show_recording(file: Path, kind: str | None, json: bool) -> None:
 
 
 def _show_bag(path: Path, json: bool) -> None:
+    from palpate.geometry.shapes import Disc
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import BagChoices, mapping
+    from palpate.io.rosbag_recording import BagChoices, mapping, read_contents
+    from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import SENSORS
 
     with progress_bar(f"inspecting {path.name}"):
         found = contents(path)
-    images = poses = None
+    images = poses = damaged = None
     advice: list[str] = []
     for name, sensor in SENSORS.items():
         try:
             chosen = mapping(found, BagChoices(), sensor)
+            with progress_bar(f"reading {path.name}"):
+                recording = read_contents(found, chosen, BagChoices(), Disc(0.05), sensor).recording
         except FileError as error:
             advice.append(str(error))
         else:
             images, poses = chosen.images, chosen.sensor.name
+            damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
             option = "" if name == "digit" else f" --sensor {name}"
             advice = [f"palpate track {found.path}{option} --shape NAME|FILE --first-pose X Y THETA"]
             break
     bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": [topic.about() for topic in found.topics]}
     frames = {child: " or ".join(above) for child, above in found.parents.items()}
-    report(json, path.name, {**bag, "frames": frames, "images": images, "sensor_poses": poses, "advice": advice[0]})
+    bag |= {"frames": frames, "images": images, "damaged_images": damaged, "sensor_poses": poses}
+    report(json, path.name, bag | {"advice": advice[0]})

@@ -54,6 +54,8 @@ def existing_bag(path: Path | str) -> Path:
                 f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             )
     if (path / "metadata.yaml").is_file():
+        if not parts:
+            raise FileError(f"{path}: holds metadata.yaml and no .db3 or .mcap; were they moved?")
         for part in parts:
             existing_file(part)
         return path

@@ -115,14 +115,19 @@ def read_bag(
     tracking skips; ground truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks
     differ, or poses leave the plane.
     """
-    choices = choices or BagChoices()
-    found = contents(Path(path))
-    chosen = mapping(found, choices, sensor)
+    choices, found = choices or BagChoices(), contents(Path(path))
+    return read_contents(found, mapping(found, choices, sensor), choices, shape, sensor)
+
+
+def read_contents(
+    found: Contents, chosen: Mapping, choices: BagChoices, shape: Shape, sensor: SensorProfile
+) -> BagReading:
+    """Read a bag whose contents are known; see `read_bag`."""
     try:
         return _recording(found, chosen, choices, _read_streams(found, chosen, choices), shape, sensor)
     except FileError as error:
         message = " ".join(str(error).split())  # names of topics may hold line breaks
-        raise FileError(f"{path}: {message}") from error
+        raise FileError(f"{found.path}: {message}") from error
 
 
 def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile) -> Mapping:
