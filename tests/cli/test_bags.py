@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag_samples import (
+    compressed_message,
     image_message,
     image_times,
     pose_message,
@@ -102,6 +103,14 @@ def test_info_proposes_no_track_that_is_refused(json_of):
     for name, images in (("grey", grey), ("turned", turned)):
         write_bag(Path(name), "ros1", [*images, *poses])
         advice[name] = json_of("info", f"{name}.bag")["advice"]
+    steep = [pose_message(time, (0.3, 0.0, 0.0), height=0.01 * index) for index, time in enumerate(pose_times())]
+    torn = compressed_message(image_times()[3], touch_images()[3])
+    torn.content["data"] = torn.content["data"][:900]
+    images = [message for message in push_messages() if message.type.endswith("Image")]
+    write_bag(Path("steep"), "ros1", [*images, *steep])
+    write_bag(Path("torn"), "ros1", [*images[:3], torn, *images[4:], *poses])
+    assert "mm off the plane" in json_of("info", "steep.bag")["advice"]
+    assert json_of("info", "torn.bag")["damaged_images"] == 1
     assert "images are encoded as 'mono8', allowed are rgb8" in advice["grey"]
     assert advice["turned"].startswith("palpate track turned.bag --sensor gelsight-mini --shape NAME|FILE")
 

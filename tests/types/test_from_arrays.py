@@ -58,6 +58,7 @@ def test_images_get_the_pose_at_their_time():
     same(recording.sensor_pose, true_pose(IMAGE_TIME))
     assert recording.time == pytest.approx(IMAGE_TIME, abs=1e-9)
     assert all((frame.image == image).all() for frame, image in zip(recording, tiny_images(20), strict=True))
+    assert made(images=(image for image in tiny_images(20))).image == recording.image
 
 
 @pytest.mark.parametrize("way", [in_space, lambda pose: rows(in_space(pose)), lambda pose: in_space(pose).tolist()])

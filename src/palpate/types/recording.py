@@ -235,6 +235,7 @@ def _given_images(images: Any, count: int, sensor: SensorProfile) -> Any:
         raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
     if not sensor.image_height:
         raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
+    images = images if hasattr(images, "__len__") else list(images)  # also of a generator
     if len(images) != count:
         raise FileError(f"images: found {len(images)} images for {count} times, expected one for each")
     return images
