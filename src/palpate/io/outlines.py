@@ -38,13 +38,11 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
     """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
 
     Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
-    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is a scan, which is
-    simplified within its noise. `unit` is that of the numbers, by default metres, or the drawing's
-    own. Points keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its
-    centroid, y up.
+    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is a scan, to which
+    sides are fitted. `unit` is that of the numbers, by default metres, or the drawing's own. Points keep their places
+    in the object frame; an SVG, whose origin is a corner of the page, is put about its centroid, y up.
 
-    Raises SettingError for a name that is not known, FileError for a file that holds no outline or one of a size that
-    shows another unit.
+    Raises SettingError for a name that is not known, FileError for a file without an outline or in another unit.
     """
     name, path = str(source), Path(source)
     if unit not in (None, *get_args(Unit)):
@@ -172,7 +170,7 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
         raise FileError(f"{path}: is no SVG that can be read ({one_line(error)})") from error
     if scale is None:
         scale = _svg_unit(page)
-    metres = scale / abs(svgelements.Matrix(page.viewbox_transform or "").a)
+    metres = scale / (abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0)
     outline = _outline_of_lines(path, [line * (metres, -metres) for line in lines])
     return Polygon(outline.corners - outline.centroid)
 
@@ -182,7 +180,7 @@ def _svg_unit(page: Any) -> float:
     units = {"mm": 1e-3, "cm": 1e-2, "in": INCH, "pt": INCH / 72, "pc": INCH / 6, "q": 2.5e-4}
     sizes = []
     for side in ("width", "height"):
-        given = re.fullmatch(r"\s*([\d.]+)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
+        given = re.fullmatch(r"\s*(\d*\.?\d+)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
         if given and given[2] in units:
             inner = getattr(page.viewbox, side, None)  # without a viewBox numbers are pixels
             sizes.append(float(given[1]) * units[given[2]] / inner if inner else INCH / PIXELS)
