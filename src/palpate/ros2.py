@@ -87,8 +87,8 @@ def run(node: Any, stop: threading.Event) -> LiveSession:
     gel, offset = _numbers(node, "sensor_T_gel", 7), _parameter(node, "time_offset") or 0.0
     if not isinstance(offset, float) or not abs(offset) <= 1.0:
         raise SettingError(f"parameter time_offset is {offset!r}; allowed are -1.0 to 1.0 s")
-    topics = Topics(node, normal or (0.0, 0.0, 1.0), gel, offset)
-    sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration))
+    topics = Topics(node, normal or (0.0, 0.0, 1.0), gel)
+    sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration), offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.say(f"tracking: images of {node.resolve_topic_name(IMAGES)}")
     session.run(stop, [partial(topics.publish, session.counts)])
@@ -172,15 +172,13 @@ class Topics(MessageSink):
     node, under any name of it.
     """
 
-    def __init__(
-        self, node: Any, normal: ArrayLike, sensor_T_gel: ArrayLike | None = None, time_offset: float = 0.0
-    ) -> None:
+    def __init__(self, node: Any, normal: ArrayLike, sensor_T_gel: ArrayLike | None = None) -> None:
         """Take the node and the plane's normal (3,) in the frame of the poses.
 
         `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published,
-        such as a flange; `time_offset` [s] is added to the times of images.
+        such as a flange.
         """
-        self._node, self._normal, self._time_offset = node, np.asarray(normal, np.float64), time_offset
+        self._node, self._normal = node, np.asarray(normal, np.float64)
         numbers = np.reshape((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0) if sensor_T_gel is None else sensor_T_gel, (1, 7))
         self._gel = always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), numbers), 1)
         self.clock = Ros2Clock(node)
@@ -223,7 +221,7 @@ class Topics(MessageSink):
                 yield convert(waiting.get(timeout=0.05))
 
     def _image(self, message: Any) -> TouchImage:
-        time = self.clock.time_of(message) + self._time_offset
+        time = self.clock.time_of(message)
         if hasattr(message, "format"):
             return TouchImage(time, *compressed_image(message))
         return TouchImage(time, raw_image(message))

@@ -3,15 +3,16 @@
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Image, Sources, TouchImage, pose_source
+from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, in_time, pose_source
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.types.sensor import SensorProfile
 
@@ -90,39 +91,30 @@ class Camera:
         return None
 
 
-class Film:
-    """A video, or the images of a folder in the order of their names, played in real time in place of a camera."""
+def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, ImageSource]:
+    """Return rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
 
-    def __init__(self, path: Path, sensor: SensorProfile, clock: Clock) -> None:
-        """Open the file or folder. Raises SettingError if it holds no images."""
-        import cv2
+    Raises SettingError if there are none.
+    """
+    import cv2
 
-        self._sensor, self._clock = sensor, clock
-        self.rate = sensor.rate
-        """Rate of the video, or that of the sensor [Hz]."""
-        if path.is_dir():
-            files = sorted(str(file) for file in path.iterdir() if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
-            self._count = len(files)
-            self._pixels: Iterator[Any] = map(cv2.imread, files)
-        else:
-            video = cv2.VideoCapture(str(path))
-            self._count = int(video.isOpened())
-            self._pixels = (video.retrieve()[1] for _ in iter(video.grab, False))
-            self.rate = video.get(cv2.CAP_PROP_FPS) or sensor.rate
-        if not self._count:
-            raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
+    if path.is_dir():
+        files = sorted(str(file) for file in path.iterdir() if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
+        is_film, rate, pixels = bool(files), sensor.rate, map(cv2.imread, files)
+    else:
+        video = cv2.VideoCapture(str(path))
+        is_film, rate = video.isOpened(), video.get(cv2.CAP_PROP_FPS) or sensor.rate
+        pixels = (video.retrieve()[1] for _ in iter(video.grab, False))
+    if not is_film:
+        raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
 
-    def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
-        """Yield each image when it is due; ends at the event."""
-        begin = self._clock.now()
-        for index, pixels in enumerate(self._pixels):
-            due = begin + index / self.rate
-            if stop.wait(max(0.0, due - self._clock.now())):
-                return
-            yield f"image {index} is damaged" if pixels is None else TouchImage(due, upright(pixels, self._sensor))
+    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
+        begin = clock.now()
+        due = in_time((begin + index / rate for index in count()), clock, stop)
+        for time, image in zip(due, pixels, strict=False):
+            yield "an image is damaged" if image is None else TouchImage(time, upright(image, sensor))
 
-    def close(self) -> None:
-        """Do nothing: files need no release."""
+    return rate, images
 
 
 def upright(pixels: Any, sensor: SensorProfile) -> Image:
@@ -151,15 +143,14 @@ def camera_sources(
     """
     arriving, clock = turned_as(sensor, calibration), Clock()
     path = Path(name)
-    is_film = path.is_dir() or path.is_file()
-    opened = Film(path, arriving, clock) if is_film else Camera(camera_path(name), arriving, clock)
-
-    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
-        for image in opened.images(stop):
-            yield image if isinstance(image, str) else image._replace(time=image.time + time_offset)
-
-    with closing(opened), pose_source(poses, clock) as source:
-        yield Sources(images, source, clock, replace(arriving, rate=opened.rate))
+    with ExitStack() as stack:
+        if path.is_dir() or path.is_file():
+            rate, images = film(path, arriving, clock)
+        else:
+            camera = stack.enter_context(closing(Camera(camera_path(name), arriving, clock)))
+            rate, images = camera.rate, camera.images
+        source = stack.enter_context(pose_source(poses, clock))
+        yield Sources(images, source, clock, replace(arriving, rate=rate), time_offset)
 
 
 def camera_path(name: str) -> Path:

@@ -135,6 +135,7 @@ class LiveSession:
             self.counts["sensor_poses"] += 1
             self._tell(item)
         else:
+            item = item._replace(time=item.time + self._sources.time_offset)
             self.counts["images"] += 1
             self.counts["dropped"] += self._newest is not None
             self._times.append(item.time)

@@ -97,6 +97,8 @@ class Sources:
     clock: Clock
     sensor: SensorProfile
     """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
+    time_offset: float = 0.0
+    """Added to the times of images [s]: negative where they are late."""
 
 
 class PoseTrack:
@@ -142,6 +144,14 @@ def _on_line(start: TimedPose, end: TimedPose, time: float) -> Array:
     return pose
 
 
+def in_time(times: Iterable[float], clock: Clock, stop: threading.Event) -> Iterator[float]:
+    """Yield each time [s] when the clock reaches it; ends at the event."""
+    for when in times:
+        if stop.wait(max(0.0, when - clock.now())):
+            return
+        yield when
+
+
 def replayed(recording: Recording) -> Sources:
     """Return sources that play a recording in real time, with its own times, from the start of the session.
 
@@ -154,17 +164,14 @@ def replayed(recording: Recording) -> Sources:
         recording[0]  # loads OpenCV before the session, not in its first step
     clock = Clock(float(recording.time[0]) - 0.05)  # a moment for the threads to start
 
-    def due(stop: threading.Event) -> Iterator[tuple[int, float]]:
-        for index, when in enumerate(recording.time.tolist()):
-            if stop.wait(max(0.0, when - clock.now())):
-                return
-            yield index, when
+    times = recording.time.tolist()
 
     def play_images(stop: threading.Event) -> Iterator[TouchImage]:
-        return (TouchImage(time, images[index], recording.codec) for index, time in due(stop))
+        for when, image in zip(in_time(times, clock, stop), images, strict=False):
+            yield TouchImage(when, image, recording.codec)
 
     def play_poses(stop: threading.Event) -> Iterator[TimedPose]:
-        return (TimedPose(time, recording.sensor_pose[index]) for index, time in due(stop))
+        return map(TimedPose, in_time(times, clock, stop), recording.sensor_pose)
 
     return Sources(play_images, play_poses, clock, recording.sensor)
 
