@@ -110,7 +110,7 @@ def right_jacobian_inverse(xi: ArrayLike) -> Array:
     cot = _half_cot(half)
     square = half * half
     series = half / 6.0 * (1.0 + square / 15.0 * (1.0 + square * (2.0 / 21.0) * (1.0 + square / 10.0)))
-    e = _choose(omega, series, (1.0 - cot) * omega / (omega * omega + _TINY))
+    e = np.where(np.abs(omega) < _SERIES_BELOW, series, (1.0 - cot) * omega / (omega * omega + _TINY))
     return _affine(cot, half, e * vx + 0.5 * vy, e * vy - 0.5 * vx)
 
 
@@ -161,9 +161,7 @@ def _join(*parts: Any) -> Array:
 
 def _affine(cos: Any, sin: Any, x: Any, y: Any) -> Array:
     """Return the matrices [[cos, -sin, x], [sin, cos, y], [0, 0, 1]]."""
-    if isinstance(x, float):
-        return np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]])
-    out = np.zeros((*x.shape, 3, 3))
+    out = np.zeros((*np.shape(x), 3, 3))
     out[..., 0, 0] = out[..., 1, 1] = cos
     out[..., 0, 1] = -sin
     out[..., 1, 0] = sin
@@ -187,9 +185,3 @@ def _half_cot(half: Any) -> Any:
         return half / math.tan(half) if half else 1.0
     zero = half == 0.0
     return (half + zero) / (np.tan(half) + zero)
-
-
-def _choose(omega: Any, series: Any, closed: Any) -> Any:
-    if isinstance(omega, float):
-        return series if abs(omega) < _SERIES_BELOW else closed
-    return np.where(np.abs(omega) < _SERIES_BELOW, series, closed)

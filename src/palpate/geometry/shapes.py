@@ -205,17 +205,17 @@ class Polygon(_Cornered):
     @property
     def corners(self) -> Array:
         """Corners (N, 2) [m], counter-clockwise."""
-        return np.array(self.vertices)
+        return self._corners.copy()
 
     @property
     def area(self) -> float:
         """Area [m^2]."""
-        return polygon.area_and_centroid(self.corners)[0]
+        return polygon.area_and_centroid(self._corners)[0]
 
     @property
     def centroid(self) -> Array:
         """Centroid of the area (2,) [m]."""
-        return polygon.area_and_centroid(self.corners)[1]
+        return polygon.area_and_centroid(self._corners)[1]
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
@@ -223,17 +223,16 @@ class Polygon(_Cornered):
         return self._distance(points.reshape(-1, 2)).reshape(points.shape[:-1])
 
     @cached_property
+    def _corners(self) -> Array:
+        return np.array(self.vertices)
+
+    @cached_property
     def _distance(self) -> polygon.PolygonDistance:
-        return polygon.PolygonDistance(self.corners)
+        return polygon.PolygonDistance(self._corners)
 
 
 Shape = Disc | Rectangle | Ellipse | Polygon
-_SHAPES: dict[str, type[Shape]] = {
-    "disc": Disc,
-    "rectangle": Rectangle,
-    "ellipse": Ellipse,
-    "polygon": Polygon,
-}
+_SHAPES: dict[str, type[Shape]] = {kind.__name__.lower(): kind for kind in (Disc, Rectangle, Ellipse, Polygon)}
 
 
 def shape_to_dict(shape: Shape) -> dict[str, Any]:
@@ -284,13 +283,9 @@ def check_outline(shape: Shape) -> None:
         logger.warning("%s", wrong)
 
 
-def _is_real(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
 def _size(value: Any, what: str) -> float:
     # Compared before it is made a float, which cannot hold every whole number.
-    if not _is_real(value) or not 1e-6 <= value <= FARTHEST:
+    if not isinstance(value, Real) or isinstance(value, bool) or not 1e-6 <= value <= FARTHEST:  # pyright: ignore[reportOperatorIssue]
         raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from 1e-06 to {FARTHEST:g} m")
     return float(value)
 
