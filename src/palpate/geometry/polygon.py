@@ -148,7 +148,7 @@ class PolygonDistance:
         if self._tree is None or count >= self._samples:
             edges, reach = np.arange(len(self._edge_x))[None], np.full(len(points), np.inf)
         else:
-            distance, nearest = self._tree.query(points, count, workers=-1)
+            distance, nearest = self._tree.query(points, count, workers=2)
             edges, reach = self._edges_at[np.asarray(nearest)[:, :-1]].reshape(len(points), -1), distance[:, -1] ** 2
         from_start_x, from_start_y = points[:, :1] - self._start_x[edges], points[:, 1:] - self._start_y[edges]
         edge_x, edge_y = self._edge_x[edges], self._edge_y[edges]
