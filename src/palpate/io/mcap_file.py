@@ -4,7 +4,7 @@ import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,35 +63,36 @@ class MessageWriter(MessageSink):
 @contextmanager
 def new_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
     """Open a new MCAP that is written whole or not at all; an existing one is replaced only if `overwrite`."""
-    with whole_file(path, overwrite) as temporary, temporary.open("wb") as file, _writing(file) as writer:
+    with whole_file(path, overwrite) as temporary, _writing(temporary) as writer:
         yield writer
 
 
 @contextmanager
-def growing_mcap(path: Path | str, overwrite: bool = False, chunk_seconds: float = 0.5) -> Iterator[MessageWriter]:
-    """Open a new MCAP that is at its place from the start and stays readable if the process is killed.
+def growing_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
+    """Open a new MCAP that is at its place from the start; all but the last half second stays if the process is killed.
 
-    All but the last `chunk_seconds` is there then. Raises FileError where the file exists, unless `overwrite`.
+    Raises FileError where the file exists, unless `overwrite`.
     """
     path = new_file(path, overwrite)
     try:
-        with path.open("wb") as file, _writing(file, chunk_seconds) as writer:
+        with _writing(path, chunk_seconds=0.5) as writer:
             yield writer
     except OSError as error:
         raise FileError(f"{path}: cannot be written ({error})") from error
 
 
 @contextmanager
-def _writing(file: BinaryIO, chunk_seconds: float = np.inf) -> Iterator[MessageWriter]:
+def _writing(path: Path, chunk_seconds: float = np.inf) -> Iterator[MessageWriter]:
     from mcap.writer import CompressionType, Writer
 
-    # Images are compressed already; data checksums find a damaged record anywhere.
-    writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
-    writer.start(profile="ros2", library="palpate")
-    try:
-        yield MessageWriter(writer, chunk_seconds)
-    finally:
-        writer.finish()
+    with path.open("wb") as file:
+        # Images are compressed already; data checksums find a damaged record anywhere.
+        writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
+        writer.start(profile="ros2", library="palpate")
+        try:
+            yield MessageWriter(writer, chunk_seconds)
+        finally:
+            writer.finish()
 
 
 def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:

@@ -2,8 +2,7 @@
 
 World frame and units are the file's: metres and radians, motion capture and robot in one frame. The tip has no
 orientation; its heading is taken as constant over a run, along the net displacement of its centre (along world x if
-that is under 1 cm). The sensor pose is the tip's apex, centre + R(heading) (radius, 0), so that the centre of
-curvature, all that a round tip's contact depends on, is exactly the measured centre.
+that is under 1 cm). The sensor pose is the tip's apex, a radius ahead of the measured centre.
 
 Recordings are read down to 30 Hz. Ground truth is judged before that, at the file's own rate, and is NaN where motion
 capture drops out, jumps and comes back, or lags so far that the tip would be inside the square.

@@ -56,12 +56,23 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     known = ~np.isnan(truth[:, 0])
     placed, object_turn = out_of_plane(plane, np.nan_to_num(truth))
+    first = {name: getattr(recording, name) for name in ("first_pose", "first_pose_sigma")}
+    about = {
+        "source": recording.source,
+        "codec": recording.codec,
+        "contact_derived": json.dumps(recording.contact_derived),
+        "frames": json.dumps(recording.frames),
+        **{name: json.dumps(value.tolist()) for name, value in first.items() if value is not None},
+    }
+    arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
+    arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
     with new_mcap(path, overwrite) as file:
-        describe(file, recording.shape, recording.sensor, _values(recording))
-        for name, array in _arrays(recording).items():
-            data = io.BytesIO()
-            np.save(data, array, allow_pickle=False)
-            file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
+        describe(file, recording.shape, recording.sensor, about)
+        for name, array in arrays.items():
+            if array is not None:
+                data = io.BytesIO()
+                np.save(data, array, allow_pickle=False)
+                file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
         for index, stamp in enumerate(stamps):
             if recording.image is not None:
                 image = np.frombuffer(recording.image[index], np.uint8)
@@ -75,25 +86,6 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
                 file.add(OBJECT_POSES, POSE, stamp, header=header, pose=pose)
             # Last of all: a frame whose sensor pose is there is whole.
             file.add(SENSOR_POSES, POSE, stamp, header=header, pose=file.pose(sensor[index], sensor_turn[index]))
-
-
-def _values(recording: Recording) -> dict[str, str]:
-    """Return metadata of the recording as a whole."""
-    first = {name: getattr(recording, name) for name in ("first_pose", "first_pose_sigma")}
-    return {
-        "source": recording.source,
-        "codec": recording.codec,
-        "contact_derived": json.dumps(recording.contact_derived),
-        "frames": json.dumps(recording.frames),
-        **{name: json.dumps(value.tolist()) for name, value in first.items() if value is not None},
-    }
-
-
-def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Return the data of each frame, without images."""
-    frames = {name: getattr(recording, name) for name in FRAME_ARRAYS}
-    extra = {f"extra/{name}": value for name, value in recording.extra.items()}
-    return {name: value for name, value in {**frames, **extra}.items() if value is not None}
 
 
 def read_recording(path: Path | str) -> Recording:
