@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,10 +20,8 @@ Result = TypeVar("Result")
 
 def for_each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Return the results of a function in the order of the items, from two processes."""
-    import joblib
-
-    results: Any = joblib.Parallel(n_jobs=2)(joblib.delayed(_quietly)(function, item) for item in items)
-    return list(results)
+    with ProcessPoolExecutor(2) as pool:
+        return list(pool.map(partial(_quietly, function), items))
 
 
 def scores(summary: dict[str, Any]) -> dict[str, float]:

@@ -15,7 +15,7 @@ COMMANDS = (
     *("truth-print", "truth-camera", "truth"),
 )
 HEAVY = (
-    *("numpy", "scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco", "rerun", "joblib"),
+    *("numpy", "scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco", "rerun"),
     *("distributed", "torch", "onnx", "onnxruntime", "onnxscript", "numba"),
 )
 

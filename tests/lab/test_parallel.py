@@ -1,6 +1,10 @@
 """Work on several processes and on a cluster, and workers that die."""
 
 import os
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -13,6 +17,10 @@ def half_or_die(number: int) -> float:
     if number < 0:
         os._exit(9)
     return 0.5 * number
+
+
+def finds(name: str) -> bool:
+    return find_spec(name) is not None
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +47,24 @@ def test_a_worker_that_dies_is_one_sentence(cluster, place):
     way: dict[str, Any] = {"workers": 2} if place == "here" else {"dask": cluster}
     with pytest.raises(SettingError, match="a process of the workers died, perhaps for lack of memory"):
         list(spread(half_or_die, [1, -1], **way))
+
+
+@pytest.mark.parametrize("is_torch_loaded", [False, True])
+def test_workers_take_no_modules_from_the_working_folder(is_torch_loaded, tmp_path, monkeypatch):
+    """A file of a stranger beside recordings may have the name of a module."""
+    monkeypatch.chdir(tmp_path)
+    if is_torch_loaded:  # workers are not forked then
+        monkeypatch.setitem(sys.modules, "torch", ModuleType("torch"))
+    for name in ("stranger", "random", "socket", "numpy"):
+        Path(f"{name}.py").write_text("open('RAN', 'w').close()\n")
+    assert list(spread(finds, ["stranger"] * 3, workers=2)) == [False] * 3
+    assert not Path("RAN").exists()
+
+
+def test_workers_that_cannot_start_are_one_sentence(monkeypatch):
+    def refuse() -> int:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("os.fork", refuse)
+    with pytest.raises(SettingError, match=r"worker processes cannot start .*temporarily unavailable"):
+        list(spread(finds, ["stranger"], workers=2))

@@ -1,10 +1,13 @@
 """Parallel work on many items: on the cores of this machine, or on a Dask cluster."""
 
-import warnings
+import os
+import signal
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from itertools import islice
+from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from palpate.errors import SettingError
@@ -45,26 +48,32 @@ def one_thread() -> Iterator[None]:
 def _in_processes(
     function: Callable[[Item], Result], items: Iterable[Item], workers: int
 ) -> Generator[Result, None, None]:
-    import joblib
-
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
-    results = parallel(joblib.delayed(_alone)(function, item) for item in items)
+    if workers == 1:
+        yield from (_alone(function, item) for item in items)
+        return
+    # A forked worker has what is loaded here, and finds no modules in the working folder. Torch's threads do not
+    # outlive a fork.
+    method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
     try:
-        for result in results:  # noqa: UP028, for that would close it before the warning is silenced
-            yield result
-    except BrokenExecutor as error:
-        raise _died() from error
-    finally:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", ".*cancelled", UserWarning)  # joblib's, where the rest is given up
-            results.close()
+        pool = ProcessPoolExecutor(workers, get_context(method), signal.signal, (signal.SIGINT, signal.SIG_DFL))
+        tasks = as_completed({pool.submit(_alone, function, item) for item in items})
+    except (OSError, NotImplementedError) as error:
+        raise SettingError(f"worker processes cannot start ({error}); with workers 1 none are needed") from error
+    with pool:
+        try:
+            for task in tasks:
+                yield task.result()
+        except BrokenExecutor as error:
+            raise _died() from error
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _on_cluster(
     function: Callable[[Item], Result], items: Iterator[Item], address: str
 ) -> Generator[Result, None, None]:
-    """Do the same on a cluster; joblib's Dask backend waits forever for a task whose worker dies."""
+    """Do the same on a cluster."""
     try:
         from distributed import Client, KilledWorker, as_completed
     except ImportError as error:

@@ -29,6 +29,7 @@ from palpate.pipeline.metrics import nees
 from palpate.pipeline.track import quiet, track
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel
+from palpate.tracker import warm_up
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
@@ -142,6 +143,8 @@ def run_study(
             else:
                 jobs.append((name, path.resolve(), method))
         study.kept = len(outcomes)
+        if jobs:
+            warm_up()  # before there are workers, so that none has to
         with closing(spread(partial(_track, settings=settings), jobs, workers, dask)) as results:
             for (name, _, method), outcome in results:
                 if isinstance(outcome, Trial):
