@@ -146,12 +146,9 @@ def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
     expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
     if found == expected or not sensor.image_height:
         return ""
-    name, turns = calibration.file or "the calibration", calibration.view.quarter_turns
-    turned = f", turned by {90 * turns} degrees as it says," if turns % 2 else ""
-    return (
-        f"{name}: is of images of {found[0]} x {found[1]} px; those of sensor {sensor.name!r}{turned} "
-        f"have {expected[0]} x {expected[1]}"
-    )
+    sizes = ["{} x {}".format(*size) for size in (found, expected)]
+    name = calibration.file or "the calibration"
+    return f"{name}: is of images of {sizes[0]} px; those of sensor {sensor.name!r} have {sizes[1]}"
 
 
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:

@@ -153,9 +153,9 @@ def check_alike(presses: Presses, untouched: Sequence[Image]) -> None:
     """Raise FileError unless there are images of the untouched gel, and all images have one size."""
     if not untouched:
         raise FileError("found no image of the untouched gel; one or more are needed")
+    names = (*presses.names, *(f"image {number} of the untouched gel" for number in range(1, 1 + len(untouched))))
     size = untouched[0].shape
-    still = [(f"image {number} of the untouched gel", image) for number, image in enumerate(untouched, 1)]
-    for name, image in (*zip(presses.names, presses.images, strict=True), *still):
+    for name, image in zip(names, (*presses.images, *untouched), strict=True):
         if image.shape != size:
             raise FileError(f"{name}: image is {image.shape[:2]}, the untouched gel {size[:2]}; rows and columns")
 

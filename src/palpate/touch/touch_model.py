@@ -24,7 +24,6 @@ from palpate.touch.cells import area_means, change_in_light
 Difference = NDArray[np.float32]
 
 FORMAT, VERSION, NETWORK = "palpate-touch-model", 3, "touch.onnx"
-LARGEST = 100 * 10**6  # [bytes] of a network; the shipped ones have less than a million
 ROWS, COLUMNS = 32, 128
 """Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
 to the shading beside a corner's line of a millimetre: so columns are finer."""
@@ -114,11 +113,13 @@ class TouchModel:
             raise FileError(f"{folder}: no such folder; a touch model is a folder with model.json in it")
         path = folder / "model.json"
         written = read_json(path)
-        if (found := written.get("format")) != FORMAT:
-            raise FileError(f"{path}: format is {found!r}, expected {FORMAT!r}")
-        if (found := written.get("version")) != VERSION:
-            raise FileError(f"{path}: version is {found!r}, expected {VERSION}; train the model anew")
-        self.network = _read_network(folder / NETWORK)
+        for name, expected in (("format", FORMAT), ("version", VERSION)):
+            if (found := written.get(name)) != expected:
+                raise FileError(f"{path}: {name} is {found!r}, expected {expected!r}; train the model anew")
+        self.network = existing_file(folder / NETWORK).read_bytes()
+        # A tensor in another file has its name under this key; ONNX Runtime would open that file.
+        if b"location" in self.network:
+            raise FileError(f"{folder / NETWORK}: keeps its numbers in another file, which is not opened")
         self.hash = fingerprint(written.get("settings"), self.network)
         if self.hash != (stated := written.get("hash")):
             raise FileError(f"{folder}: hash is {self.hash[:12]}, model.json says {str(stated)[:12]}: altered")
@@ -126,13 +127,7 @@ class TouchModel:
         self._session: Any = None
 
     def read(self, difference: Difference) -> TouchReading:
-        """Return the reading of a difference (ROWS, COLUMNS, 3)."""
-        means = dict(zip(self.settings.spread, self._run(difference), strict=True))
-        place = means.get("place")
-        return TouchReading(means["direction"], means.get("turn"), place and (1e-2 * place[0], 1e-4 * place[1]))
-
-    def _run(self, difference: Difference) -> list[tuple[float, float]]:
-        """Return mean and variance of each output; opens the network at the first call."""
+        """Return the reading of a difference (ROWS, COLUMNS, 3); opens the network at the first call."""
         batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
         path, outputs = self.folder / NETWORK, list(self.settings.spread)
         try:
@@ -146,8 +141,11 @@ class TouchModel:
                 raise ValueError(f"gives {[values.shape for values in found]}, expected (1, 2) each")
         except Exception as error:  # a damaged network raises many kinds
             raise FileError(f"{path}: is no network that can be run ({one_line(error)})") from error
-        # A foreign network may give any log variance.
-        return [(float(mean), float(np.exp(min(log, 700.0)))) for ((mean, log),) in map(np.ndarray.tolist, found)]
+        means: dict[str, tuple[float, float]] = {}
+        for name, ((mean, log_variance),) in zip(outputs, map(np.ndarray.tolist, found), strict=True):
+            means[name] = mean, float(np.exp(min(log_variance, 700.0)))  # a foreign network may give any
+        place = means.get("place")
+        return TouchReading(means["direction"], means.get("turn"), place and (1e-2 * place[0], 1e-4 * place[1]))
 
 
 _opened = cache(TouchModel)
@@ -183,17 +181,6 @@ def session(network: bytes) -> Any:
     options.log_severity_level = 3  # errors; a constant that cannot be folded is none
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # one image gains nothing from more
     return onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
-
-
-def _read_network(path: Path) -> bytes:
-    size = existing_file(path).stat().st_size
-    if size > LARGEST:
-        raise FileError(f"{path}: has {size} bytes, allowed are {LARGEST}")
-    data = path.read_bytes()
-    # A tensor in another file has its name under this key; ONNX Runtime would open that file.
-    if b"location" in data:
-        raise FileError(f"{path}: keeps its numbers in another file, which is not opened")
-    return data
 
 
 def _settings(path: Path, plain: Mapping[str, Any]) -> ModelSettings:
