@@ -110,12 +110,3 @@ def test_a_viewer_that_stalls_or_is_closed_never_holds_up_tracking(served, caplo
         served.end()
         assert tracked_with(watch) < 0.2
     assert "the view is not whole" in caplog.text
-
-
-@pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")
-def test_a_viewer_that_does_not_start_is_reported(monkeypatch, caplog):
-    start = rerun_view.start_viewer
-    monkeypatch.setattr(rerun_view, "start_viewer", lambda: start("--no-such-option"))
-    with rerun_view.live_view(imaged_push(), "push") as listen:
-        tracked_with(listen)
-    assert "the view is not whole" in caplog.text

@@ -102,9 +102,13 @@ class LiveSession:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None
 
     def summary(self) -> dict[str, Any]:
-        """Return all counts as plain data for JSON, with percentiles of the time from image to estimate."""
+        """Return counts, percentiles of the time from image to estimate and the last estimate as data for JSON."""
         latency = percentiles(self._latencies) if self._latencies else dict.fromkeys(PERCENTILES)
-        return {**self.counts, "rate_hz": self.rate, "latency_ms": latency, "statuses": dict(self.statuses)}
+        found = {**self.counts, "rate_hz": self.rate, "latency_ms": latency, "statuses": dict(self.statuses)}
+        if last := self.last:
+            found |= {"final_pose": last.estimate.pose.tolist()}
+            found |= {"status": last.estimate.status, "reason": last.estimate.reason}
+        return found
 
     def _read(self, source: ImageSource | PoseSource, stop: threading.Event) -> None:
         """Put what a source yields into the queue, and the exception that ends it."""
