@@ -24,7 +24,7 @@ class KeypointNetwork(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.encoder = Encoder(WIDTH)
+        self.encoder = Encoder()
         self.heat = nn.Conv2d(WIDTH, 1, 1)
         self.classifier = nn.Sequential(
             nn.Flatten(),

@@ -24,30 +24,30 @@ _HIDDEN, _POINTS, _REDUCED = 64, 4, 8
 class Encoder(nn.Module):
     """A small ResNet-18 (paper Sec. IV-A): three stages of two blocks on a map of 8 x 32, a quarter of an image."""
 
-    def __init__(self, width: int) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(3, width, 7, stride=2, padding=3, bias=False),
-            nn.BatchNorm2d(width),
+            nn.Conv2d(3, WIDTH, 7, stride=2, padding=3, bias=False),
+            nn.BatchNorm2d(WIDTH),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=2, padding=1),
-            *(_Block(width) for _ in range(6)),
+            *(_Block() for _ in range(6)),
         )
 
     def forward(self, difference: Tensor) -> Tensor:
-        """Return the feature map (B, width, 8, 32) of the imprint."""
+        """Return the feature map (B, WIDTH, 8, 32) of the imprint."""
         return self.layers(imprint(difference))
 
 
 class _Block(nn.Module):
-    def __init__(self, width: int) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(width, width, 3, padding=1, bias=False),
-            nn.BatchNorm2d(width),
+            nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False),
+            nn.BatchNorm2d(WIDTH),
             nn.ReLU(),
-            nn.Conv2d(width, width, 3, padding=1, bias=False),
-            nn.BatchNorm2d(width),
+            nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False),
+            nn.BatchNorm2d(WIDTH),
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -57,11 +57,11 @@ class _Block(nn.Module):
 class TouchNetwork(nn.Module):
     """An image to the outputs of a touch model, each mean and log variance (B, 2); see `touch.touch_model`."""
 
-    def __init__(self, outputs: Sequence[str], width: int = WIDTH) -> None:
+    def __init__(self, outputs: Sequence[str]) -> None:
         super().__init__()
-        self.encoder = Encoder(width)
-        self.points = nn.Conv2d(width, _POINTS, 1)
-        self.reduce = nn.Conv2d(width, _REDUCED, 1)
+        self.encoder = Encoder()
+        self.points = nn.Conv2d(WIDTH, _POINTS, 1)
+        self.reduce = nn.Conv2d(WIDTH, _REDUCED, 1)
         inputs = _REDUCED * 2 * MAP[1] + 2 * _POINTS
         self.body = nn.Sequential(nn.Linear(inputs, 2 * _HIDDEN), nn.ReLU(), nn.Linear(2 * _HIDDEN, _HIDDEN), nn.ReLU())
         self.outputs = tuple(outputs)
@@ -147,31 +147,18 @@ def exported(network: TouchNetwork, close: float = 1e-4) -> bytes:
     return file
 
 
-def width_of(file: bytes) -> int:
-    """Return the number of channels of the encoder in a network's ONNX file; EstimationError if there is none."""
-    first = _weights(file).get("encoder.layers.0.weight")
-    if first is None or not first.dims:
-        raise EstimationError("the model's network has no encoder to continue from")
-    return int(first.dims[0])
-
-
 def restore(network: nn.Module, file: bytes) -> None:
     """Set a network's weights to those of its ONNX file; EstimationError if they do not fit it."""
+    import onnx
     from onnx import numpy_helper
 
-    written = _weights(file)
+    written = {each.name: each for each in onnx.load_from_string(file).graph.initializer}
     for name, value in network.state_dict().items():
         if name.endswith("num_batches_tracked"):
             continue
         if name not in written or list(written[name].dims) != list(value.shape):
             raise EstimationError(f"the model's network has no weights {name} {tuple(value.shape)}")
         value.copy_(torch.from_numpy(numpy_helper.to_array(written[name]).copy()))
-
-
-def _weights(file: bytes) -> dict[str, Any]:
-    import onnx
-
-    return {each.name: each for each in onnx.load_from_string(file).graph.initializer}
 
 
 def _with_biases(network: TouchNetwork) -> TouchNetwork:

@@ -17,7 +17,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import held_folder, whole_file
 from palpate.lab.train.augment import Batch, draw_groups, varied_batch
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
-from palpate.lab.train.networks import WIDTH, TouchNetwork, exported, restore, width_of
+from palpate.lab.train.networks import TouchNetwork, exported, restore
 from palpate.lab.train.samples import Samples, read_samples
 from palpate.lab.train.scores import errors_of, judge, measure_spread
 from palpate.touch.calibration import Calibration
@@ -117,7 +117,7 @@ def train(
         work.mkdir(exist_ok=True)
         torch.manual_seed(settings.seed)
         outputs = OUTPUTS[1] if sensor.flat_width > 0.0 else OUTPUTS[0]
-        network = TouchNetwork(outputs, WIDTH if base is None else width_of(base.network))
+        network = TouchNetwork(outputs)
         if base is not None:
             restore(network, base.network)
         descent = settings.descent(settings.touch if base is None else settings.fine)
