@@ -35,6 +35,19 @@ def test_ros_has_the_covariance_about_the_axes_of_the_header():
     assert np.count_nonzero(np.abs(six) > 1e-12) == 9
 
 
+def test_estimates_are_equal_by_value():
+    one = estimate(contact_point=np.array([0.1, 0.2]))
+    assert one == estimate(contact_point=np.array([0.1, 0.2]))
+    assert one != 3 and estimate(sliding=math.nan) == estimate(sliding=math.nan)
+    other = dataclasses.replace(ANSWER, covariance=np.eye(3))
+    for field in dataclasses.fields(Estimate):
+        changed = {"status": "strained", "reason": "why", "answers": (other,), "friction": (0.4, 0.2)}
+        value = changed.get(field.name, np.full(3, 7.0))
+        assert estimate() != estimate(**{field.name: value}), field.name
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(one)
+
+
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2])
 def test_the_contact_is_where_the_tip_touches_the_side(turn):
     """A tip that touches the left side 10 mm above its middle, and the same seen from a turned world."""

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class RosPose(NamedTuple):
 
 
 class _PlanarPose:
-    """A pose in the plane with its covariance."""
+    """A pose in the plane with its covariance; equal to another if all values are, NaN being equal to NaN."""
 
     pose: Array
     covariance: Array
@@ -54,6 +54,19 @@ class _PlanarPose:
         (position,), (orientation,) = out_of_plane(plane, self.pose[None])
         spatial = spatial_covariance(plane, self.pose[None], self.covariance[None])
         return RosPose(position, orientation, spatial.reshape(36))
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and all(map(_are_same, vars(self).values(), vars(other).values()))
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # arrays may be changed
+
+
+def _are_same(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_are_same, one, other))
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
+    return bool(one == other or (one != one and other != other))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,18 @@ class Measurement:
     """
 
 
+class _OneNumber(Measurement):
+    """Base of measurements of one number with its variance."""
+
+    def __post_init__(self) -> None:
+        (name, value), (_, variance) = vars(self).items()
+        if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
+            found = f"{type(self).__name__} has {name} {value!r} and variance {variance!r}"
+            raise EstimationError(f"{found}; they must be finite, the variance above 0")
+
+
 @dataclass(frozen=True)
-class ContactDirection(Measurement):
+class ContactDirection(_OneNumber):
     """Direction of contact on a round tip: that of the outline's inward normal at the contact point.
 
     It is absolute and does not drift: it determines the yaw on a straight edge, and the place along a round one.
@@ -32,12 +42,9 @@ class ContactDirection(Measurement):
     variance: float
     """[rad^2]"""
 
-    def __post_init__(self) -> None:
-        _check("contact direction", "angle", self.angle, self.variance)
-
 
 @dataclass(frozen=True)
-class ContactPlace(Measurement):
+class ContactPlace(_OneNumber):
     """Place of contact along y on a flat pad: the middle of the loaded part."""
 
     place: float
@@ -45,21 +52,15 @@ class ContactPlace(Measurement):
     variance: float
     """[m^2]"""
 
-    def __post_init__(self) -> None:
-        _check("contact place", "place", self.place, self.variance)
-
 
 @dataclass(frozen=True)
-class Turn(Measurement):
+class Turn(_OneNumber):
     """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact."""
 
     angle: float
     """That yaw less the offset [rad]."""
     variance: float
     """[rad^2]"""
-
-    def __post_init__(self) -> None:
-        _check("turn", "angle", self.angle, self.variance)
 
 
 @dataclass(frozen=True)
@@ -74,16 +75,18 @@ class ObjectPose(Measurement):
     """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 
     def __post_init__(self) -> None:
-        pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
         check_time("ObjectPose", self.time)
+        pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
         if pose is None:
-            allowed = "three finite numbers x [m], y [m], theta [rad]"
-            raise EstimationError(f"object pose is {_in_a_line(self.pose)}; it must be {allowed}")
-        if covariance is None or not _is_covariance(covariance):
+            found, allowed = f"is {self.pose}", "three finite numbers x [m], y [m], theta [rad]"
+        elif covariance is None or not _is_covariance(covariance):
+            found = f"has covariance {self.covariance}"
             allowed = "a symmetric and positive definite (3, 3), deviations above 1 nm"
-            raise EstimationError(f"object pose has covariance {_in_a_line(self.covariance)}; it must be {allowed}")
-        object.__setattr__(self, "pose", pose)
-        object.__setattr__(self, "covariance", covariance)
+        else:
+            object.__setattr__(self, "pose", pose)
+            object.__setattr__(self, "covariance", covariance)
+            return
+        raise EstimationError(f"object pose {' '.join(found.split())}; it must be {allowed}")
 
 
 class OwnMeasurement(Measurement):
@@ -139,17 +142,6 @@ def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
     return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
 
 
-def _check(what: str, name: str, value: float, variance: float) -> None:
-    if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
-        raise EstimationError(
-            f"{what} has {name} {value!r} and variance {variance!r}; they must be finite, the variance above 0"
-        )
-
-
 def _is_covariance(given: Array) -> bool:
     least = 1e-6 * np.abs(np.diag(given)).min()  # a covariance of metres is small as a whole
     return np.allclose(given, given.T, atol=least) and bool((np.linalg.eigvalsh(given) > 1e-18).all())
-
-
-def _in_a_line(given: object) -> str:
-    return " ".join(str(given).split())

@@ -253,7 +253,9 @@ def contact_flags(gap: Array, touch: float, release: float) -> Flags:
 
     Where the gap is in between or NaN the last flag stays; the first is false until something is known.
     """
-    return _switch(gap < touch, gap > release)
+    begins, ends = gap < touch, gap > release
+    last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(gap)), -1))
+    return begins[last] & (last >= 0)
 
 
 def impossible(gap: Array) -> Flags:
@@ -261,12 +263,9 @@ def impossible(gap: Array) -> Flags:
 
     A gap below -3 mm is impossible between hard bodies, and only late truth explains it, until it is above -2 mm again.
     """
-
-    def late(gap: Array) -> Flags:
-        return _switch(gap < -3e-3, gap > -2e-3)
-
     # Lateness grows from nothing, so it is there before the gap crosses the limit: run backwards too.
-    return late(gap) | late(gap[::-1])[::-1]
+    forwards, backwards = (contact_flags(each, -3e-3, -2e-3) for each in (gap, gap[::-1]))
+    return forwards | backwards[::-1]
 
 
 def held(time: Array, object_pose: Array, tip: Array, touching: Flags, longest: float) -> Flags:
@@ -303,10 +302,3 @@ def spikes(object_pose: Array) -> Flags:
     flags = np.zeros(len(object_pose), np.bool_)
     flags[known] = np.repeat(wrong, np.diff(np.append(start, len(poses))))
     return flags
-
-
-def _switch(on: Flags, off: Flags) -> Flags:
-    """Return flags (N,) that turn true at `on`, false at `off` and stay as they are elsewhere; false at first."""
-    index = np.where(on | off, np.arange(len(on)), -1)
-    last = np.maximum.accumulate(index)
-    return on[last] & (last >= 0)

@@ -163,7 +163,7 @@ def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Norm
     return "fit" if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
 
 
-def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
+def _chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
     """Return the plane of a normal, or the one that fits the sensor's path, with a warning that states it.
 
     `what` names the recording in warnings. Raises FileError where there is no such plane.
@@ -219,12 +219,12 @@ def in_plane(
             "%s: %d of %d images have no sensor pose at their time and are left out", what, left_out, len(time)
         )
     name, placed, time = sensor[0], sensor[1][keep], time[keep]
-    plane = chosen_plane(what, normal, frame, placed)
-    sensor_pose, object_pose = planar(name, plane, time, placed, off_plane), None
+    plane = _chosen_plane(what, normal, frame, placed)
+    sensor_pose, object_pose = _planar(name, plane, time, placed, off_plane), None
     if truth is not None:
         seen = truth[1][keep]
         object_pose = np.full((len(time), 3), np.nan)
-        object_pose[seen.known] = planar(truth[0], plane, time[seen.known], seen[seen.known], off_plane)
+        object_pose[seen.known] = _planar(truth[0], plane, time[seen.known], seen[seen.known], off_plane)
     return PlanarMotion(keep, plane, sensor_pose, object_pose)
 
 
@@ -254,7 +254,7 @@ def _plane_through(frame: str, position: Array) -> Plane:
     return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
 
 
-def planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
+def _planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
     """Return poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
 
     Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres;
