@@ -160,6 +160,21 @@ def test_a_write_ahead_log_beside_a_database_is_named(tmp_path):
             read_bag(path, Disc(0.05))
 
 
+def test_files_that_metadata_do_not_list_are_named(tmp_path):
+    folder = write_bag(tmp_path / "bag", "ros2", push_messages())
+    (database,) = folder.glob("*.db3")
+    (folder / "bag.db3-shm").write_bytes(b"")
+    assert len(read_bag(folder, Disc(0.05)).recording) == 24
+    (folder / "bag_1.db3").write_bytes(database.read_bytes())
+    with pytest.raises(FileError, match=r"bag_1\.db3 is not in its metadata.yaml, .*`ros2 bag reindex`"):
+        read_bag(folder, Disc(0.05))
+    (folder / "bag_1.db3").unlink()
+    database.unlink()
+    (folder / "bag.db3-shm").unlink()
+    with pytest.raises(FileError, match=r"holds metadata.yaml and no .db3 or .mcap; were they moved\?"):
+        read_bag(folder, Disc(0.05))
+
+
 def test_a_git_lfs_pointer_is_named(tmp_path):
     pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:0123\nsize 1627389\n"
     folder = write_bag(tmp_path / "bag", "ros2", push_messages())

@@ -377,12 +377,13 @@ def test_transforms_that_nobody_uses_may_contradict_each_other(tmp_path):
     assert len(read(tmp_path / "above", few_images() + arm + above, sensor_poses="base:gel")) == 6
 
 
-def test_times_of_recording_that_are_all_equal(tmp_path):
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_times_of_recording_that_are_all_equal(tmp_path, container):
     messages = [replace(message, log_time=0) for message in few_images() + poses()]
-    recording = read(tmp_path, messages)
+    recording = read(tmp_path, messages, container)
     assert recording.time.tolist() == (image_times(6) / 1e9).tolist()
     with pytest.raises(FileError, match=r"6 messages in /digit/image/compressed have only 1 different times of record"):
-        read(tmp_path / "log", messages, clock="log")
+        read(tmp_path / "log", messages, container, clock="log")
     unstamped = restamped(messages, lambda time: 0)
     with pytest.raises(FileError, match=r"have a stamp of zero$"):
         read(tmp_path / "none", unstamped)

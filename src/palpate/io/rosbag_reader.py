@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import FileError, one_line
-from palpate.files import existing_file
+from palpate.files import existing_file, read_text
 from palpate.io.mcap_file import CutShort, begins_with, is_mcap, mcap_messages
 from palpate.io.ros_messages import IMAGE_TYPES, TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.recording import Recording
@@ -42,10 +42,11 @@ def refuse_bag(path: Path) -> Recording:
 def existing_bag(path: Path | str) -> Path:
     """Return the path of a file with content or of the folder of a ROS 2 bag. Raises FileError.
 
-    The write-ahead log of a database (NAME.db3-wal) holds messages that `rosbags` does not see.
+    `rosbags` sees neither the write-ahead log of a database (NAME.db3-wal) nor files that metadata.yaml does not list.
     """
     path = Path(path)
-    parts = sorted([*path.glob("*.mcap*"), *path.glob("*.db3*")]) if path.is_dir() else [path]
+    files = sorted([*path.glob("*.mcap*"), *path.glob("*.db3*")]) if path.is_dir() else [path]
+    parts = [file for file in files if not file.name.endswith(("-wal", "-shm", "-journal"))]
     for part in parts:
         log = part.with_name(f"{part.name}-wal")
         if log.is_file() and log.stat().st_size:
@@ -53,11 +54,16 @@ def existing_bag(path: Path | str) -> Path:
                 f"{part}: {log.name} beside it holds messages that are not in it yet, as its recorder runs or was "
                 f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             )
-    if (path / "metadata.yaml").is_file():
+    if (metadata := path / "metadata.yaml").is_file():
         if not parts:
             raise FileError(f"{path}: holds metadata.yaml and no .db3 or .mcap; were they moved?")
+        listed = read_text(metadata)
         for part in parts:
-            existing_file(part)
+            if existing_file(part).name not in listed:
+                raise FileError(
+                    f"{path}: {part.name} is not in its metadata.yaml, as when its recorder was killed; run "
+                    f"`ros2 bag reindex` on the folder, or give one of its files"
+                )
         return path
     if path.is_dir() and parts:
         raise FileError(
