@@ -27,7 +27,7 @@ def same_pose(message: Any, position: Any, rotation: Any) -> None:
 def test_others_read_our_estimates(tmp_path):
     made = trajectory(status=("tracking", "ambiguous", "indeterminate", *["resting"] * 47))
     plane = plane_across("table", np.array([0.1, -0.2, 1.0]), np.array([[0.0, 0.0, 0.3]]))
-    write_estimates_mcap(made, tmp_path / "a.mcap", plane=plane)
+    write_estimates_mcap(made, tmp_path / "a.mcap", plane, ((),) * len(made))
     position, rotation = out_of_plane(plane, made.pose)
     found = decoded_by_another(tmp_path / "a.mcap")
     poses = found["/palpate/object_pose"]
