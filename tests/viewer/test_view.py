@@ -1,5 +1,6 @@
 """`palpate view` and what it writes for Rerun, read back from the files."""
 
+import os
 import shutil
 import sys
 from collections import defaultdict
@@ -169,3 +170,14 @@ def test_a_run_folder_that_cannot_be_shown(run, fails, file, text, message):
         less = text.replace("LESS", "".join(lines[:-1])).replace("HEADER\n", lines[0])
         Path("run", file).write_text(less)
     assert message in fails("view", "run")
+
+
+def test_names_that_are_no_text(run, fails, run_palpate):
+    name = os.fsdecode(b"r\xfcck")
+    try:
+        shutil.copy(run.parent / "push.mcap", f"{name}.mcap")
+    except OSError:
+        pytest.skip("this file system takes no such names")
+    code, out, _ = run_palpate("view", f"{name}.mcap")
+    assert code == 0 and r"r\udcfcck.rrd: open it with" in out and Path(r"r\udcfcck.rrd").exists()
+    assert "Rerun writes only to names that are UTF-8" in fails("view", f"{name}.mcap", "--save", f"{name}.rrd")

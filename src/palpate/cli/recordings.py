@@ -8,7 +8,7 @@ import tyro
 
 from palpate.cli.console import print_json, print_line, print_rows, print_table, progress_bar, quantities, report
 from palpate.cli.options import Bag, Force, Json, arg, check_new, positional
-from palpate.errors import FileError
+from palpate.errors import FileError, printable
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
@@ -87,7 +87,7 @@ def view(
     from palpate.viewer.rerun_view import has_display, save_scene, show_scene
     from palpate.viewer.scene import load_scene
 
-    file = save if save or has_display() else Path(f"{path.resolve().stem}.rrd")
+    file = save if save or has_display() else Path(f"{printable(path.resolve().stem)}.rrd")
     if file:
         check_new(file, force)
     with progress_bar(f"reading {path.name}"):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import SettingError, printable
+from palpate.errors import FileError, SettingError, printable
 from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
@@ -48,6 +48,8 @@ def has_display() -> bool:
 
 def save_scene(scene: Scene, path: Path, force: bool = False) -> None:
     """Write a scene for Rerun's viewer (.rrd); FileError if the file exists, unless `force`."""
+    if os.fsencode(path) != str(path).encode(errors="replace"):
+        raise FileError(f"{path}: Rerun writes only to names that are UTF-8; --save names another file")
     with whole_file(path, overwrite=force) as part, _opened(scene, part) as log:
         log.send_all(scene)
 
