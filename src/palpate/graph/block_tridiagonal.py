@@ -26,9 +26,10 @@ def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array
             row[j] = share * system[p, j]
         y[p - first] = share * gradient[p]
         for i in range(p + 1, WIDTH):
-            gradient[i] -= row[i] * y[p - first]
+            pull = row[i]
+            gradient[i] -= pull * y[p - first]
             for j in range(i, WIDTH):
-                system[i, j] -= row[i] * row[j]
+                system[i, j] -= pull * row[j]
     return True
 
 

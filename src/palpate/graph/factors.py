@@ -62,6 +62,7 @@ STEP = _record(
     {"g": "3f8", "e": "3f8", "object": "3f8", "measured": "3f8", "moved": "f8"}
     | {"turn_g": "c16", "turn_e": "c16", "touch": CONTACT_GEOMETRY, "force_angle": "f8"}
     | {"slide": "f8", "spread": "f8", "cost": "2f8", "squares": f"{len(NAMES)}f8"}
+    | {"root": f"({STEP_SIZE},{WIDTH})f8", "y": f"{STEP_SIZE}f8"}
 )
 """One step of a row of the window.
 
@@ -73,6 +74,7 @@ STEP = _record(
   counter-clockwise along the outline. The latter is 0 in a step without disturbance.
 - cost: cost of measurements and of pushing.
 - squares: squared errors of each factor, without kernels [variances].
+- root, y: what is left of the step once it is eliminated; see `block_tridiagonal.eliminate`.
 """
 PAST = _record(
     {"information": f"({LAST_SIZE},{LAST_SIZE})f8", "gradient": f"{LAST_SIZE}f8"}
@@ -80,8 +82,6 @@ PAST = _record(
 )
 """A Gaussian on the oldest step and the shared variables, which is what older steps say: information matrix, negative
 gradient, and the values at which it is that. The information is NaN if it is indeterminate."""
-ROOT = _record({"root": f"({STEP_SIZE},{WIDTH})f8", "y": f"{STEP_SIZE}f8"})
-"""What is left of a step once it is eliminated; see `block_tridiagonal.eliminate`."""
 ROW = _record(
     {"shared": f"{SHARED_SIZE}f8", "sign": "f8"}
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
@@ -116,8 +116,12 @@ LINEAR = _record(
 """
 WORK = _record(
     {"linear": LINEAR, "system": f"({WIDTH},{WIDTH})f8", "gradient": f"{WIDTH}f8", "change": f"{WIDTH}f8"}
-    | {"next_system": f"({WIDTH},{WIDTH})f8", "next_gradient": f"{WIDTH}f8", "next_root": ROOT}
-    | {"inverse": f"({LAST_SIZE},{LAST_SIZE})f8", "covariance": f"({LAST_SIZE},{LAST_SIZE})f8"}
+    | {"next_system": f"({WIDTH},{WIDTH})f8", "next_gradient": f"{WIDTH}f8", "next_root": f"({STEP_SIZE},{WIDTH})f8"}
+    | {
+        "next_y": f"{STEP_SIZE}f8",
+        "inverse": f"({LAST_SIZE},{LAST_SIZE})f8",
+        "covariance": f"({LAST_SIZE},{LAST_SIZE})f8",
+    }
 )
 """Room for computing one row of a window; arrays made in compiled code are slow to compile."""
 

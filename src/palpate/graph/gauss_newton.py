@@ -4,6 +4,7 @@ All rows share the terms of measurements, which are sorted by step.
 """
 
 import math
+from typing import NamedTuple
 
 from palpate.graph import factors, measured, pushing
 from palpate.graph.block_tridiagonal import eliminate, inflate, last_covariance, step_into_past, substitute_back
@@ -13,6 +14,8 @@ from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, O
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
+Place = tuple[int, int, int]
+"""The first step of a window among the steps of a row, the end, and how many steps have left the window."""
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 
@@ -45,32 +48,37 @@ def of_term(now: Records, row: Records, term: Records, settings: Records, out: R
     return measured.object_pose(now, term, out)
 
 
+class Model(NamedTuple):
+    """All that does not change from frame to frame."""
+
+    settings: Records
+    """See `make_factors`, (1,)."""
+    drift: Array
+    """Variances (LAST_SIZE,) by which numbers of the last step and shared variables change from step to step."""
+    surface: Surface
+    work: Records
+    """Room for computing (1,); see `factors.WORK`."""
+
+
 @compiled
 def improve(
     steps: Records,
-    window: tuple[int, int, int],
+    window: Place,
     rows: Records,
+    terms: Records,
+    own: Array,
+    model: Model,
     changing: Flags,
     is_alone: bool,
-    terms: Records,
-    settings: Records,
-    drift: Array,
-    surface: Surface,
-    own: Array,
     iterations: int,
-    roots: Records,
-    work: Records,
 ) -> bool:
     """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge; False if all are lost.
 
-    Steps (B, N) are STEP, of which those from the first to the second number of `window` count; the third is how many
-    steps have left it. Rows (B,) are ROW, terms (T,) TERM. `drift` (LAST_SIZE,) are variances by which numbers of the
-    last step and shared variables change from step to step, `own` (B, ...) is `own_measurements.evaluated`. There is
-    room in `roots` (N,), which are ROOT, and `work` (1,), which is WORK.
-
-    A row `is_alone`, or goes on until all rows of its sign have converged, but for so many iterations at most.
+    Steps (B, N) are STEP, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is `own_measurements.evaluated`. A row
+    `is_alone`, or goes on until all rows of its sign have converged, but for so many iterations at most.
     """
     first, last, left = window
+    settings, drift, surface, work = model
     for b in range(len(rows)):
         rows[b].is_solved = False
     for _ in range(iterations):
@@ -79,8 +87,8 @@ def improve(
                 row, its = rows[b], steps[b, first:last]
                 for k in range(len(its)):
                     _put_touch(its[k], surface)
-                is_found = _eliminate_steps(its, left, row, terms, settings[0], drift, own[b], roots, work[0])
-                row.is_solved = is_found and _move(its, row, roots, work[0].change)
+                is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
+                row.is_solved = is_found and _move(its, row, work[0].change)
                 if not row.is_solved:
                     row.is_lost, row.change = True, 0.0
         if not _drop_converged(rows, is_alone, changing):
@@ -118,15 +126,7 @@ def _put_touch(now: Records, surface: Surface) -> None:
 
 @kernel
 def _eliminate_steps(
-    steps: Records,
-    left: int,
-    row: Records,
-    terms: Records,
-    settings: Records,
-    drift: Array,
-    own: Array,
-    roots: Records,
-    work: Records,
+    steps: Records, left: int, row: Records, terms: Records, own: Array, settings: Records, drift: Array, work: Records
 ) -> bool:
     """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
     system, gradient, out, t = work.system, work.gradient, work.linear, 0
@@ -158,7 +158,7 @@ def _eliminate_steps(
             count = _copy(own[int(term.index)], out) if is_own else of_term(now, row, term, settings, out)
             _add(int(term.kind), count, out, now, system, gradient)
             t += 1
-        if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, roots[k - 1].root, roots[k - 1].y):
+        if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, before.root, before.y):
             return False
     return eliminate(STEP_SIZE, WIDTH, system, gradient, row.last_root, row.last_y)
 
@@ -202,7 +202,7 @@ def _write_next_past(second: Records, row: Records, drift: Array, work: Records)
         gradient[i] = work.gradient[i]
         for j in range(WIDTH):
             system[i, j] = work.system[i, j]
-    is_found = eliminate(0, STEP_SIZE, system, gradient, work.next_root.root, work.next_root.y)
+    is_found = eliminate(0, STEP_SIZE, system, gradient, work.next_root, work.next_y)
     for i in range(3):
         past.g[i], past.e[i] = second.g[i], second.e[i]
     for i in range(SHARED_SIZE):
@@ -248,7 +248,7 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
 
 
 @kernel
-def _move(steps: Records, row: Records, roots: Records, change: Array) -> bool:
+def _move(steps: Records, row: Records, change: Array) -> bool:
     """Move all values, newest step first; False if a change is not finite. `change` (WIDTH,) is room."""
     largest = 0.0
     if not substitute_back(STEP_SIZE, row.last_root, row.last_y, change):
@@ -265,7 +265,7 @@ def _move(steps: Records, row: Records, roots: Records, change: Array) -> bool:
         for i in range(STEP_SIZE, 2 * STEP_SIZE):
             largest = max(largest, abs(change[i]))
         if k > 0:
-            if not substitute_back(0, roots[k - 1].root, roots[k - 1].y, change):
+            if not substitute_back(0, steps[k - 1].root, steps[k - 1].y, change):
                 return False
             for i in range(STEP_SIZE):
                 change[STEP_SIZE + i] = change[i]
@@ -314,9 +314,7 @@ def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
 
 
 @compiled
-def begin_step(
-    steps: Records, window: tuple[int, int, int], sensor_pose: Array, moved: float, disturbance: Array
-) -> None:
+def begin_step(steps: Records, window: Place, sensor_pose: Array, moved: float, disturbance: Array) -> None:
     """Begin the last step of a window: measured sensor pose (3,), how far it moved, and what may disturb it (B, 2).
 
     The sensor pose in the object is that of constant motion from the two steps before.

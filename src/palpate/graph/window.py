@@ -24,7 +24,6 @@ from palpate.graph.factors import (
     FRICTION_CONE,
     NAMES,
     OWN,
-    ROOT,
     ROW,
     STEP,
     TERM,
@@ -34,7 +33,7 @@ from palpate.graph.factors import (
     Step,
     terms_of,
 )
-from palpate.graph.gauss_newton import begin_step, improve
+from palpate.graph.gauss_newton import Model, Place, begin_step, improve
 from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import Measurement, OwnMeasurement
@@ -68,13 +67,11 @@ class Window:
         touch images; `sign` (B,) is -1 in hypotheses that take these as mirrored. The object's variables change from
         step to step as `priors` says, by default not at all; within the window they count as constant.
         """
-        self._factors, self._model, self._lag = factors, model, lag
-        self._drift = np.zeros(LAST_SIZE)  # variances per step
+        self._model, self._lag, drift, work = model, lag, np.zeros(LAST_SIZE), np.zeros(1, WORK)
         if priors is not None:
-            self._drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes_per_step
+            drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes_per_step
+        self._given = Model(factors, drift, model.surface, work)
         self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
-        self._roots, self._work = np.empty(1, ROOT), np.empty(1, WORK)
-        self._work["linear"]["jacobian"] = 0.0
         self._first, self._left = 0, 0  # place of the oldest step of the window in `_steps`; steps that have left it
         self._left_costs = np.empty((len(belief), 0, 2))  # of steps that left the window
         self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
@@ -113,7 +110,8 @@ class Window:
 
     def take(self, rows: Indices) -> None:
         """Keep these rows, in this order; a row may be taken several times."""
-        self._steps, self._rows, self._left_costs = self._steps[rows], self._rows[rows], self._left_costs[rows]
+        self._steps, self._first = _raw(self._window)[rows].view(STEP), 0
+        self._rows, self._left_costs = _raw(self._rows)[rows].view(ROW), self._left_costs[rows]
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
         """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
@@ -196,8 +194,8 @@ class Window:
         return self._rows["errors"] if len(self._times) > 1 else None
 
     @property
-    def _place(self) -> tuple[int, int, int]:
-        """The first step in `_steps`, the end, and the number of steps that left."""
+    def _place(self) -> Place:
+        """Place of the window in `_steps`."""
         return self._first, self._first + len(self._times), self._left
 
     @property
@@ -207,10 +205,9 @@ class Window:
 
     def _make_room(self) -> None:
         """Make room for as many steps again as are in the window."""
-        old = self._steps[:, self._first :]
-        self._steps, self._first = np.zeros((self.rows, 2 * old.shape[1]), STEP), 0
-        self._roots = np.empty(2 * old.shape[1], ROOT)
-        self._steps[:, : old.shape[1]] = old
+        old, self._first = self._window, 0
+        self._steps = np.zeros((self.rows, 2 * old.shape[1]), STEP)
+        _raw(self._steps)[:, : old.shape[1]] = _raw(old)
 
     def _join(self, arrived: Array, own: list[OwnMeasurement | None]) -> None:
         """Take the terms that arrive with the last step."""
@@ -237,28 +234,15 @@ class Window:
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
-        steps, rows, terms = self._window, self._rows, self._terms.view(TERM)[:, 0]
-        own, iterations, is_any = np.empty((self.rows, 0, 0, 0)), _ITERATIONS, True
-        surface = self._model.surface
+        terms, own, iterations, is_any = self._terms.view(TERM)[:, 0], np.empty((self.rows, 0, 0, 0)), _ITERATIONS, True
         for _ in range(_ITERATIONS if self._own else 1):
             if self._own:
+                steps = self._window
                 own_steps = [int(step) - self._left for step in self._terms[self._terms[:, 1] == OWN, 0]]
-                own = evaluated(self._own, own_steps, steps["g"], steps["e"], rows["shared"], self._times[-1])
+                own = evaluated(self._own, own_steps, steps["g"], steps["e"], self._rows["shared"], self._times[-1])
                 iterations = 1
             is_any = improve(
-                self._steps,
-                self._place,
-                rows,
-                changing,
-                is_alone,
-                terms,
-                self._factors,
-                self._drift,
-                surface,
-                own,
-                iterations,
-                self._roots,
-                self._work,
+                self._steps, self._place, self._rows, terms, own, self._given, changing, is_alone, iterations
             )
             if not changing.any():
                 break
@@ -271,6 +255,11 @@ class Window:
         self._rows["past"] = self._rows["next_past"]
         self._first, self._left = self._first + 1, self._left + 1
         self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]
+
+
+def _raw(records: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the same records without their fields, since NumPy copies arrays of fields one by one."""
+    return records.view(np.dtype((np.void, records.itemsize)))
 
 
 def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
