@@ -88,7 +88,7 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
     Of several at one time the last counts. Rows with NaN or a quaternion of zeros, as motion capture writes them, are
     not known. Raises FileError if none is known, or naming a pose that is too far or whose quaternion has not length 1.
     """
-    is_lost = np.isnan(numbers).any(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
+    is_lost = ~np.isfinite(numbers).all(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
     lost, time, numbers = np.sort(time[is_lost]), time[~is_lost], numbers[~is_lost]
     if not len(time):
         raise FileError(f"{name}: none of {len(lost)} poses is known: all hold NaN or a quaternion of zeros")
