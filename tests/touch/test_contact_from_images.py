@@ -315,6 +315,14 @@ def refused(camera: Camera, images: Any) -> list[bool]:
     return found
 
 
+@pytest.mark.parametrize("first", [grey(255.0), np.repeat(gel(np.random.default_rng(1))[..., :1], 3, axis=2)])
+def test_a_camera_that_is_white_or_grey_for_long_is_learnt_anew_in_colours(first):
+    rng, camera = np.random.default_rng(0), Camera(apart=0.1)
+    assert not any(refused(camera, [first] * 20))
+    found = refused(camera, [gel(rng) for _ in range(40)])
+    assert all(found[:FIRST]) and not any(found[FIRST + 1 :]) and not camera(gel(rng))
+
+
 def test_a_steady_view_unlike_the_first_one_is_learnt_anew_away_from_the_object_alone():
     rng = np.random.default_rng(0)
     dim = [(0.15 * gel(rng)).astype(np.uint8) for _ in range(20)]

@@ -137,11 +137,13 @@ class ContactDetector:
     def _use(self, background: Background) -> None:
         self.background = background
         self._cells, self._wide_cells = cells_of(background.mean), None
+        self._is_grey = is_grey(background.mean)
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
 
     def _significant_share(self, image: Image, cells: Levels) -> tuple[float, Light]:
         share, light = compare(cells, self._cells, self._tolerance)
-        if is_flat(cells) and not is_flat(self._cells):
+        is_other_camera_mode = self._is_grey and _colour(cells) > 10.0  # more than noise makes
+        if is_other_camera_mode or (is_flat(cells) and not is_flat(self._cells)):
             return 1.0, light
         if share <= END or share > _MOST_SCRATCHED:
             return share, light
@@ -161,7 +163,7 @@ class ContactDetector:
             self.sees_new_view = self._steady.add(image) is not None or self.sees_new_view
         if shows_gel and self._is_view_checked:
             return
-        if float(np.ptp(self._cells, axis=-1).mean()) > 4.0 and is_grey(image) and not is_flat(cells):
+        if _colour(self._cells) > 4.0 and is_grey(image) and not is_flat(cells):
             raise SettingError("image: found grey, expected colours as the untouched gel has")
         check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
         self._is_view_checked = True
@@ -185,3 +187,8 @@ class ContactDetector:
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"
             )
+
+
+def _colour(cells: Levels) -> float:
+    """Return the mean difference between channels [grey levels]."""
+    return float(np.ptp(cells, axis=-1).mean())
