@@ -1,7 +1,6 @@
 """The process of Rerun's viewer, without a window, and a session that is shown in it."""
 
 import json
-import socket
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,6 +13,7 @@ import pytest
 from view_samples import imaged_push
 
 from palpate import Tracker
+from palpate.errors import SettingError
 from palpate.live.session import LiveEstimate
 from palpate.types.estimate import Status
 from palpate.viewer.scene import STATUS_COLOURS, touch_images
@@ -70,13 +70,6 @@ def served(monkeypatch, tmp_path) -> Iterator[Served]:
     (tmp_path / "rerun_cli.py").write_text("raise SystemExit(7)")
     monkeypatch.chdir(tmp_path)  # where a stranger's module lies, which is not run
     address = rerun_view.start_viewer("--serve-grpc")
-    port = int(address.removeprefix("rerun+http://127.0.0.1:").removesuffix("/proxy"))
-    last = time.monotonic() + 30.0
-    while time.monotonic() < last:
-        with socket.socket() as attempt:
-            if attempt.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.1)
     found = Served(address, [each for each in psutil.Process().children(recursive=True) if each not in before])
     monkeypatch.setattr(rerun_view, "start_viewer", lambda: address)
     yield found
@@ -110,3 +103,8 @@ def test_a_viewer_that_stalls_or_is_closed_never_holds_up_tracking(served, caplo
         served.end()
         assert tracked_with(watch) < 0.2
     assert "the view is not whole" in caplog.text
+
+
+def test_a_viewer_that_does_not_start_is_reported():
+    with pytest.raises(SettingError, match="the viewer does not start"):
+        rerun_view.start_viewer("--no-such-option")

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -102,7 +103,8 @@ def _opened(scene: Scene, path: Path | None = None, is_live: bool = False) -> It
 def start_viewer(*options: str) -> str:
     """Start Rerun's viewer in a process that outlives this one and return its address.
 
-    Only this machine can reach it, and it sends no analytics. `options` are further ones of Rerun's command line.
+    Only this machine can reach it, and it sends no analytics. Raises SettingError if it does not start. `options` are
+    further ones of Rerun's command line.
     """
     command = (sys.executable, "-P", "-m", "rerun_cli")  # no modules of the working folder
     home = tempfile.mkdtemp(prefix="palpate-rerun-")  # settings apart from the user's, who may have no home
@@ -115,8 +117,14 @@ def start_viewer(*options: str) -> str:
     memory = ["--memory-limit", "1GiB", "--server-memory-limit", "256MiB"]  # the oldest data go first
     bind = ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen", "--expect-data-soon"]
     silent: Any = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    subprocess.Popen([*command, *bind, *memory, *options], env=environment, start_new_session=True, **silent)
-    return f"rerun+http://127.0.0.1:{port}/proxy"
+    process = subprocess.Popen([*command, *bind, *memory, *options], env=environment, start_new_session=True, **silent)
+    last = time.monotonic() + 30.0
+    while time.monotonic() < last and process.poll() is None:
+        with socket.socket() as attempt:
+            if attempt.connect_ex(("127.0.0.1", port)) == 0:
+                return f"rerun+http://127.0.0.1:{port}/proxy"
+        time.sleep(0.05)
+    raise SettingError("the viewer does not start; `rerun` by itself says why, and a file can be written instead")
 
 
 class SceneLog:
@@ -152,9 +160,9 @@ class SceneLog:
         """Send all frames of a scene."""
         recording, images = scene.recording, touch_images(scene.recording, scene.calibration)
         truth = known_truth(recording)
-        for index, time in enumerate(recording.time.tolist()):
+        for index, when in enumerate(recording.time.tolist()):
             estimate = scene.estimates[index] if scene.estimates else None
-            self.send(time, recording.sensor_pose[index], estimate, None if truth is None else truth[index])
+            self.send(when, recording.sensor_pose[index], estimate, None if truth is None else truth[index])
             if recording.image is not None:
                 self.send_images(*next(images))
 
