@@ -172,17 +172,9 @@ class Priors:
         return self._of_each_number()[:, 1]
 
     @property
-    def changes_between_contacts(self) -> Array:
-        """Variances (9,) of the changes from one contact to the next, in the same order."""
-        return np.square(self.friction_changes[0] * self._of_friction())
-
-    @property
-    def changes_per_step(self) -> Array:
-        """Variances (9,) of the changes in each step of a contact, in the same order."""
-        return np.square(self.friction_changes[1] * self._of_friction())
-
-    def _of_friction(self) -> Array:
-        return np.repeat([0.0, 1.0], [5, 4]) * self.deviation
+    def changes(self) -> Array:
+        """Variances (2, 9) of the changes from one contact to the next and in each step of one, in the same order."""
+        return np.square(np.outer(self.friction_changes, np.repeat([0.0, 1.0], [5, 4]) * self.deviation))
 
     def _of_each_number(self) -> Array:
         normals = [getattr(self, each.name) for each in fields(self)]
@@ -211,10 +203,8 @@ class NoiseSettings:
     def __post_init__(self) -> None:
         for group in fields(self):
             settings, checked = getattr(self, group.name), {}
-            if not isinstance(settings, type(group.default)):
-                raise SettingError(
-                    f"{group.name} is {settings!r}; it must be palpate.config.{type(group.default).__name__}"
-                )
+            if not isinstance(settings, kind := type(group.default)):
+                raise SettingError(f"{group.name} is {settings!r}; it must be palpate.config.{kind.__name__}")
             for each in fields(settings):
                 given, zero_allowed = getattr(settings, each.name), each.name in getattr(settings, "zero_allowed", ())
                 checked[each.name] = _checked(f"{group.name}.{each.name}", given, each.type, zero_allowed)
@@ -275,24 +265,21 @@ class TrackerSettings:
 FORMAT, VERSION = "palpate-noise", 3
 
 
-def noise_of(name_or_path: str) -> NoiseSettings:
-    """Return a preset, or the settings in a file; raises SettingError if there is neither, FileError on a bad file."""
-    if name_or_path in PRESETS:
-        return PRESETS[name_or_path]
-    if not Path(name_or_path).exists():
+def noise_of(name_or_path: Path | str) -> NoiseSettings:
+    """Return a preset, or the settings in a file, missing ones with their defaults.
+
+    Raises SettingError if there is neither, FileError on a bad file.
+    """
+    path, noise, groups = Path(name_or_path), NoiseSettings(), {}
+    if str(name_or_path) in PRESETS:
+        return PRESETS[str(name_or_path)]
+    if not path.exists():
         presets = ", ".join(map(repr, PRESETS))
-        raise SettingError(f"noise is {name_or_path!r}; allowed are {presets} or a file of palpate tune")
-    return read_noise(name_or_path)
-
-
-def read_noise(path: Path | str) -> NoiseSettings:
-    """Return the settings in a file, missing ones with their defaults; raises FileError on a bad file."""
+        raise SettingError(f"noise is {str(path)!r}; allowed are {presets} or a file of palpate tune")
     content = read_json(path)
-    if (found := content.get("format")) != FORMAT:
-        raise FileError(f"{path}: format is {found!r}, expected {FORMAT!r}, as palpate tune writes it")
-    if type(version := content.get("version")) is not int or version != VERSION:
-        raise FileError(f"{path}: version is {version!r}, expected {VERSION}; make the file anew with palpate tune")
-    noise, groups = NoiseSettings(), {}
+    if (found := (content.get("format"), content.get("version"))) != (FORMAT, VERSION):
+        expected = f"expected {(FORMAT, VERSION)}; make the file anew with palpate tune"
+        raise FileError(f"{path}: format and version are {found}, {expected}")
     try:
         for group, values in _known("noise", content.get("noise"), noise).items():
             settings = getattr(noise, group)

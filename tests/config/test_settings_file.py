@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from palpate import PUBLISHED, FileError, NoiseSettings, SettingError
-from palpate.config import PRESETS, VERSION, noise_of, read_noise, write_noise
+from palpate.config import PRESETS, VERSION, noise_of, write_noise
 
 NOISE = NoiseSettings()
 CHANGED = replace(
@@ -28,16 +28,16 @@ def written(path: Path, **changes: Any) -> Path:
 def test_round_trip(tmp_path):
     for noise in (NOISE, CHANGED, *PRESETS.values()):
         write_noise(noise, tmp_path / "noise.json", {"evaluations": 3}, overwrite=True)
-        assert read_noise(tmp_path / "noise.json") == noise
+        assert noise_of(tmp_path / "noise.json") == noise
     assert json.loads((tmp_path / "noise.json").read_text())["tuned"] == {"evaluations": 3}
     with pytest.raises(FileError, match=r"noise\.json"):
         write_noise(NOISE, tmp_path / "noise.json", {})
 
 
 def test_missing_settings_have_their_defaults(tmp_path):
-    assert read_noise(
-        written(tmp_path / "few.json", noise={"contact": {"deviation": 2e-3, "kernel": None}})
-    ) == replace(NOISE, contact=CHANGED.contact)
+    assert noise_of(written(tmp_path / "few.json", noise={"contact": {"deviation": 2e-3, "kernel": None}})) == replace(
+        NOISE, contact=CHANGED.contact
+    )
 
 
 def test_a_preset_or_a_file(tmp_path, monkeypatch):
@@ -53,8 +53,8 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": None}, "format is None, expected 'palpate-noise'"),
-        ({"version": 2}, "version is 2, expected 3; make the file anew with palpate tune"),
+        ({"format": None}, "format and version are (None, 3), expected ('palpate-noise', 3)"),
+        ({"version": 2}, "('palpate-noise', 2), expected ('palpate-noise', 3); make the file anew with palpate tune"),
         ({"noise": {"contcat": {}}}, "noise has no 'contcat'; known are sensor_pose, first_pose, contact, "),
         ({"noise": {"contact": {"deviaton": 1}}}, "noise contact has no 'deviaton'; known are deviation, kernel"),
         ({"noise": {"contact": 1e-3}}, "noise contact is 0.001, expected an object of settings"),
@@ -64,6 +64,6 @@ def test_a_preset_or_a_file(tmp_path, monkeypatch):
 )
 def test_a_bad_file_is_refused_in_a_sentence(tmp_path, changes, message):
     with pytest.raises(FileError) as caught:
-        read_noise(written(tmp_path / "bad.json", **changes))
+        noise_of(written(tmp_path / "bad.json", **changes))
     assert str(caught.value).startswith(f"{tmp_path / 'bad.json'}: ")
     assert message in str(caught.value)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings
-from palpate.filter.hypotheses import LIKELY, POOR, Hypotheses
+from palpate.filter.hypotheses import LIKELY, Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, overlap, true_angle
 from palpate.graph.contact_geometry import ContactModel, reaches
@@ -231,9 +231,7 @@ def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str
     is_spread = (np.diagonal(joint) > _APART**2).any()
     if np.count_nonzero(weights) < 2 or not (is_spread or ((weights > LIKELY) & is_far).any()):
         return joint, None
-    apart = np.abs(from_best[weights > 0.5 * POOR])
-    if len(apart) < 2:
-        return joint, ""
+    apart = np.abs(from_best[weights > 0.0])
     far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
     return joint, f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 

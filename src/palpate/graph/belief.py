@@ -72,7 +72,7 @@ class Belief(RowArrays):
         They move back towards their priors by as much as they become less certain, so that without measurements they
         return to the priors.
         """
-        changes = priors.changes_between_contacts
+        changes = priors.changes[0]
         keeps = np.sqrt(1.0 - changes / np.square(priors.deviation))
         left = np.concatenate([np.ones(3), keeps])
         joint = self.covariance * np.outer(left, left)

@@ -87,7 +87,7 @@ ROW = _record(
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
     | {"past": PAST, "next_past": PAST}
     | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": "3f8", "change": "f8"}
-    | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_solved": "?", "is_lost": "?"}
+    | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_lost": "?"}
 )
 """All else in a row of the window.
 
@@ -99,7 +99,6 @@ ROW = _record(
 - errors: errors of the last step's sticking and balance, without kernels [standard deviations].
 - change: largest change of a pose in the last Gauss-Newton step [m, rad].
 - last_root, last_y: what is left of the last step and the shared variables once they are eliminated.
-- is_solved: True if the last Gauss-Newton step was possible.
 - is_lost: True if there is no solution.
 """
 LINEAR = _record(

@@ -69,52 +69,30 @@ def improve(
     own: Array,
     model: Model,
     changing: Flags,
-    is_alone: bool,
     iterations: int,
 ) -> bool:
-    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge; False if all are lost.
+    """Take Gauss-Newton steps of each row that is `changing` (B,) until it converges; False if all are lost.
 
-    Steps (B, N) are STEP, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is `own_measurements.evaluated`. A row
-    `is_alone`, or goes on until all rows of its sign have converged, but for so many iterations at most.
+    Steps (B, N) are STEP, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is `own_measurements.evaluated`.
     """
     first, last, left = window
     settings, drift, surface, work = model
-    for b in range(len(rows)):
-        rows[b].is_solved = False
-    for _ in range(iterations):
-        for b in range(len(rows)):
-            if changing[b]:
-                row, its = rows[b], steps[b, first:last]
-                for k in range(len(its)):
-                    _put_touch(its[k], surface)
-                is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
-                row.is_solved = is_found and _move(its, row, work[0].change)
-                if not row.is_solved:
-                    row.is_lost, row.change = True, 0.0
-        if not _drop_converged(rows, is_alone, changing):
-            break
     is_any = False
     for b in range(len(rows)):
-        if rows[b].is_solved:
+        row, its, taken = rows[b], steps[b, first:last], 0
+        while changing[b] and taken < iterations:
+            for k in range(len(its)):
+                _put_touch(its[k], surface)
+            is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
+            if not (is_found and _move(its, row, work[0].change)):
+                row.is_lost, row.change = True, 0.0
+            changing[b] = row.change >= _CONVERGED
+            taken += 1
+        if taken > 0 and not row.is_lost:
             _put_touch(steps[b, last - 1], surface)
-            _conclude(steps[b, first:last], rows[b], settings[0], work[0])
-        is_any = is_any or not rows[b].is_lost
+            _conclude(its, row, settings[0], work[0])
+        is_any = is_any or not row.is_lost
     return is_any
-
-
-@kernel
-def _drop_converged(rows: Records, is_alone: bool, changing: Flags) -> bool:
-    """Clear the flags of rows whose group has converged; False if all have."""
-    goes_on = False
-    for b in range(len(rows)):
-        if changing[b]:
-            largest = 0.0
-            for c in range(len(rows)):
-                if c == b if is_alone else rows[c].sign == rows[b].sign:
-                    largest = max(largest, rows[c].change)
-            changing[b] = largest >= _CONVERGED
-            goes_on = goes_on or changing[b]
-    return goes_on
 
 
 @kernel

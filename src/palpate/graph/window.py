@@ -69,7 +69,7 @@ class Window:
         """
         self._model, self._lag, drift, work = model, lag, np.zeros(LAST_SIZE), np.zeros(1, WORK)
         if priors is not None:
-            drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes_per_step
+            drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes[1]
         self._given = Model(factors, drift, model.surface, work)
         self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
         self._first, self._left = 0, 0  # place of the oldest step of the window in `_steps`; steps that have left it
@@ -78,7 +78,7 @@ class Window:
         self._own: list[OwnMeasurement | None] = []  # in the order of their terms
         self._measured, self._times = sensor_pose, [time]
         self._join(*terms_of(Step(sensor_pose, None, measurements, self._times, from_touch=from_touch), 0))
-        self._solve(np.ones(self.rows, np.bool_), is_alone=True)
+        self._solve(np.ones(self.rows, np.bool_))
 
     def add(
         self,
@@ -105,7 +105,7 @@ class Window:
         disturbance = np.zeros((self.rows, 2)) if disturbance is None else disturbance
         begin_step(self._steps, self._place, sensor_pose, step.moved, disturbance)
         self._join(terms, own)
-        self._solve(np.ones(self.rows, np.bool_), is_alone=False)
+        self._solve(np.ones(self.rows, np.bool_))
         return leaving
 
     def take(self, rows: Indices) -> None:
@@ -128,7 +128,7 @@ class Window:
         back = -length * np.arange(1.0, last - first + 1)
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
         self._window[rows, first:] = disturbed
-        self._solve(changing, is_alone=True)
+        self._solve(changing)
 
     @property
     def rows(self) -> int:
@@ -229,7 +229,7 @@ class Window:
             offset = se2.wrap(self._window["g"][:, -1, 2] - angle)
             self._rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
-    def _solve(self, changing: Flags, is_alone: bool) -> None:
+    def _solve(self, changing: Flags) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); see `improve`.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
@@ -241,9 +241,7 @@ class Window:
                 own_steps = [int(step) - self._left for step in self._terms[self._terms[:, 1] == OWN, 0]]
                 own = evaluated(self._own, own_steps, steps["g"], steps["e"], self._rows["shared"], self._times[-1])
                 iterations = 1
-            is_any = improve(
-                self._steps, self._place, self._rows, terms, own, self._given, changing, is_alone, iterations
-            )
+            is_any = improve(self._steps, self._place, self._rows, terms, own, self._given, changing, iterations)
             if not changing.any():
                 break
         if not is_any:
