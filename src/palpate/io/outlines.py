@@ -239,6 +239,8 @@ def _seen_entities(entities: Iterable[Any], layers: Any) -> Iterator[Any]:
         if entity.dxf.get("invisible", 0) or (layer and (layer.is_off() or layer.is_frozen())):
             continue
         if entity.dxftype() == "INSERT":
+            if entity.mcount > 1000:
+                raise ShapeError(f"inserts a block {entity.mcount} times; allowed is one outline")
             for block in entity.multi_insert():
                 yield from _seen_entities(block.virtual_entities(), layers)
         else:

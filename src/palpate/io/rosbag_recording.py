@@ -173,7 +173,7 @@ def _check_times(topics: list[Topic], clock: Literal["header", "log"], tolerance
         name, unstamped = topic.channel.topic, topic.stamps.count(0)
         wrong = ""
         # The first message by a clock that starts at zero is no fault.
-        if clock == "header" and (unstamped > 1 or unstamped == len(topic.stamps)):
+        if clock == "header" and unstamped and (unstamped > 1 or unstamped == len(topic.stamps)):
             wrong = f"{unstamped} headers in {name} have a stamp of zero"
         elif topic.are_equal(clock):
             times = topic.times(clock)
