@@ -51,6 +51,12 @@ def test_the_real_process():
     assert subprocess.run(["bash", "-c", piped], capture_output=True, text=True).stderr == ""
 
 
+def test_closed_outputs_do_not_end_a_run():
+    words = f"{sys.executable} -m palpate track push.mcap >&- 2>&-"
+    assert subprocess.run(["sh", "-c", words], timeout=60).returncode == 0
+    assert Path("runs/push/figure.png").exists() and palpate.load_recording("push.mcap")
+
+
 def test_errors_and_exit_codes(run_palpate, monkeypatch):
     code, _, err = run_palpate("trak")
     assert code == 2 and "track" in err

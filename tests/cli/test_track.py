@@ -124,6 +124,7 @@ def test_a_frame_that_cannot_be_used_repeats_the_estimate(caplog):
     assert (status == "faulty").sum() == 4 and len(run.smoothed) == len(run.online) == 40
     assert run.online.pose[7].tolist() == run.online.pose[6].tolist()
     assert sum("is skipped" in record.message for record in caplog.records) == 4
+    assert len(run.summary["warnings"]) == 4 and run.summary["final_status"] == status[-1]
 
 
 def test_a_damaged_image_is_a_faulty_frame(run_palpate, caplog):

@@ -121,6 +121,7 @@ def summarise(
         "episodes": len(flag_runs(contact)),
         **about,
         "step_ms": percentiles(step_ms),
+        "final_status": status[-1],
         "final_pose": online.pose[-1].tolist(),
         "final_sigma": world_sigma(online.pose[-1], covariance[-1]).tolist(),
         "translation_rmse_mm": rms(translation),

@@ -86,10 +86,11 @@ def track(
     tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=sigma)
     estimates: list[Estimate] = []
     used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
-    for index, (estimate, used[index], step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
-        estimates.append(estimate)
-        if progress:
-            progress(index + 1)
+    with kept_warnings() as warnings:
+        for index, (estimate, used[index], step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
+            estimates.append(estimate)
+            if progress:
+                progress(index + 1)
     settings = replace(settings, tactile=tracker.tactile)
     online, answers, friction = gathered(estimates)
     smoothed = tracker.smoothed()
@@ -105,6 +106,7 @@ def track(
         smoother=settings.smoother,
         wall_s=time.perf_counter() - begin,
     )
+    summary |= {"final_reason": estimates[-1].reason, "warnings": warnings}
     if release:
         summary["untouched_from_s"] = release.time
     if tracker.tactile_reason:
@@ -186,6 +188,25 @@ def first_pose_of(
         if recording.contact is not None and recording.contact[:frame].any():
             logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, frame)
     return first, np.array(deviation if sigma is None else sigma, np.float64)
+
+
+@contextmanager
+def kept_warnings() -> Iterator[list[str]]:
+    """Yield a list that receives palpate's warnings while the block runs; they are shown as before."""
+    kept: list[str] = []
+
+    def keep(record: logging.LogRecord) -> None:
+        kept.append(record.getMessage())
+        if not logging.root.handlers and logging.lastResort:  # which a handler would replace
+            logging.lastResort.handle(record)
+
+    listener = logging.Handler(logging.WARNING)
+    listener.emit = keep
+    logging.getLogger("palpate").addHandler(listener)
+    try:
+        yield kept
+    finally:
+        logging.getLogger("palpate").removeHandler(listener)
 
 
 @contextmanager
