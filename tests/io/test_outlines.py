@@ -46,8 +46,9 @@ def test_tables(text):
 def test_a_byte_order_mark_and_decimal_commas():
     mark = "\ufeff"
     Path("box.csv").write_text(mark + "x;y\n0;0\n0,09;0\n0,09;0,06\n0;0,06\n", encoding="utf-8")
+    Path("tabs.txt").write_text("0\t0\n0,09\t0\n0,09\t0,06\n0\t0,06\n")
     Path("box.json").write_text(mark + json.dumps({"vertices": BOX}), encoding="utf-8")
-    for name in ("box.csv", "box.json"):
+    for name in ("box.csv", "tabs.txt", "box.json"):
         assert apart(load_shape(name), BOX) < 1e-12
 
 

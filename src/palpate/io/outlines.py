@@ -77,8 +77,9 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 def _read_table(path: Path, scale: float | None) -> Shape:
     """Return the outline through points x y, one a line, in a unit of `scale` [m]; that of a scan is simplified."""
     text = read_text(path)
-    text = text.replace(",", "." if ";" in text else " ").replace(";", " ")  # 0,09;0,06 has decimal commas
-    lines = enumerate(text.splitlines(), start=1)
+    if ";" in text or "\t" in text:  # commas in numbers are decimal ones
+        text = re.sub(r"(\d),(\d)", r"\1.\2", text)
+    lines = enumerate(re.sub("[,;]", " ", text).splitlines(), start=1)
     rows = [(number, words) for number, line in lines if (words := line.split("#")[0].split())]
     if rows and all(numbers_of([word]) is None for word in rows[0][1]):
         rows = rows[1:]  # names of columns
