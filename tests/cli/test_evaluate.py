@@ -88,6 +88,7 @@ def test_default_methods_and_recordings_that_lack_images(evaluate):
     assert (printed["study"]["trials"], printed["study"]["skipped"]) == (4, 2)
     assert {each["method"] for each in results()["skipped"]} == {"learnt"}
     assert "has no images" in results()["skipped"][0]["reason"]
+    assert "skipped: 2 x has no images" in evaluate("recordings", "--out", "out", "--resume")[1]
 
 
 def test_knocks_are_scored(evaluate):

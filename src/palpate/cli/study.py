@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -138,6 +139,8 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     }
     if rows:
         print_rows(f"{ALL}: median and worst final error, and shares of frames", rows)
+    for reason, number in Counter(each["reason"] for each in results["skipped"]).items():
+        print_line(f"skipped: {number} x {reason}")
     counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed"))
     page = out / ("report.html" if methods else "results.json")
     print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {page}")
