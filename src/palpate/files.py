@@ -6,11 +6,12 @@ import io
 import json
 import math
 import os
+import re
 import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -138,11 +139,11 @@ def _unpacked(path: Path, most: int) -> bytes:
 
 
 def read_text(path: Path | str, most: int = 100_000_000) -> str:
-    """Return the text of a UTF-8 file, plain or gzipped. Raises FileError, also above `most` bytes unpacked."""
+    """Return the text of a UTF-8 or UTF-16 file, plain or gzipped. Raises FileError, also above `most` bytes."""
     path = existing_file(path)
     try:
         data = _unpacked(path, most + 1)
-        text = data.decode("utf-8-sig")  # without a byte order mark
+        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")  # without the mark
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({error})") from error
     except OSError as error:
@@ -173,12 +174,46 @@ def numbers_of(words: Iterable[str]) -> list[float] | None:
     return numbers if all(map(math.isfinite, numbers)) else None
 
 
-def csv_rows(text: str, path: Path | str) -> list[list[str]]:
-    """Return the rows of a CSV text; errors name `path`. Raises FileError."""
+def table_rows(text: str, path: Path | str) -> list[tuple[int, list[str]]]:
+    """Return the rows of a table that are not blank, each with its line; errors name `path`. Raises FileError.
+
+    Semicolons, tabs, commas or blanks are between columns; numbers may have decimal commas unless these are.
+    """
+    separator = next((mark for mark in ";\t," if mark in text), " ")
+    lines = (line.strip() for line in text.splitlines()) if separator == " " else io.StringIO(text)
+    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
-        return list(csv.reader(io.StringIO(text)))
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
     except csv.Error as error:
-        raise FileError(f"{path}: is not a CSV table ({error})") from error
+        raise FileError(f"{path}: is no table ({error})") from error
+    if separator == ",":
+        return rows
+    return [(line, [re.sub(r"^([-+]?\d*),(\d+)$", r"\1.\2", cell) for cell in row]) for line, row in rows]
+
+
+def column_name(written: str) -> str:
+    """Return the name of a column in lower case, with underscores for blanks and brackets: angle_deg of Angle (deg)."""
+    return re.sub(r"[^a-z0-9]+", "_", written.lower()).strip("_")
+
+
+def read_table(path: Path | str, needed: Sequence[str], optional: str = "") -> list[tuple[int, list[str]]]:
+    """Return these columns of a table with a header, row by row with its line; an optional one may be "" throughout.
+
+    Raises FileError where one is missing, and where another may be meant by an optional one that is not there.
+    """
+    (_, header), *rows = table_rows(read_text(path), path) or [(1, [])]
+    names, wanted = [column_name(cell) for cell in header], [*needed, *filter(None, [optional])]
+    missing = [name for name in wanted if name not in names]
+    others = [cell for cell, name in zip(header, names, strict=True) if name not in wanted]
+    if (missing and missing != [optional]) or (missing and others) or len(set(names)) < len(names):
+        expected = " and ".join(filter(None, (", ".join(needed), optional and f"{optional}, which may be missing")))
+        raise FileError(f"{path}: found the columns {', '.join(header) or 'of no table'}; expected {expected}")
+    for line, row in rows:
+        if len(row) != len(header):
+            found = f"{path}: line {line}: found {','.join(row)[:80]!r}"
+            raise FileError(f"{found}, expected {len(header)} columns: {', '.join(header)}")
+    places = [names.index(name) if name in names else -1 for name in wanted]
+    return [(line, ["" if place < 0 else row[place] for place in places]) for line, row in rows]
 
 
 def json_object(text: str | bytes, name: str) -> dict[str, Any]:

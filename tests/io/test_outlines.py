@@ -48,7 +48,8 @@ def test_a_byte_order_mark_and_decimal_commas():
     Path("box.csv").write_text(mark + "x;y\n0;0\n0,09;0\n0,09;0,06\n0;0,06\n", encoding="utf-8")
     Path("tabs.txt").write_text("0\t0\n0,09\t0\n0,09\t0,06\n0\t0,06\n")
     Path("box.json").write_text(mark + json.dumps({"vertices": BOX}), encoding="utf-8")
-    for name in ("box.csv", "tabs.txt", "box.json"):
+    Path("turned.csv").write_text("Nr, Y [mm], X [mm]\n1, 0, 0\n2, 0, 90\n3, 60, 90\n4, 60, 0\n", encoding="utf-16")
+    for name in ("box.csv", "tabs.txt", "box.json", "turned.csv"):
         assert apart(load_shape(name), BOX) < 1e-12
 
 
@@ -207,6 +208,8 @@ def test_a_gear_is_no_scan():
         ("0,0\n90,\n90,25\n", "is no table of numbers x y: line 2 is '90'"),
         ("0 0\n1 a\n", "is no table of numbers x y: line 2 is '1 a'"),
         ("x y\n", "is no table of numbers x y: it holds none"),
+        ("x_mm,y_cm\n0,0\n", "has the columns x_mm, y_cm; expected x and y, or x_mm and y_mm, in one unit"),
+        ("u,v\n0,0\n", "has the columns u, v; expected x and y"),
         ("0 0\n.1 .1\n.1 0\n0 .1\n", "crosses or touches itself"),
     ],
 )

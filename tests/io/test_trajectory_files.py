@@ -58,7 +58,7 @@ GOOD = "0,0,0,0,1,0,0,1,0,1,1,ok"
     [
         (
             GOOD.removesuffix(",ok"),
-            f"line 2: found '{GOOD.removesuffix(',ok')}', expected a time, a pose, the six terms",
+            f"line 2: found '{GOOD.removesuffix(',ok')}', expected 12 columns",
         ),
         ("0,0,0,x,1,0,0,1,0,1,1,ok", "line 2: found '0,0,0,x"),
         ("0,0,0,0,1,0,0,1,0,1,maybe,ok", "line 2: found .* contact 1 or 0"),

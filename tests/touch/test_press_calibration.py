@@ -221,6 +221,17 @@ def write(folder: Path, presses: Presses, untouched: Array) -> tuple[Any, ...]:
     return "calibrate", "--presses", folder / "presses.csv", "--untouched", folder / "still.png"
 
 
+@pytest.mark.parametrize("header", ["file, angle_deg", "\ufeffNote;File ;Angle (deg)", "angle_deg\tFILE"])
+def test_tables_of_presses_as_people_write_them(tmp_path, unit, header):
+    assert cv2.imwrite(str(tmp_path / "a.png"), unit.no_contact)
+    cells = {"note": "by hand", "file": "a.png", "angle": "-2.5" if "," in header else "-2,5"}
+    mark = next(each for each in ";\t," if each in header)
+    row = mark.join(next(cells[key] for key in cells if key in name.lower()) for name in header.split(mark))
+    (tmp_path / "presses.csv").write_text(f"{header}\n{row}\n\n", encoding="utf-8")
+    found = read_presses(tmp_path / "presses.csv", in_order=True)
+    assert np.degrees(found.angle).tolist() == [pytest.approx(-2.5)] and found.names == ("a.png",)
+
+
 @pytest.mark.parametrize("in_order", [False, True])
 def test_the_command_finds_a_mirrored_camera(tmp_path, unit, presses, run_palpate, in_order):
     view, out = CameraView(0, True), tmp_path / "unit.npz"
@@ -249,11 +260,13 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, run_palpate
         assert (code, printed) == (2, "") and words in error and error.count("\n") == 1, error
 
     for text, words in {
-        "file,angle_deg\na.png,left\n": "row 1: angle_deg is 'left'",
+        "file,angle_deg\na.png,left\n": "line 2: angle_deg is 'left'",
         "file,angle_deg\na.png,3\n": "table.csv: found 1 presses; at least 5 are needed",
         "file,angle_deg\ngrey.png,3\n": "table.csv: images are grey",
-        "image,angle\na.png,3\n": "found image, angle; expected a CSV with columns file and",
-        "angle_deg,file\n10\n": "row 1: file is ''; expected the name of an image",
+        "image,angle\na.png,3\n": "found the columns image, angle; expected file and angle_deg",
+        "file,angle\na.png,3\n": "found the columns file, angle; expected file and angle_deg",
+        "angle_deg,file\n10\n": "line 2: found '10', expected 2 columns",
+        "angle_deg,file\n10,\n": "line 2: file is ''; expected the name of an image",
         'file,angle_deg\n"a\nb",10\n': "expected the name of an image",
     }.items():
         table.write_text(text)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError, one_line
-from palpate.files import existing_file, numbers_of, read_json, read_text
+from palpate.files import column_name, existing_file, numbers_of, read_json, read_text, table_rows
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 
 logger = logging.getLogger(__name__)
@@ -76,18 +76,21 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 
 def _read_table(path: Path, scale: float | None) -> Shape:
     """Return the outline through points x y, one a line, in a unit of `scale` [m]; that of a scan is simplified."""
-    text = read_text(path)
-    if ";" in text or "\t" in text:  # commas in numbers are decimal ones
-        text = re.sub(r"(\d),(\d)", r"\1.\2", text)
-    lines = enumerate(re.sub("[,;]", " ", text).splitlines(), start=1)
-    rows = [(number, words) for number, line in lines if (words := line.split("#")[0].split())]
+    rows = table_rows(re.sub("#.*", "", read_text(path)), path)
     if rows and all(numbers_of([word]) is None for word in rows[0][1]):
-        rows = rows[1:]  # names of columns
+        names = [column_name(word) for word in rows.pop(0)[1]]
+        matches = [(re.fullmatch(r"([xy])(?:_(mm|cm|m|in))?", name), index) for index, name in enumerate(names)]
+        axes = {match[1]: (index, match[2]) for match, index in matches if match}
+        units = {METRES[named] if named else scale for _, named in axes.values()}
+        if len(axes) != 2 or len(units) != 1 or (scale and units != {scale}):
+            raise ShapeError(f"has the columns {', '.join(names)}; expected x and y, or x_mm and y_mm, in one unit")
+        rows = [(line, [row[index] for index, _ in (axes["x"], axes["y"]) if index < len(row)]) for line, row in rows]
+        (scale,) = units
     if not rows:
         raise ShapeError("is no table of numbers x y: it holds none")
     for number, words in rows:
         if len(words) != 2 or numbers_of(words) is None:
-            raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words)!r}")
+            raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words).strip()!r}")
     points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
     noise = _noise(points)
     if not noise:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import FileError
-from palpate.files import csv_rows, in_file, numbers_of, read_text, whole_file
+from palpate.files import in_file, numbers_of, read_table, whole_file
 from palpate.types.estimate import Trajectory
 from palpate.types.recording import Recording
 
@@ -46,15 +46,11 @@ def write_estimates_csv(data: Trajectory, path: Path) -> None:
 
 def read_estimates_csv(path: Path) -> Trajectory:
     """Read estimates. Raises FileError that names the line."""
-    header, *lines = csv_rows(read_text(path), path) or [[]]
-    if tuple(header) != COLUMNS:
-        raise FileError(f"{path}: line 1: expected the header {','.join(COLUMNS)}")
+    lines, rows = read_table(path, COLUMNS), []
     if not lines:
         raise FileError(f"{path}: holds no estimates")
-    rows = []
-    for number, line in enumerate(lines, 2):
-        row = numbers_of(line[:11])
-        if len(line) != len(COLUMNS) or row is None or line[10] not in ("0", "1"):
+    for number, line in lines:
+        if (row := numbers_of(line[:11])) is None or line[10] not in ("0", "1"):
             raise FileError(
                 f"{path}: line {number}: found {','.join(line)[:80]!r}, expected a time, a pose, the six terms of a "
                 "covariance, contact 1 or 0, and a status"
@@ -63,4 +59,6 @@ def read_estimates_csv(path: Path) -> Trajectory:
     table, covariance = np.array(rows), np.zeros((len(rows), 3, 3))
     covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:10]
     with in_file(path):
-        return Trajectory(table[:, 0], table[:, 1:4], covariance, table[:, 10] == 1, tuple(line[11] for line in lines))
+        return Trajectory(
+            table[:, 0], table[:, 1:4], covariance, table[:, 10] == 1, tuple(line[11] for _, line in lines)
+        )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import palpate
 from palpate.config import PRESETS
 from palpate.errors import FileError
-from palpate.files import read_text, whole_folder
+from palpate.files import read_table, whole_folder
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
 from palpate.io.trajectories import COVARIANCE, UPPER, write_estimates_csv, write_tum
@@ -94,11 +94,8 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
 def read_answers(path: Path, time: Array) -> Answers:
     """Return the answers at times (N,) [s], which are those of the run's estimates. Raises FileError."""
     found: dict[float, list[Answer]] = {float(when): [] for when in time}
-    header, *lines = read_text(path).splitlines()
-    if header != ",".join(ANSWERS):
-        raise FileError(f"{path}: line 1: expected the header {','.join(ANSWERS)}")
     try:
-        rows = np.array([line.split(",") for line in lines], np.float64).reshape(-1, len(ANSWERS))
+        rows = np.array([row for _, row in read_table(path, ANSWERS)], np.float64).reshape(-1, len(ANSWERS))
     except ValueError as error:
         raise FileError(f"{path}: expected rows of {len(ANSWERS)} numbers ({error})") from error
     for row in rows:

@@ -8,7 +8,6 @@ shows the view, and none of the errors.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import csv_rows, existing_file, read_text
+from palpate.files import existing_file, numbers_of, read_table
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, CameraView, DirectionCorrection, views
 from palpate.touch.cells import Image
@@ -98,24 +97,18 @@ def read_presses(path: Path, in_order: bool = False) -> Presses:
 
     A table without angles, of presses in order, is allowed only with `in_order`.
     """
-    columns, *lines = csv_rows(read_text(path), path) or [[]]
-    rows = [dict(zip(columns, line, strict=False)) for line in lines if line]
-    has_angles = "angle_deg" in columns
-    if not rows or "file" not in columns or not (has_angles or in_order):
-        found = ", ".join(columns) if rows else "no rows"
-        raise FileError(f"{path}: found {found}; expected a CSV with columns file and angle_deg")
+    rows = read_table(path, ("file",) if in_order else ("file", "angle_deg"), "angle_deg" if in_order else "")
+    has_angles = any(angle for _, (_, angle) in rows)
     angles, images = np.full(len(rows), np.nan), []
-    for index, row in enumerate(rows):
-        name, angle = row.get("file", ""), row.get("angle_deg", "")
+    for index, (line, (name, angle)) in enumerate(rows):
         if has_angles:
-            with suppress(ValueError):
-                angles[index] = float(angle)
+            angles[index] = (numbers_of([angle]) or [np.nan])[0]
             if not abs(angles[index]) <= 90.0:
-                raise FileError(f"{path}: row {index + 1}: angle_deg is {angle!r}; expected -90 to 90 degrees")
+                raise FileError(f"{path}: line {line}: angle_deg is {angle!r}; expected -90 to 90 degrees")
         if not name.isprintable() or not name:
-            raise FileError(f"{path}: row {index + 1}: file is {name!r}; expected the name of an image")
+            raise FileError(f"{path}: line {line}: file is {name!r}; expected the name of an image")
         images.append(read_image(path.parent / name))
-    return Presses(tuple(images), np.radians(angles), tuple(row["file"] for row in rows))
+    return Presses(tuple(images), np.radians(angles), tuple(name for _, (name, _) in rows))
 
 
 def read_image(path: Path) -> Image:
