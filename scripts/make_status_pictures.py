@@ -13,7 +13,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from palpate import DIGIT, Estimate, NoiseSettings, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
+from palpate import DIGIT, Estimate, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
 from palpate.graph.contact_geometry import contact_model
@@ -106,14 +106,9 @@ def draw(status: str, recording: Recording, estimates: Sequence[Estimate]) -> No
     axes[2].bar(time, 1.0, width=1.05 * step, align="edge", color=[COLOURS[status] for status in statuses])
     axes[2].set(yticks=[], xlabel="time [s]", xlim=(time[0], time[-1]), ylabel="status")
     there = [status for status in COLOURS if status in statuses]
-    axes[2].legend(
-        handles=[Patch(color=COLOURS[status], label=status) for status in there],
-        loc="upper center",
-        bbox_to_anchor=(0.5, -1.2),
-        ncols=len(there),
-        frameon=False,
-        fontsize=9,
-    )
+    handles = [Patch(color=COLOURS[status], label=status) for status in there]
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -1.2), "ncols": len(there)}
+    axes[2].legend(handles=handles, frameon=False, fontsize=9, **place)
     figure.savefig(PICTURES / f"status_{status}.png", dpi=100)
     plt.close(figure)
 
@@ -122,8 +117,7 @@ def main() -> None:
     """Draw all of them, and say which statuses came up."""
     learnt = TrackerSettings(tactile="learnt")
     turned = turned_by_hand(math.radians(0.8))
-    noise = NoiseSettings()
-    sure = TrackerSettings("oracle", noise=noise, hypotheses=1)
+    sure = TrackerSettings("oracle", hypotheses=1)
     calm, shoved = simulated("rectangle", 2), simulated("rectangle", 2, knocks=True)
     moved = simulated("rectangle", 9002, 2, knocks=True)
     rough: dict[str, Any] = {"off": (0.02, 0.02, 0.2), "sigma": (0.03, 0.03, 0.3)}

@@ -11,16 +11,14 @@ from statistics import fmean, median
 
 import numpy as np
 from _common import for_each, scores, write
+from traced import pushed_by_two_fingers
 
 import palpate
-from palpate.io.cmu_two_finger import HAND
-from palpate.lab.simulate.pushes import draw_sequence, measured
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.pipeline.track import track
 
 SEED = 948102
-OBJECTS = {"rectangle": "rectangle-edges", "ellipse": "ellipse", "disc": "disc", "triangle": "polygon-edges"}
-"""Names of objects, and the kind of contact."""
+OBJECTS = ("rectangle edges", "ellipse", "disc", "triangle edges")
 
 
 def main(count: int) -> None:
@@ -38,19 +36,10 @@ def tracked(which: tuple[str, int]) -> dict[str, dict[str, float]]:
     return {"oracle": scores(track(recording, oracle).summary), "none": scores(track(recording, none).summary)}
 
 
-def simulated(name: str, rng: np.random.Generator) -> palpate.Recording:
+def simulated(what: str, rng: np.random.Generator) -> palpate.Recording:
     """Draw a push by the hand, with the errors of a set-up."""
-    errors, shape = draw_errors(rng), palpate.load_shape(name)
-    motion = draw_sequence(shape, OBJECTS[name], HAND, rng, 12.0, gel_drift=errors.gel_drift)
-    exact = palpate.Recording(
-        time=np.arange(len(motion.contact)) / HAND.rate,
-        sensor_pose=measured(motion.sensor_pose, rng),
-        shape=shape,
-        sensor=HAND,
-        object_pose=measured(motion.object_pose, rng),
-        contact=motion.contact,
-    )
-    return with_errors(exact, errors)
+    errors = draw_errors(rng)
+    return with_errors(pushed_by_two_fingers(what, rng, 12.0, gel_drift=errors.gel_drift), errors)
 
 
 def summarised(found: list[dict[str, float]]) -> dict[str, float]:

@@ -50,12 +50,12 @@ def simulated(what: str, seed: int, sensor: SensorProfile = DIGIT, seconds: floa
     return simulate_recording(*_shape_and_kind(what), seed, seconds, sensor=sensor, **options)
 
 
-def pushed_by_two_fingers(what: str, seed: int) -> Recording:
-    """Simulate pushes by CMU's hand, which has no images."""
+def pushed_by_two_fingers(what: str, seed: Any, seconds: float = 6.0, **options: Any) -> Recording:
+    """Simulate pushes by CMU's hand, which has no images; the seed may be a random generator."""
     from palpate.lab.simulate.pushes import draw_sequence, measured
 
     (shape, kind), rng = _shape_and_kind(what), np.random.default_rng(seed)
-    motion = draw_sequence(shape, kind, HAND, rng, 6.0)
+    motion = draw_sequence(shape, kind, HAND, rng, seconds, **options)
     sensor_pose, object_pose = measured(motion.sensor_pose, rng), measured(motion.object_pose, rng)
     time = np.arange(len(sensor_pose)) / HAND.rate
     return Recording(time, sensor_pose, shape, HAND, object_pose, motion.contact)
