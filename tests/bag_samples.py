@@ -24,8 +24,6 @@ ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", 
 
 @dataclass(frozen=True)
 class Message:
-    """A message to be written."""
-
     topic: str
     log_time: int
     type: str
@@ -58,7 +56,6 @@ def touch_images(count: int = FRAMES) -> Any:
 
 
 def header(stamp: int, frame: str = "world") -> dict[str, Any]:
-    """A header by its stamp [ns]."""
     return {"stamp": {"sec": int(stamp) // 10**9, "nanosec": int(stamp) % 10**9}, "frame_id": frame}
 
 
@@ -80,14 +77,12 @@ def image_message(stamp: int, pixels: Any, encoding: str = "rgb8", padding: int 
 
 
 def compressed_message(stamp: int, pixels: Any, codec: Any = "jpeg", format: str = "bgr8; jpeg compressed") -> Message:
-    """A `sensor_msgs/CompressedImage`."""
     data = np.frombuffer(encoded(pixels, codec), np.uint8)
     content = {"header": header(stamp, "digit"), "format": format, "data": data}
     return Message("/digit/image/compressed", int(stamp) + 3_000_000, "sensor_msgs/msg/CompressedImage", content)
 
 
 def pose_content(position: Any, rotation: Rotation) -> dict[str, Any]:
-    """A `geometry_msgs/Pose`."""
     return {
         "position": dict(zip("xyz", map(float, position), strict=True)),
         "orientation": dict(zip("xyzw", map(float, rotation.as_quat()), strict=True)),
@@ -104,7 +99,6 @@ def pose_message(stamp: int, pose: Any, topic: str = "/ee_pose", frame: str = "w
 def transform_message(
     stamp: int, parent: str, child: str, position: Any, rotation: Any, static: bool = False
 ) -> Message:
-    """One transform as a `TFMessage`."""
     pose = pose_content(position, rotation)
     transform = {"translation": pose["position"], "rotation": pose["orientation"]}
     content = {"header": header(stamp, parent), "child_frame_id": child, "transform": transform}

@@ -29,8 +29,6 @@ _SHIFT = 4  # bits of a pixel to which a pin's place is drawn
 
 @dataclass(frozen=True, eq=False)
 class PinDome:
-    """One dome."""
-
     outward: Array  # where pins stand on the skin, seen from the dome's centre: unit vectors (n, 3)
     focus: float  # [px]
     middle: Array  # column and row (2,) [px] of the apex in the image
@@ -39,7 +37,6 @@ class PinDome:
 
 
 def draw_dome(seed: int) -> PinDome:
-    """Draw a dome; the same seed gives the same."""
     rng = np.random.default_rng(seed)
     steps = np.arange(-6, 7)
     row, column = np.meshgrid(steps, steps, indexing="ij")

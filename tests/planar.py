@@ -29,6 +29,26 @@ def between(a: Any, b: Any) -> Any:
     return compose(inverse(a), b)
 
 
+def exp(xi: Any) -> Any:
+    """Return the pose to which a constant twist (..., 3) leads in a unit of time."""
+    xi = np.asarray(xi, float)
+    at = (xi[..., 0] + 1j * xi[..., 1]) * _chord(xi[..., 2])
+    return np.stack([at.real, at.imag, wrap(xi[..., 2])], axis=-1)
+
+
+def log(pose: Any) -> Any:
+    """Return the twist (..., 3) that leads to a pose in a unit of time."""
+    pose = np.asarray(pose, float)
+    at = (pose[..., 0] + 1j * pose[..., 1]) / _chord(pose[..., 2])
+    return np.stack([at.real, at.imag, pose[..., 2]], axis=-1)
+
+
+def _chord(angle: Any) -> Any:
+    """Return the chord over the arc of a turn by an angle."""
+    small = np.abs(angle) < 1e-12
+    return np.where(small, 1.0 + 0.0j, np.expm1(1j * angle) / np.where(small, 1j, 1j * angle))
+
+
 def transform(pose: Any, points: Any) -> Any:
     """Return points (..., 2) of the frame of a pose in its parent frame."""
     points = np.asarray(points, float)

@@ -61,8 +61,6 @@ def distance_at(model: ContactModel, points: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Values:
-    """Values of B rows at N steps."""
-
     model: ContactModel
     steps: Array  # STEP (B, N)
     rows: Array  # ROW (B,)

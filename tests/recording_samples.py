@@ -43,7 +43,6 @@ def seen(recording: Any) -> Any:
 
 
 def trajectory(n: int = 50, **changes: Any) -> Any:
-    """Return n random estimates."""
     rng = np.random.default_rng(3)
     root = rng.normal(size=(n, 3, 3))
     pose = rng.normal(size=(n, 3))
@@ -59,7 +58,6 @@ def trajectory(n: int = 50, **changes: Any) -> Any:
 
 
 def tiny_images(n: int, seed: int = 0) -> Any:
-    """Return n random images of the tiny camera."""
     return np.random.default_rng(seed).integers(0, 256, (n, 12, 8, 3), np.uint8)
 
 

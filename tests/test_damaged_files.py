@@ -20,7 +20,6 @@ CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
 
 
 def recording() -> Recording:
-    """Return a small recording with images."""
     time, pixels = np.arange(6) / 30, np.random.default_rng(0).integers(0, 256, (6, 12, 8, 3), np.uint8)
     camera = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
     return Recording.from_arrays(time, pixels, time, np.zeros((6, 3)), Disc(0.05), camera, object_poses=np.ones((6, 3)))

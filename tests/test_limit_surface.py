@@ -3,10 +3,8 @@ import math
 import numpy as np
 import pytest
 from limit_surface import Steering, push
-from push_samples import SHAPES, draw_residuals, gaps, model_of, pushing_residuals, sensor, touching
+from push_samples import SHAPES, gaps, model_of, pushing_residuals, sensor, touching
 
-from palpate.config import NoiseSettings
-from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
 
@@ -53,31 +51,3 @@ def test_a_noise_free_push_stays_on_the_outline(name):
     np.testing.assert_allclose(residual[..., :2], 0.0, atol=3e-6)
     np.testing.assert_allclose(residual[..., 2], 0.0, atol=1e-12)
     assert np.abs(gaps(g, model)).max() < 3e-6
-
-
-def test_drawn_gaps_and_slips_belong_together():
-    # On a side whose normal points to -x: a slip by s along the normal takes the gap with it, gap_1 = gap_0 - s.
-    model = model_of("rectangle", sensor(0.0))
-    noise = NoiseSettings()
-    gap, slip, torque = draw_residuals(model, noise, 1e-3, math.pi, 30, 50, np.random.default_rng(3))
-    g = np.zeros((50, 3))
-    g[:, 0] = -0.2363 / 2 - gap
-    o, e = push(model, np.zeros((50, 3)), g, 30, STRAIGHT, slip=slip, torque=torque)
-    found = gaps(se2.between(o, e), model)
-    wanted = gap - np.concatenate([np.zeros((1, 50)), np.cumsum(-slip[..., 0], axis=0)])
-    np.testing.assert_allclose(found, wanted, atol=1e-9)
-    # Along the side and in torque, plain draws: 1500 of each, whose deviation is known to 1.8 %.
-    slip_sigma = np.hypot(noise.sticking.still, 1e-3 * noise.sticking.share)
-    torque_sigma = np.hypot(noise.balance.still, 1e-3 * noise.balance.share * model.friction_radius)
-    assert np.std(slip[..., 1]) == pytest.approx(slip_sigma, rel=0.06)
-    assert np.std(torque) == pytest.approx(torque_sigma, rel=0.06)
-    # Two Gaussians on each gap's neighbourhood: tighter than either alone.
-    assert np.std(found) < noise.contact.deviation
-    assert np.std(slip[..., 0]) < slip_sigma
-
-
-def test_a_torque_that_no_motion_has_is_refused():
-    model = model_of("rectangle")
-    g = touching(model, np.array([0.02]))
-    with pytest.raises(EstimationError, match="has no solution near the last one; make it smaller"):
-        push(model, np.zeros((1, 3)), g, 2, Steering(), torque=1.0)

@@ -32,10 +32,3 @@ def test_every_public_name_is_there():
     assert all(getattr(package, name) is not None for name in package.__all__)
     with pytest.raises(AttributeError, match="Feeling"):
         assert package.Feeling
-
-
-def test_python_m_palpate_is_the_command_line():
-    assert python("-m", "palpate", "--version") == f"palpate {palpate.__version__}\n"
-    assert python("-m", "palpate", "track", "--help").startswith("usage: palpate track")
-    done = subprocess.run([sys.executable, "-m", "palpate", "info", "nowhere.mcap"], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (2, "palpate: nowhere.mcap: no such file\n")

@@ -41,7 +41,6 @@ def hatchling(folder: Path, target: str, out: Path) -> None:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
-    """The wheel that is built from the source distribution."""
     pytest.importorskip("hatchling", reason="hatchling is not installed: pip install palpate[dev]")
     folder = tmp_path_factory.mktemp("release")
     hatchling(ROOT, "sdist", folder)
@@ -93,5 +92,4 @@ def modules_of_extras(wheel: Path) -> list[str]:
 
 
 def plain(name: str) -> str:
-    """Return a distribution's name as pip compares it."""
     return name.lower().replace("_", "-")

@@ -4,16 +4,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from planar import between, log, wrap
 from push_samples import RADIUS, SHAPES, sensor, with_settings
 
-from palpate.config import NoiseSettings, TrackerSettings
-from palpate.geometry import se2
-from palpate.pipeline.metrics import rotation_errors as rotation_errors
-from palpate.pipeline.metrics import translation_errors as translation_errors
-from palpate.tracker import Tracker
-from palpate.types.estimate import Estimate
-from palpate.types.measurements import Frame
-from palpate.types.recording import Recording
+from palpate import Estimate, Frame, NoiseSettings, Tracker, TrackerSettings
 
 Array = np.ndarray
 SMOOTHERS = ["fixed-lag", "batch"]
@@ -37,19 +31,26 @@ def settings(
 
 
 def track(name: str, seen: list[Frame], first: Array, how: TrackerSettings, radius: float = RADIUS):
-    """The tracker after these frames, and its estimates."""
     tracker = Tracker(SHAPES[name], sensor(radius), first, how)
     return tracker, [tracker.update(frame) for frame in seen]
 
 
 def nees(estimates: list[Estimate], o: Array) -> Array:
     """Errors from the truth (N, 3) in the reported covariance, squared (N,): 7.8 is its 95 % region."""
-    apart = [se2.log(se2.between(estimate.pose, true)) for estimate, true in zip(estimates, o, strict=True)]
+    apart = [log(between(estimate.pose, true)) for estimate, true in zip(estimates, o, strict=True)]
     return np.array([off @ np.linalg.solve(one.covariance, off) for off, one in zip(apart, estimates, strict=True)])
 
 
 def poses(estimates: list[Estimate]) -> Array:
     return np.array([estimate.pose for estimate in estimates])
+
+
+def translation_errors(pose: Array, truth: Array) -> Array:
+    return np.hypot(*(pose - truth)[..., :2].T)
+
+
+def rotation_errors(pose: Array, truth: Array) -> Array:
+    return wrap(pose[..., 2] - truth[..., 2])
 
 
 def statuses(estimates: list[Estimate]) -> list[str]:
@@ -66,11 +67,3 @@ def small_frame(**changes: Any) -> Frame:
 
 def disc_tracker(how: TrackerSettings | None = None, first: Any = (0.0, 0.0, 0.0)) -> Tracker:
     return Tracker(SHAPES["disc"], sensor(), first, how)
-
-
-def simulated(shape: str, name: str, seed: int) -> Recording:
-    """Return a simulated recording with touch images, ideal, of 6 s."""
-    from palpate.geometry.shapes import SHAPES as OBJECTS
-    from palpate.lab.simulate.recordings import simulate_recording
-
-    return simulate_recording(OBJECTS[shape], name, seed, 6.0, ideal=True)

@@ -99,12 +99,10 @@ def sending(packets: Callable[[int], bytes], port: int, every: float = 0.01) -> 
 
 
 def pose_packet(pose: Any = (0.1, 0.05, 0.0)) -> bytes:
-    """The pose of a sensor, now."""
     return json.dumps({"time": time.time(), "pose": list(pose)}).encode()
 
 
 def wait_for(is_so: Callable[[], bool]) -> None:
-    """Wait until something is so, for a while."""
     last = time.monotonic() + 20.0
     while not is_so():
         assert time.monotonic() < last, "it never came to be"

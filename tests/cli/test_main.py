@@ -58,10 +58,12 @@ def test_closed_outputs_do_not_end_a_run():
 
 
 def test_errors_and_exit_codes(run_palpate, monkeypatch):
+    assert run_palpate("--version") == (0, f"palpate {palpate.__version__}\n", "")
     code, _, err = run_palpate("trak")
     assert code == 2 and "track" in err
-    code, _, err = run_palpate("track", "push.mcap", "--smother", "batch")
-    assert code == 2 and "--smoother" in err
+    for words, option in (("--smother", "batch"), "--smoother"), (("--first-pose", "1", "2"), "--first-pose"):
+        code, _, err = run_palpate("track", "push.mcap", *words)
+        assert code == 2 and option in err
     with pytest.raises(palpate.FileError):
         run_palpate("track", "missing.mcap", "--debug")
 

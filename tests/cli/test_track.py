@@ -210,20 +210,3 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
 def test_bad_input_is_one_line(fails, options, message):
     assert message in fails("track", *options)
     assert not list(Path().glob("runs/*"))
-
-
-@pytest.mark.parametrize("field", ["tactile", "smoother"])
-def test_choices_are_those_of_the_library(run_palpate, field):
-    code, out, err = run_palpate("track", "push.mcap", f"--{field}", "magic")
-    choices = re.search(r"one of \((.*)\)", err.replace("│", "").replace("\n", ""))
-    assert (code, out) == (2, "") and choices, err
-    make: Any = palpate.TrackerSettings
-    for choice in choices[1].split(","):
-        make(**{field: choice.strip(" '")})
-    with pytest.raises(palpate.SettingError, match=f"{field} is 'magic'"):
-        make(**{field: "magic"})
-
-
-def test_bad_usage_names_the_option(run_palpate):
-    code, out, err = run_palpate("track", "push.mcap", "--first-pose", "1", "2")
-    assert (code, out) == (2, "") and "--first-pose" in err and "expected argument" in err

@@ -22,7 +22,6 @@ def new_tracker(sensor=POINT) -> Tracker:
 
 
 def pushed(frames: int, contact: bool = True) -> Tracker:
-    """Return a tracker after so many frames of a push."""
     tracker = new_tracker()
     for frame in range(frames):
         tracker.update(Frame(frame / RATE, at(frame), contact=contact))

@@ -58,7 +58,6 @@ class Draw:
 
 
 def draw(of: DrawOf) -> Draw:
-    """Draw pushes and measurements."""
     noise, count, rng = of.noise, of.count, np.random.default_rng(of.seed)
     steering = Steering()
     values = noise.priors.mean + rng.normal(size=(count, OBJECT_SIZE)) * noise.priors.deviation

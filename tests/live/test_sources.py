@@ -10,7 +10,6 @@ from palpate.live.sources import PoseTrack, Refused, TimedPose
 
 
 def track(*rows: tuple[float, float, float]) -> PoseTrack:
-    """Poses of (time, x, yaw)."""
     poses = PoseTrack()
     for when, x, yaw in rows:
         assert poses.add(TimedPose(when, np.array([x, 0.5, yaw]))) is None

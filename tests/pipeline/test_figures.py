@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import encoded, pushed
 
 import palpate
 from palpate.pipeline.figures import run_figure, shown_instants
-from palpate.types.images import encode_image
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +87,8 @@ def at_contacts(tracked: palpate.Run, *contacts: tuple[int, int]) -> palpate.Run
 def test_touch_images_and_the_pad_are_in_millimetres(tracked):
     images = np.zeros((40, 320, 240, 3), np.uint8)
     images[:, :80, :120] = 250  # the upper left
-    encoded = tuple(encode_image(image, "png") for image in images)
-    run = replace(tracked, recording=replace(tracked.recording, sensor=palpate.DIGIT, image=encoded, codec="png"))
+    coded = tuple(encoded(image) for image in images)
+    run = replace(tracked, recording=replace(tracked.recording, sensor=palpate.DIGIT, image=coded, codec="png"))
     figure = run_figure(run)
     strip = figure.axes[3:]
     assert [axes.get_title() for axes in strip] == ["touch at 0.4 s", "touch at 1.2 s"]

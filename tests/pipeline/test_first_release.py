@@ -4,21 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from recording_samples import encoded
 
-from palpate.geometry.shapes import Disc
+from palpate import DIGIT, Disc, Recording
 from palpate.pipeline.first_release import first_release
-from palpate.types.images import encode_image
-from palpate.types.recording import Recording
-from palpate.types.sensor import DIGIT
 
 SENSOR = dataclasses.replace(DIGIT, name="small", image_height=80, image_width=60)
 ROWS, COLUMNS = np.indices((80, 60))
-GEL = np.random.default_rng(0).normal(0.0, 4.0, (20, 15)).repeat(4, axis=0).repeat(4, axis=1)[..., None] + (
-    90,
-    120,
-    150,
-)
-"""A gel with a texture of its own."""
+TEXTURE = np.random.default_rng(0).normal(0.0, 4.0, (20, 15)).repeat(4, axis=0).repeat(4, axis=1)
+GEL = TEXTURE[..., None] + (90, 120, 150)
 
 
 def image(at: float | None, seed: int) -> bytes:
@@ -27,7 +21,7 @@ def image(at: float | None, seed: int) -> bytes:
     if at is not None:
         right, down = (COLUMNS - at) / 8.0, (ROWS - 40.0) / 12.0
         levels = levels * (1.0 + 0.6 * right * np.exp(-(right**2) - down**2))[..., None]
-    return encode_image(np.clip(levels, 0, 255).astype(np.uint8), "png")
+    return encoded(np.clip(levels, 0, 255).astype(np.uint8))
 
 
 def recording(touches: list[float | None]) -> Recording:

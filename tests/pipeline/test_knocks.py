@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import planar
 import pytest
-from tracker_samples import se2
 
 from palpate import POINT, Recording, Rectangle, SensorProfile
 from palpate import io as formats
@@ -31,13 +31,12 @@ def pushed(
     moves[np.asarray(turned, int) + 1, 1] = 3.0 * STEP
     y, theta = np.cumsum(moves, axis=0).T
     tip: Any = np.column_stack([-0.1 + speed * STEP * np.arange(n), np.zeros(n), np.zeros(n)])
-    corner = se2.transform(np.column_stack([np.zeros((n, 2)), theta]), MIDDLE)
+    corner = planar.transform(np.column_stack([np.zeros((n, 2)), theta]), MIDDLE)
     pose = np.column_stack([tip[:, 0] - corner[:, 0], y - corner[:, 1], theta])
     return Recording(STEP * np.arange(n, dtype=np.float64), tip, BAR, sensor, pose, np.ones(n, np.bool_))
 
 
 def knocks(recording: Recording) -> list[tuple[int, int]]:
-    """First and last frame of each knock."""
     return flag_runs(knocked_frames(recording))
 
 

@@ -153,13 +153,6 @@ def test_times_of_recovery(error, rotation, knocks, expected):
     assert found == [each if each is None else pytest.approx(each) for each in expected]
 
 
-def test_recovery_counts_time_in_contact():
-    # One frame of contact, the 11th, corrects it; then there is none up to the end.
-    found = recovery(errors(f5_12=20.0), [5], without=[*range(6, 11), *range(12, 40)])
-    assert found["recovery_s"] == [pytest.approx(0.7)]
-    assert found["recovery_contact_s"] == found["contact_s"] == [pytest.approx(0.1)]
-
-
 def test_without_knocks_and_between_a_knock_and_the_next_touch():
     none = recovery(errors(), [])
     assert (none["knocks"], none["recovery_s"], none["error_mm"]["0.5"]) == (0, [], [])
@@ -175,8 +168,3 @@ def test_sigma_is_along_the_axes_of_the_world():
     # Turned by 30 degrees: 1/4 of the one variance and 3/4 of the other.
     found = metrics.world_sigma([0.0, 0.0, np.pi / 6], np.diag([4e-6, 0.0, 0.0]))
     assert found == pytest.approx([np.sqrt(3e-6), 1e-3, 0.0])
-
-
-def test_a_pose_in_words():
-    said = metrics.pose_words([-0.0626, 0.10956, np.pi / 6], [0.0026, 0.00199, np.radians(0.96)])
-    assert said == "x -62.6 ± 2.6 mm, y 109.6 ± 2.0 mm, yaw 30.0 ± 1.0°"

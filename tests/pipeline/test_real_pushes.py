@@ -33,7 +33,6 @@ def is_unbroken(recording: palpate.Recording) -> bool:
 
 @pytest.fixture(scope="module")
 def recordings(shared_data: Path) -> list[palpate.Recording]:
-    """All MIT runs."""
     found = [palpate.load_recording(path) for path in sorted((shared_data / "mit_point_push").glob("*.json.gz"))]
     assert len(found) == 11
     return found
@@ -41,7 +40,6 @@ def recordings(shared_data: Path) -> list[palpate.Recording]:
 
 @pytest.fixture(scope="module")
 def runs(recordings: list[palpate.Recording]) -> list[palpate.Run]:
-    """All MIT runs, tracked."""
     return [palpate.track(recording, ORACLE) for recording in recordings]
 
 

@@ -110,3 +110,8 @@ def test_all_answers_are_published():
     assert [one["answer weights"] for one in words] == ["0.7000 0.3000", "1.0000"]
     assert [one["answer sigmas y [mm]"] for one in words] == ["3.00 3.00", "3.00"]
     assert [(one["left out"], one["contact"], one["latency [ms]"]) for one in words] == [("3", "true", "4.0")] * 2
+
+
+def test_without_rclpy_it_says_what_to_do(capsys):
+    assert ros2.main([]) == 2
+    assert "source its setup.bash" in " ".join(capsys.readouterr().err.split())

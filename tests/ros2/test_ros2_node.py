@@ -11,22 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import planar
 import pytest
+from recording_samples import encoded
 
-from palpate import io as formats
-from palpate.config import TrackerSettings
-from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES
-from palpate.tracker import Tracker
-from palpate.types.images import encode_image
-from palpate.types.measurements import Frame
-from palpate.types.recording import Recording
-from palpate.types.sensor import DIGIT
+from palpate import DIGIT, Frame, Recording, Tracker, TrackerSettings, load_shape, write_recording
 
 ROOT = Path(__file__).parents[2]
 PYTHON = ROOT / ".venv-ros" / "bin" / "python"
 FRAMES = int(os.environ.get("PALPATE_ROS_FRAMES", "90"))
-SHAPE = SHAPES["rectangle"]
+SHAPE = load_shape("rectangle")
 FIRST = (0.3, 0.05, 0.4)
 PATIENCE = 120.0  # [s]
 ALIKE = 8.0  # [s] until which poses that messages round make the same estimates; physics knows no push like this one
@@ -43,16 +37,14 @@ def push(path: Path) -> Recording:
     moved = 0.0005 * np.cumsum(touching)
     truth: Any = np.column_stack([FIRST[0] + moved * np.cos(0.4), FIRST[1] + moved * np.sin(0.4), 0.4 + 0.0 * moved])
     away = np.where(touching, 0.0, -0.02)
-    sensor: Any = se2.compose(truth, np.column_stack([away - 0.11815, 0.005 + 0.0 * away, 0.0 * away]))
+    sensor: Any = planar.compose(truth, np.column_stack([away - 0.11815, 0.005 + 0.0 * away, 0.0 * away]))
     row, column = np.mgrid[0:320, 0:240]
     gels = np.random.default_rng(1).normal(90.0, 3.0, (4, 320, 240, 3))  # no camera says the same twice
     mark = 60.0 * np.exp(-(((row - 160) / 90) ** 4) - ((column - 130) / 25) ** 2)[:, :, None]
-    free, pressed = (
-        [encode_image(image.clip(0, 255).astype(np.uint8), "png") for image in gels + more] for more in (0.0, mark)
-    )
+    free, pressed = ([encoded(image.clip(0, 255).astype(np.uint8)) for image in gels + more] for more in (0.0, mark))
     images = tuple((pressed if touch else free)[index % len(gels)] for index, touch in enumerate(touching))
     recording = Recording(time, sensor, SHAPE, DIGIT, image=images, codec="png")
-    formats.write(recording, path)
+    write_recording(recording, path)
     return recording
 
 
@@ -70,7 +62,6 @@ def environment() -> dict[str, str]:
 
 @contextmanager
 def node(*given: str) -> Iterator[subprocess.Popen[str]]:
-    """The node while the block runs."""
     command = [str(PYTHON), "-m", "palpate.ros2", "--ros-args", *given]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment())
     try:
@@ -126,7 +117,7 @@ def check_estimates(heard: dict[str, Any], recording: Recording) -> None:
         x, y, z, qx, qy, qz, qw = pose
         yaw = 2.0 * np.arctan2(qz, qw)
         assert (frame, at, z, qx, qy) == ("base", stamp, 0.25, 0.0, 0.0)
-        assert se2.between(direct.pose, np.array([x, y, yaw])) == pytest.approx([0.0, 0.0, 0.0], abs=1e-5)
+        assert planar.between(direct.pose, np.array([x, y, yaw])) == pytest.approx([0.0, 0.0, 0.0], abs=1e-5)
         turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
         expected = np.zeros((6, 6))
         expected[np.ix_((0, 1, 5), (0, 1, 5))] = turn @ direct.covariance @ turn.T
@@ -155,10 +146,3 @@ def test_what_a_node_is_not_told(given, expected):
     with node(*given) as process:
         _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2 and expected in said and "Traceback" not in said
-
-
-def test_without_rclpy_it_says_what_to_do(capsys):
-    from palpate.ros2 import main
-
-    assert main([]) == 2
-    assert "source its setup.bash" in " ".join(capsys.readouterr().err.split())

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import planar
 import pytest
-from tracker_samples import se2, settings
+from tracker_samples import settings
 
 from palpate import POINT, ContactDirection, Disc, Estimate, Frame, Rectangle, Shape, Tracker
 
@@ -29,7 +30,7 @@ def likely(found: Estimate) -> list[Answer]:
 
 def places(answers: Sequence[Answer]) -> np.ndarray:
     """Return the contact point in the object frame of each answer."""
-    return np.array([se2.between(answer.pose, [-HALF, 0.0, 0.0])[:2] for answer in answers])
+    return np.array([planar.between(answer.pose, [-HALF, 0.0, 0.0])[:2] for answer in answers])
 
 
 def test_a_side_is_met_at_places_as_likely_as_the_first_pose_says():

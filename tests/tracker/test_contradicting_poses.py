@@ -4,9 +4,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import planar
 import pytest
 from push_samples import SHAPES, frames, in_two_contacts, noisy, pushed, sensor
-from tracker_samples import SMOOTHERS, nees, se2, settings, statuses
+from tracker_samples import SMOOTHERS, nees, settings, statuses
 
 from palpate import Estimate, ObjectPose, Tracker, TrackerSettings
 
@@ -64,7 +65,7 @@ def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
     rng = np.random.default_rng(3)
     o, e, contact = in_two_contacts("rectangle", 40)
     seen = noisy(o, sigma, rng)
-    seen[::9] = se2.compose(o[::9], se2.exp(np.array([3.0, 0.0, 0.0]) * sigma))  # three standard deviations off
+    seen[::9] = planar.compose(o[::9], planar.exp(np.array([3.0, 0.0, 0.0]) * sigma))  # three standard deviations off
     for how in (settings("none"), TrackerSettings("none")):
         found = tracked(o, e, contact, [camera(seen, sigma=sigma)], how=how)
         assert not any(is_told(estimate) for estimate in found)
@@ -73,8 +74,8 @@ def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
 @pytest.mark.parametrize("rests", [5, 60])
 def test_an_object_that_a_hand_has_moved_is_followed(rests):
     o1, e1 = pushed("rectangle", 10)
-    moved = se2.compose(o1[-1], [0.0, 0.05, 0.3])
-    away = np.broadcast_to(se2.compose(o1[-1], [-0.4, 0.0, 0.0]), (rests + 20, 3))
+    moved = planar.compose(o1[-1], [0.0, 0.05, 0.3])
+    away = np.broadcast_to(planar.compose(o1[-1], [-0.4, 0.0, 0.0]), (rests + 20, 3))
     o = np.concatenate([o1, np.tile(o1[-1], (rests, 1)), np.tile(moved, (20, 1))])
     sigma = (1e-3, 1e-3, 1e-2)
     seen = camera(noisy(o, sigma, np.random.default_rng(1)), sigma=sigma)

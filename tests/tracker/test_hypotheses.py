@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import planar
 import pytest
 from push_samples import (
     HAND,
@@ -22,7 +23,7 @@ from push_samples import (
     sensor,
     slid,
 )
-from tracker_samples import CALIBRATED, nees, poses, rotation_errors, se2, settings, statuses, track, translation_errors
+from tracker_samples import CALIBRATED, nees, poses, rotation_errors, settings, statuses, track, translation_errors
 
 from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker
 
@@ -33,7 +34,7 @@ FELT = 0.03  # [rad]
 
 def with_directions(name: str, o: Array, e: Array, contact: Array | bool = True) -> list[Frame]:
     """Frames that tell where the tip is touched, in contact."""
-    told = contact_directions(se2.between(o, e), model_of(name))
+    told = contact_directions(planar.between(o, e), model_of(name))
     return [
         dataclasses.replace(one, measurements=(ContactDirection(float(angle), FELT**2),) if one.contact else ())
         for one, angle in zip(frames(o, e, contact), told, strict=True)
@@ -50,7 +51,6 @@ def tracked(seen: list[Frame], first: Any, name: str = "rectangle", **how: Any) 
 
 
 def check_answers(found: list[Estimate]) -> None:
-    """Check properties of all answers."""
     for estimate in found:
         weights = [answer.weight for answer in estimate.answers]
         assert min(weights) > 0.0 and sum(weights) == pytest.approx(1.0)
@@ -59,7 +59,7 @@ def check_answers(found: list[Estimate]) -> None:
         # The covariance spans them: that of the best in its share and all others about it.
         spanned = np.zeros((3, 3))
         for answer in estimate.answers:
-            apart = se2.log(se2.between(estimate.pose, answer.pose))
+            apart = planar.log(planar.between(estimate.pose, answer.pose))
             spanned += answer.weight * (answer.covariance + np.outer(apart, apart))
         np.testing.assert_allclose(estimate.covariance, spanned, rtol=1e-9, atol=1e-15)
         np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
@@ -103,7 +103,7 @@ def test_an_object_moved_by_a_hand_in_contact_may_be_in_several_places(slid, tur
     assert nees(found, o)[AT + 3 :].max() < 7.8
     assert max(len(estimate.answers) for estimate in found) <= 9
     # One of the last answers is right.
-    apart = [np.abs(se2.log(se2.between(answer.pose, o[-1]))) for answer in found[-1].answers]
+    apart = [np.abs(planar.log(planar.between(answer.pose, o[-1]))) for answer in found[-1].answers]
     assert min(np.hypot(*off[:2]) for off in apart) < 5e-3
 
 
@@ -130,7 +130,7 @@ def from_two_sides() -> tuple[Array, Array, Array]:
     for _ in range(50):
         below[:, 1] += gaps(below, model)[0]
     o2, e2 = push(model, o1[-1][None], below, 40, Steering())
-    away = np.tile(se2.compose(o1[-1], [-0.4, 0.0, 0.0]), (5, 1))
+    away = np.tile(planar.compose(o1[-1], [-0.4, 0.0, 0.0]), (5, 1))
     o = np.concatenate([o1, np.tile(o1[-1], (5, 1)), o2[:, 0]])
     return o, np.concatenate([e1, away, e2[:, 0]]), np.repeat([True, False, True], [41, 5, 41])
 
@@ -138,14 +138,14 @@ def from_two_sides() -> tuple[Array, Array, Array]:
 @pytest.mark.parametrize("off", [(0.014, -0.014, 0.17), (-0.014, 0.014, -0.17), (0.0, 0.02, 0.17)])
 def test_an_object_known_roughly_is_found_by_touch(off):
     o, e, contact = from_two_sides()
-    found = tracked(with_directions("rectangle", o, e, contact), se2.compose(o[0], off), sigma=ROUGH)
+    found = tracked(with_directions("rectangle", o, e, contact), planar.compose(o[0], off), sigma=ROUGH)
     check_answers(found)
     assert max(len(estimate.answers) for estimate in found) > 3
     # The first contact tells the face and the yaw, unless it is at a corner, the second the rest; the truth never is
     # outside what is said.
     assert nees(found, o).max() < 7.8
     likely = [one for one in found[40].answers if one.weight > 0.1]
-    off = np.abs([se2.log(se2.between(one.pose, o[40]))[2] for one in likely])
+    off = np.abs([planar.log(planar.between(one.pose, o[40]))[2] for one in likely])
     assert sum(one.weight for one, turned in zip(likely, off, strict=True) if turned < math.radians(2.0)) > 0.3
     assert translation_errors(poses(found), o)[0] > 6e-3
     assert translation_errors(poses(found), o)[-1] < 2e-3
@@ -161,10 +161,10 @@ def test_an_object_that_may_be_anywhere():
     # Nor does it matter which yaw it has: both in which a rectangle looks the same are left.
     for yaw in (1.0, -2.5):
         turned = np.array([0.0, 0.0, yaw])
-        world = se2.compose(turned, o), se2.compose(turned, e)
+        world = planar.compose(turned, o), planar.compose(turned, e)
         found = tracked(with_directions("rectangle", *world, contact), None)
         last = world[0][-1]
-        off = [se2.log(se2.between(last, answer.pose)) for answer in found[-1].answers if answer.weight > 0.3]
+        off = [planar.log(planar.between(last, answer.pose)) for answer in found[-1].answers if answer.weight > 0.3]
         assert sorted(abs(round(float(one[2]), 1)) for one in off) == [0.0, 3.1]
         assert found[-1].status == "ambiguous" and max(np.hypot(*one[:2]) for one in off) < 5e-3
     # And untouched it is uncertain.
@@ -177,13 +177,13 @@ def tracked_disc(sigma: float, hypotheses: int = 9, camera: int | None = None) -
     """Estimates, true poses and contact of a disc whose yaw is off by 1.5 rad: one frame before it is touched, and two
     contacts that tell where; a camera sees it at one of the frames."""
     o, e, contact = in_two_contacts("disc", 60)
-    (apart,) = frames(o[:1], se2.compose(e[:1], [-0.1, 0.0, 0.0]), False, start=-1.0)
+    (apart,) = frames(o[:1], planar.compose(e[:1], [-0.1, 0.0, 0.0]), False, start=-1.0)
     seen = [apart, *with_directions("disc", o, e, contact)]
     o, contact = np.concatenate([o[:1], o]), np.append(False, contact)
     if camera is not None:
         measured = ObjectPose(o[camera], np.diag([1e-3, 1e-3, 0.02]) ** 2)
         seen[camera] = dataclasses.replace(seen[camera], measurements=(measured,))
-    first = se2.compose(o[0], [0.004, -0.003, 1.5])
+    first = planar.compose(o[0], [0.004, -0.003, 1.5])
     return tracked(seen, first, "disc", sigma=(5e-3, 5e-3, sigma), hypotheses=hypotheses), o, contact
 
 
@@ -210,4 +210,4 @@ def test_a_camera_tells_the_yaw_of_a_disc_whenever_it_sees_it(at_rest):
     yaw = np.sqrt([estimate.covariance[2, 2] for estimate in found])
     np.testing.assert_allclose(yaw[:when], 2.0, rtol=0.01)
     assert yaw[when:].max() < 0.07
-    assert abs(se2.wrap(found[-1].pose[2] - o[-1, 2])) < 0.06
+    assert abs(planar.wrap(found[-1].pose[2] - o[-1, 2])) < 0.06

@@ -3,25 +3,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import planar
 import pytest
-from push_samples import (
-    RADIUS,
-    SHAPES,
-    Steering,
-    frames,
-    in_two_contacts,
-    noisy,
-    pushed,
-    sensor,
-    with_settings,
-)
+from push_samples import RADIUS, SHAPES, Steering, frames, in_two_contacts, noisy, pushed, sensor, with_settings
 from tracker_samples import (
     CALIBRATED,
     SMOOTHERS,
     nees,
     poses,
     rotation_errors,
-    se2,
     settings,
     statuses,
     track,
@@ -79,9 +69,9 @@ def test_a_turned_world_turns_the_estimates():
         # The first pose lands at +-pi and on either side of it, and anywhere.
         for turn in (math.pi, math.pi - 1e-4, -math.pi + 1e-4, 2.2):
             world = np.array([0.3, -0.2, turn])
-            seen = frames(se2.compose(world, o), se2.compose(world, e), contact)
-            _, turned = track("concave", seen, se2.compose(world, o[0]), settings("oracle", smoother))
-            difference = se2.log(se2.between(se2.compose(world, poses(found)), poses(turned)))
+            seen = frames(planar.compose(world, o), planar.compose(world, e), contact)
+            _, turned = track("concave", seen, planar.compose(world, o[0]), settings("oracle", smoother))
+            difference = planar.log(planar.between(planar.compose(world, poses(found)), poses(turned)))
             np.testing.assert_allclose(difference, 0.0, atol=1e-9)
             assert statuses(turned) == statuses(found)
             for a, b in zip(found, turned, strict=True):
@@ -94,10 +84,10 @@ def test_two_tips_push_together_or_one_of_them_does(smoother, y, both):
     # They begin with one. Pushed at its middle the side comes to the other, too; near its end it turns away from it.
     tips = ((0.0, 0.02), (0.0, -0.02))
     o, e = pushed("rectangle", 100, y, tips=tips, steering=Steering(aim=0.0, sway=0.0))
-    centers = se2.transform(se2.between(o[-1], e[-1]), sensor(tips=tips).centers)
+    centers = planar.transform(planar.between(o[-1], e[-1]), sensor(tips=tips).centers)
     off = SHAPES["rectangle"].signed_distance(centers) - RADIUS
     assert (off.max() < 5e-4) == both
-    first, sigma = se2.compose(o[0], [1e-3, 2e-3, 0.03]), [3e-3, 3e-3, 0.05]
+    first, sigma = planar.compose(o[0], [1e-3, 2e-3, 0.03]), [3e-3, 3e-3, 0.05]
     given = SHAPES["rectangle"], sensor(tips=tips), first, settings("none", smoother)
     tracker = Tracker(*given, first_pose_sigma=sigma)
     found = [tracker.update(frame) for frame in frames(o, e)]
@@ -142,7 +132,7 @@ def test_the_next_contact_starts_from_the_last_marginal(smoother):
         np.testing.assert_array_equal(estimate.covariance, before.covariance)
     known = before.covariance + np.diag(np.square(rest))
     normal = e[51, :2] - before.pose[:2]
-    gap = np.append(se2.rotation(before.pose[2]).T @ normal / np.hypot(*normal), 0.0)
+    gap = np.append(planar.transform([0.0, 0.0, -before.pose[2]], normal) / np.hypot(*normal), 0.0)
     variance = deviation**2 + gap @ known @ gap + noise.sensor_pose.deviation[0] ** 2
     wanted = known - np.outer(known @ gap, known @ gap) / variance
     np.testing.assert_allclose(again.covariance, wanted, rtol=0.01, atol=1e-9)
@@ -151,8 +141,6 @@ def test_the_next_contact_starts_from_the_last_marginal(smoother):
 
 
 class CountedTouch:
-    """Touch that counts the contacts that begin."""
-
     def __init__(self) -> None:
         self.begun = 0
         self._away = True
@@ -160,7 +148,7 @@ class CountedTouch:
     def measure(self, frame: Frame) -> Sequence[Measurement]:
         self.begun += self._away
         self._away = False
-        turn = se2.between(np.asarray(frame.object_pose), frame.sensor_pose)[2]
+        turn = planar.between(np.asarray(frame.object_pose), frame.sensor_pose)[2]
         return (Turn(float(turn), 1e-6),)
 
     def end_contact(self) -> None:

@@ -4,9 +4,9 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import planar
 import pytest
 from push_samples import with_settings
-from tracker_samples import se2, simulated
 
 from palpate import (
     Calibration,
@@ -19,13 +19,19 @@ from palpate import (
     SettingError,
     Tracker,
     TrackerSettings,
+    load_recording,
     track,
 )
 
 
 @pytest.fixture(scope="module")
-def recording() -> Recording:
-    return simulated("rectangle", "rectangle-edges", 71)
+def recording(tmp_path_factory, command) -> Recording:
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    folder = tmp_path_factory.mktemp("images") / "simulated"
+    options = ("--shape", "rectangle", "--count", 1, "--seconds", 6, "--seed", 75, "--ideal")
+    assert command("simulate", folder, *options) == 0
+    (path,) = folder.iterdir()
+    return load_recording(path)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +45,6 @@ def learnt(recording) -> Run:
 
 
 def yaw_deviation(run: Run) -> float:
-    """Reported deviation of the final yaw [rad]."""
     assert run.online.covariance is not None
     return float(np.sqrt(run.online.covariance[-1, 2, 2]))
 
@@ -97,12 +102,10 @@ def begun_at(recording: Recording) -> int:
 
 
 def late_frames(recording: Recording) -> list[Frame]:
-    """The frames of a recording from where a contact has begun."""
     return list(recording)[begun_at(recording) :]
 
 
 def of_frames(recording: Recording, chosen: list[int]) -> Recording:
-    """A recording of chosen frames, one after the other."""
     assert recording.object_pose is not None and recording.contact is not None and recording.image is not None
     return dataclasses.replace(
         recording,
@@ -117,8 +120,7 @@ def of_frames(recording: Recording, chosen: list[int]) -> Recording:
 
 
 def distance(one: Any, other: Any) -> float:
-    """Distance between two poses [m]."""
-    return float(np.hypot(*se2.between(one, other)[:2]))
+    return float(np.hypot(*planar.between(one, other)[:2]))
 
 
 @pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn"])

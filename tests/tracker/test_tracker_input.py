@@ -7,17 +7,7 @@ import pytest
 from push_samples import SHAPES, frames, pushed, sensor
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
-from palpate import (
-    Disc,
-    EstimationError,
-    Frame,
-    Polygon,
-    Rectangle,
-    SettingError,
-    ShapeError,
-    Tracker,
-    TrackerSettings,
-)
+from palpate import Disc, EstimationError, Frame, Polygon, Rectangle, SettingError, ShapeError, Tracker, TrackerSettings
 
 
 @pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here"])

@@ -5,6 +5,7 @@ import logging
 import math
 
 import numpy as np
+import planar
 import pytest
 from push_samples import RADIUS, SHAPES, Steering, frames, model_of, push, pushed, sensor, with_settings
 from tracker_samples import (
@@ -14,7 +15,6 @@ from tracker_samples import (
     nees,
     poses,
     rotation_errors,
-    se2,
     settings,
     statuses,
     track,
@@ -49,9 +49,9 @@ def test_a_disc_without_touch_does_not_end_the_run(smoother):
 def moved_while_untouched(shift: tuple[float, float, float]) -> tuple[Array, Array, Array]:
     """Object and sensor poses, and contact: the object is shifted in its own frame in the ten frames of no contact."""
     o1, e1 = pushed("rectangle", 40)
-    after = se2.compose(o1[-1], np.array(shift))
+    after = planar.compose(o1[-1], np.array(shift))
     o2, e2 = pushed("rectangle", 40, first=after)
-    away = np.broadcast_to(se2.compose(o1[-1], [-0.25, 0.0, 0.0]), (10, 3))
+    away = np.broadcast_to(planar.compose(o1[-1], [-0.25, 0.0, 0.0]), (10, 3))
     o = np.concatenate([o1, np.broadcast_to(after, (10, 3)), o2])
     return o, np.concatenate([e1, away, e2]), np.repeat([True, False, True], [41, 10, 41])
 
@@ -69,7 +69,7 @@ def test_an_object_moved_while_untouched_is_displaced(shift, smoother):
     assert after[2] > 10 * before[2]
     # The contact found again pulls the object along the normal, and the rest is covered by the covariance.
     for k in (51, 91):
-        error = se2.log(se2.between(found[k].pose, o[k]))
+        error = planar.log(planar.between(found[k].pose, o[k]))
         assert abs(error[0]) < 2e-3
         assert error @ np.linalg.solve(found[k].covariance, error) < 7.8
 
@@ -85,7 +85,7 @@ def test_an_object_moved_while_untouched_may_be_touched_anywhere(shift):
     assert nees(found, o)[51:].max() < 7.8
     # And one of them stands nearer to it than the object was moved.
     for k in range(60, 92):
-        apart = [np.hypot(*se2.log(se2.between(answer.pose, o[k]))[:2]) for answer in found[k].answers]
+        apart = [np.hypot(*planar.log(planar.between(answer.pose, o[k]))[:2]) for answer in found[k].answers]
         assert min(apart) < 10e-3
 
 
@@ -95,7 +95,7 @@ def test_a_sensor_that_goes_on_into_the_object_and_does_not_touch_it(smoother, s
     o, e = pushed("rectangle", 40)
     tracker, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother))
     last = found[-1]
-    on = [se2.compose(e[-1], [speed * k, 0.0, 0.0]) for k in range(1, 9)]
+    on = [planar.compose(e[-1], [speed * k, 0.0, 0.0]) for k in range(1, 9)]
     rests = [tracker.update(Frame(last.time + k / 30, at, contact=False)) for k, at in enumerate(on, start=1)]
     np.testing.assert_array_equal(poses(rests), np.tile(last.pose, (8, 1)))
     # Someone took the object away, as far as a hand can in that time; else it lies where it was let go of.
@@ -110,9 +110,9 @@ def test_a_gap_is_judged_by_what_is_known_along_it(heading, status, turn):
     # y, where three standard deviations of contact, depth and size are 3.7 mm, it is. `turn` turns the sensor about
     # its centre.
     noise = with_settings(NoiseSettings(), first_pose={"deviation": (5e-3, 1e-5, 1e-5)})
-    center = se2.compose([0.0, 0.0, heading], [-0.088 + 6e-3 - RADIUS, 0.0, turn])
+    center = planar.compose([0.0, 0.0, heading], [-0.088 + 6e-3 - RADIUS, 0.0, turn])
     tracker = disc_tracker(settings(noise=noise))
-    pose = se2.compose(center, [RADIUS, 0.0, 0.0])
+    pose = planar.compose(center, [RADIUS, 0.0, 0.0])
     assert tracker.update(Frame(0.0, pose, contact=False)).status == status
 
 
@@ -135,8 +135,8 @@ SURE = with_settings(CALIBRATED, turn={"share": 16.0, "kernel": None})
 def knocked(angle: float) -> tuple[Array, Array]:
     """A push of the rectangle in which, at step 50, a hand turns it about the sensor's apex."""
     o1, e1 = pushed("rectangle", 50, 0.015)
-    first = se2.compose(se2.compose(e1[-1], np.array([0.0, 0.0, angle])), se2.between(e1[-1], o1[-1]))
-    o2, e2 = push(model_of("rectangle"), first[None], se2.between(first, e1[-1])[None], 50, Steering())
+    first = planar.compose(planar.compose(e1[-1], np.array([0.0, 0.0, angle])), planar.between(e1[-1], o1[-1]))
+    o2, e2 = push(model_of("rectangle"), first[None], planar.between(first, e1[-1])[None], 50, Steering())
     return np.concatenate([o1, o2[1:, 0]]), np.concatenate([e1, e2[1:, 0]])
 
 
@@ -154,7 +154,7 @@ def test_a_knock_in_contact_strains(smoother):
     assert np.abs(rotation_errors(poses(found), o))[53:].max() < 5e-3
     assert found[55].covariance[2, 2] > 4 * found[49].covariance[2, 2]
     for k in range(52, 51 + 30 - 1):
-        error = se2.log(se2.between(found[k].pose, o[k]))
+        error = planar.log(planar.between(found[k].pose, o[k]))
         assert error @ np.linalg.solve(found[k].covariance, error) < 7.8
 
 

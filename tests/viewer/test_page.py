@@ -19,7 +19,6 @@ import palpate
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, command) -> Path:
-    """The folder of a run with a page."""
     folder = tmp_path_factory.mktemp("page")
     palpate.write_recording(imaged_push(), folder / "push<1>.mcap")
     assert command("track", folder / "push<1>.mcap", "--html", "--out", folder / "run") == 0
@@ -80,7 +79,6 @@ def move_slider(browser: Any, frame: int) -> None:
 
 
 def middle(browser: Any, selector: str) -> Any:
-    """The middle of an element [px]."""
     return np.array(
         browser.execute_script(
             f"const box = document.querySelector('{selector}').getBoundingClientRect();"

@@ -70,7 +70,6 @@ def online() -> Any:
 
 @pytest.fixture(autouse=True)
 def _in_folder(tmp_path, monkeypatch):
-    """Every test works in a folder of its own and has no display."""
     without_display(tmp_path, monkeypatch)
 
 
