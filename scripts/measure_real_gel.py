@@ -21,8 +21,9 @@ from palpate import DIGIT, Calibration
 from palpate.lab.train.scores import coverage
 from palpate.touch.background import background_of
 from palpate.touch.cells import Image
-from palpate.touch.press_calibration import Presses, learn_from_presses, read_image
+from palpate.touch.press_calibration import Presses, learn_from_presses
 from palpate.touch.touch_model import difference, reduced, shipped_model
+from palpate.types.images import read_image
 
 Array = NDArray[np.float64]
 CASES = {

@@ -19,6 +19,7 @@ from .io.recording_mcap import write_recording as write_recording
 from .io.rosbag_recording import BagChoices as BagChoices
 from .io.rosbag_recording import BagReading as BagReading
 from .io.rosbag_recording import read_bag as read_bag
+from .io.rosbag_recording import read_poses as read_poses
 from .pipeline.track import Run as Run
 from .pipeline.track import track as track
 from .touch.background import Background as Background
@@ -40,5 +41,6 @@ from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .types.sensor import POINT as POINT
 from .types.sensor import SensorProfile as SensorProfile
+from .types.space import gel_pose as gel_pose
 
 __version__: str

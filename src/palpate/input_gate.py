@@ -8,9 +8,10 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST
-from palpate.errors import FrameError, PalpateError, SettingError
+from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import PoseMonitor, StreamQuality
 from palpate.touch.background import Background
@@ -28,6 +29,7 @@ from palpate.types.measurements import (
     finite_numbers,
 )
 from palpate.types.sensor import SensorProfile
+from palpate.types.space import gel_pose
 
 logger = logging.getLogger(__name__)
 
@@ -158,7 +160,8 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
     if isinstance(frame.time, bool) or finite_numbers(frame.time, ()) is None:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
-    when, image, pose = f"frame at {frame.time:.3f} s", frame.image, finite_numbers(frame.sensor_pose, (3,))
+    when, image = f"frame at {frame.time:.3f} s", frame.image
+    pose, object_pose = _planar(when, frame.sensor_pose), _planar(when, frame.object_pose)
     if frame.contact is None and image is None:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
     if not isinstance(frame.contact, bool | np.bool_ | None):
@@ -178,9 +181,19 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         time=float(frame.time),
         sensor_pose=pose,
         contact=None if frame.contact is None else bool(frame.contact),
-        object_pose=finite_numbers(frame.object_pose, (3,)),  # NaN where motion capture loses the object
+        object_pose=object_pose,  # NaN where motion capture loses the object
         measurements=tuple(chain.from_iterable(added)),
     )
+
+
+def _planar(when: str, pose: Any) -> NDArray[np.float64] | None:
+    """Return a pose in the plane, or one in space (7,) or (4, 4) as one; None if it is neither."""
+    if np.shape(pose) not in ((7,), (4, 4)) or finite_numbers(pose, np.shape(pose)) is None:
+        return finite_numbers(pose, (3,))
+    try:
+        return gel_pose(pose)
+    except FileError as error:
+        raise FrameError(f"{when}: {error}") from error
 
 
 def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Measurement, ...]:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from bag_samples import (
@@ -113,6 +114,24 @@ def test_info_proposes_no_track_that_is_refused(json_of):
     assert json_of("info", "torn.bag")["damaged_images"] == 1
     assert "images are encoded as 'mono8', allowed are rgb8" in advice["grey"]
     assert advice["turned"].startswith("palpate track turned.bag --sensor gelsight-mini --shape NAME|FILE")
+    assert "a DIGIT's, with --orientation 90" in advice["turned"]
+    assert json_of("info", "turned.bag", "--orientation", "90")["advice"].startswith(
+        "palpate track turned.bag --orientation 90 --shape"
+    )
+
+
+def test_convert_joins_images_in_a_folder_and_poses_in_a_bag(succeeds):
+    Path("film").mkdir()
+    for index, image in enumerate(touch_images()):
+        cv2.imwrite(f"film/{index}.png", np.rot90(image, -1)[..., ::-1])
+    rows = [f"{index}.png, {time}\n" for index, time in enumerate(image_times().tolist())]
+    Path("times.csv").write_text("file, time\n" + "".join(rows))
+    words = ("--images", "film", "--image-times", "times.csv", "--orientation", "90", "--shape", "disc")
+    flange = ("--sensor-T-gel", *map(str, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)))
+    succeeds("convert", "push.bag", "joined.mcap", *words, *flange)
+    found = palpate.load_recording("joined.mcap")
+    assert all((frame.image == image).all() for frame, image in zip(found, touch_images(), strict=True))
+    assert found.time.tolist() == (image_times() / 1e9).tolist()
 
 
 def test_convert_makes_a_recording_of_a_bag(succeeds):

@@ -28,7 +28,7 @@ from mcap.writer import Writer
 from planar import compose, wrap
 from scipy.spatial.transform import Rotation
 
-from palpate import DIGIT, BagChoices, Disc, FileError, SettingError, read_bag
+from palpate import DIGIT, POINT, BagChoices, Disc, FileError, SettingError, gel_pose, read_bag, read_poses
 
 SHAPE = Disc(0.05)
 
@@ -154,7 +154,7 @@ def test_compressed_images_that_are_refused(tmp_path):
     with pytest.raises(FileError, match="some images are jpeg, others png"):
         read(tmp_path / "c", mixed + poses())
     small = [compressed_message(image_times()[0], touch_images(1)[0].transpose(1, 0, 2))]
-    with pytest.raises(FileError, match=r"found \(240, 320\) rows and columns, the sensor has \(320, 240\)"):
+    with pytest.raises(FileError, match=r"found 240 rows and 320 columns, .* lie on their side"):
         read(tmp_path / "d", small + poses())
 
 
@@ -332,6 +332,98 @@ def test_choices_that_are_none():
     for wrong in wrongs:
         with pytest.raises(SettingError, match="; allowed "):
             BagChoices(**wrong)
+
+
+@pytest.mark.parametrize("orientation", ["", "90", "270,mirrored", "180,gbr"])
+def test_images_of_twice_the_size_in_any_orientation(tmp_path, orientation):
+    turns = int(orientation[:3].strip(",") or 0) // 90
+    sent = [np.kron(image, np.ones((2, 2, 1), np.uint8)) for image in touch_images(6)]
+    sent = [image[:, ::-1] if "mirrored" in orientation else image for image in sent]
+    sent = [np.rot90(image, -turns)[..., [1, 2, 0] if "gbr" in orientation else [0, 1, 2]] for image in sent]
+    times = image_times(6)
+    for make in (image_message, compressed_message):
+        messages = [make(time, np.ascontiguousarray(image)) for time, image in zip(times, sent, strict=True)]
+        found = read(tmp_path / make.__name__, messages + poses(), orientation=orientation)
+        images = [frame.image.astype(int) for frame in found]
+        assert np.abs(np.array(images) - touch_images(6)).mean() < (0.01 if make is image_message else 4.0)
+
+
+def test_poses_of_a_flange_that_looks_down(tmp_path):
+    flange_T_gel = (0.03, 0.0, 0.12, 1.0, 0.0, 0.0, 0.0)  # half a turn about x
+    times, down = pose_times(), Rotation.from_quat(flange_T_gel[3:])
+    messages = few_images()
+    for time, pose in zip(times, true_pose(times), strict=True):
+        turn = Rotation.from_euler("z", pose[2]) * down.inv()
+        position = [*pose[:2], 0.1] - turn.apply(flange_T_gel[:3])
+        content = {"header": header(time), "pose": pose_content(position, turn)}
+        messages.append(Message("/flange", int(time) + 1_000_000, "geometry_msgs/msg/PoseStamped", content))
+    recording = read(tmp_path, messages, sensor_T_gel=flange_T_gel)
+    same_poses(recording.sensor_pose, true_pose(image_times(6)), 1e-4)  # an arc, taken as straight
+    found, rows = read_poses(tmp_path / "bag/bag.mcap", "/flange")
+    assert (found == times).all() and rows.shape == (len(times), 7)
+    gel = np.array([gel_pose(row, flange_T_gel) for row in rows])
+    same_poses(gel, true_pose(times))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(rows[7, 3:]).as_matrix(), rows[7, :3]
+    same_poses(gel_pose(matrix, flange_T_gel)[None], gel[7:8])
+    with pytest.raises(FileError, match=r"the gel's x axis is -90.0 degrees out of the plane"):
+        gel_pose((0.0, 0.0, 0.1, 0.0, 0.5**0.5, 0.0, 0.5**0.5))
+
+
+def test_contact_flags_in_place_of_images(tmp_path):
+    changes = ((0, False), (21, True), (52, False))  # published when they change
+    flags = [
+        Message("/touch", int(pose_times()[index]) + 1_000_000, "std_msgs/msg/Bool", {"data": flag})
+        for index, flag in changes
+    ]
+    path = write_bag(tmp_path / "bag", "mcap", sorted([*flags, *poses()], key=lambda message: message.log_time))
+    found = read_bag(path, SHAPE, sensor=POINT).recording
+    assert found.image is None and found.contact is not None
+    assert np.diff(found.time) == pytest.approx(1 / POINT.rate, abs=1e-6)
+    since = found.time - START * 1e-9
+    assert (found.contact == ((since > 0.42) & (since < 1.04))).all() and len(found) > 30
+    same_poses(found.sensor_pose, true_pose(START + since * 1e9), 1e-6)
+    with pytest.raises(FileError, match="has no topic of contact flags"):
+        read_bag(write_bag(tmp_path / "no", "mcap", poses()), SHAPE, sensor=POINT)
+
+
+@pytest.mark.parametrize("unit", ["s", "ns"])
+def test_images_in_a_folder_and_poses_in_a_bag(tmp_path, unit):
+    rows = ["Time;file"]
+    for time, message in zip(image_times(6).tolist(), few_images(), strict=True):
+        (tmp_path / f"{time}.jpg").write_bytes(bytes(message.content["data"]))
+        rows.append(f"{time if unit == 'ns' else f'{time * 1e-9:.6f}'.replace('.', ',')};{time}.jpg")
+    table = tmp_path / "times.csv"
+    table.write_text("\n".join(rows))
+    found = read(tmp_path, poses(), images=tmp_path, image_times=table)
+    same_poses(found.sensor_pose, true_pose(image_times(6)), 1e-6)
+    assert np.abs(np.array([frame.image for frame in found], int) - touch_images(6)).mean() < 4.0
+    for text, words in {
+        "file\na": "found the columns file; expected time, file",
+        "time,file\nx,a": "time is 'x'",
+    }.items():
+        table.write_text(text)
+        with pytest.raises(FileError, match=words):
+            read(tmp_path / words[:4], poses(), images=tmp_path, image_times=table)
+
+
+def test_a_plane_is_fitted_to_frames_in_contact(tmp_path):
+    """The sensor comes down steeply and pushes along a curve in a tilted plane."""
+    tilt, frames = Rotation.from_euler("y", 0.2), 60
+    times, down = image_times(frames), np.clip(30 - np.arange(frames), 0, None)
+    touched = touch_images(1)[0].copy()
+    touched[100:200, 60:180] = 255 - touched[100:200, 60:180]
+    messages = []
+    for index, time in enumerate(times):
+        noise = np.random.default_rng(index).integers(0, 3, touched.shape, np.uint8)
+        messages.append(compressed_message(time, (touched if index > 32 else touch_images(1)[0]) // 2 + noise))
+        along = 0.002 * (index - 30) if index > 30 else 0.0
+        place = tilt.apply([along, 30.0 * along**2, 0.0]) + np.array([0.0, -0.001, 0.003]) * down[index]
+        content = {"header": header(time), "pose": pose_content(place, tilt)}
+        messages.append(Message("/ee_pose", int(time) + 1_000_000, "geometry_msgs/msg/PoseStamped", content))
+    path = write_bag(tmp_path / "bag", "mcap", sorted(messages, key=lambda message: message.log_time))
+    plane = read_bag(path, SHAPE, BagChoices(plane="fit", off_plane=0.2)).plane
+    assert plane.axes[:, 2] == pytest.approx(tilt.apply([0.0, 0.0, 1.0]), abs=2e-3)
 
 
 def test_a_damaged_image_is_one_frame(tmp_path):

@@ -216,5 +216,7 @@ def test_a_bad_image_is_named_when_it_is_looked_at(tmp_path):
     found = palpate.load_recording(tmp_path / "a.mcap")
     assert found[0].image is not None
     for index, size in ((2, 50), (4, 0)):
-        with pytest.raises(FileError, match=rf"a\.mcap: image of frame {index}: its {size} bytes do not decode as png"):
+        with pytest.raises(
+            FileError, match=rf"a\.mcap: image of frame {index}: its {size} bytes do not decode as JPEG or PNG"
+        ):
             found[index]

@@ -139,7 +139,7 @@ def test_a_frame_that_the_tracker_refuses_or_that_does_not_decode_is_left_out():
 
     session, notes = run(FakeTracker(), damaged, np.arange(-1, 60) / 100)
     assert (session.counts["tracked"], session.counts["left_out"]) == (2, 2)
-    assert "a frame is left out, 1 so far: its 8 bytes do not decode as jpeg" in notes
+    assert "a frame is left out, 1 so far: its 8 bytes do not decode as JPEG or PNG" in notes
 
 
 def failing(error: Exception) -> FakeTracker:

@@ -123,6 +123,12 @@ def test_images_come_in_any_form(tmp_path):
     for images in (pixels, list(pixels), data, files, list(map(str, files))):
         assert made(images=images).image == tuple(data)
     assert made(images=pixels, codec="jpeg").codec == "jpeg"
+    big = np.repeat(np.repeat(pixels, 3, axis=1), 3, axis=2)
+    for images in (big, [encoded(image) for image in big], np.rot90(big, -1, (1, 2))):
+        found = made(images=images, orientation="" if images is big or isinstance(images, list) else "90")
+        assert all((frame.image == image).all() for frame, image in zip(found, pixels, strict=True))
+    upside_down = made(images=pixels[:, ::-1, ::-1, ::-1]).oriented("180,BGR")
+    assert all((frame.image == image).all() for frame, image in zip(upside_down, pixels, strict=True))
     touched = np.arange(20) > 5
     blind = made(images=None, sensor=POINT, contact=touched)
     assert blind.image is None and blind.contact.tolist() == touched.tolist()
@@ -185,11 +191,14 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"poses": POSES[:40]}, "poses: found 40 poses for 50 times"),
         ({"poses": np.full((50, 3), np.nan)}, "poses: frame 0 .*allowed is finite numbers"),
         ({"images": tiny_images(19)}, "images: found 19 images for 20 times"),
-        ({"images": tiny_images(20) / 255}, r"image 0 is float64 .* uint8 of shape \(12, 8, 3\)"),
+        ({"images": tiny_images(20) / 255}, r"image 0: is float64 .* uint8 of shape \(12, 8, 3\)"),
         ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
-        ({"images": [*tiny_images(19), encoded(tiny_images(1)[0], "jpeg")]}, "image 19 begins with"),
+        ({"images": [*tiny_images(19), encoded(tiny_images(1)[0], "jpeg")]}, "image 19: begins with"),
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),
-        ({"images": TURNED}, r"found \(8, 12\).*quarter it fits"),
+        ({"images": TURNED}, "image 0: found 8 rows and 12 columns.*lie on their side: orientation=.90"),
+        ({"images": tiny_images(20)[:, :11]}, "image 0: found 11 rows and 8 columns, .* crop and scale"),
+        ({"orientation": "sideways"}, "orientation is 'sideways'; allowed are, with commas, 90, 180"),
+        ({"orientation": "90"}, "image 0: found 12 rows and 8 columns, .* lie on their side"),
         ({"images": None}, "images: found None, and no contact"),
         ({"time_offset": -50}, "is time_offset in seconds"),
         ({"shape": Disc(50.0)}, "the outline is 100 m wide, .*are these millimetres"),

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from palpate.cli.console import print_line, progress_bar, report
-from palpate.cli.options import Force, Json, arg, check_new
+from palpate.cli.options import Force, Json, Orientation, arg, check_new
 from palpate.cli.recordings import about_calibration
 from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
-    from palpate.types.recording import Recording
+    from palpate.touch.press_calibration import Presses
+    from palpate.types.images import Image
     from palpate.types.sensor import SensorProfile
 
 
@@ -28,6 +29,7 @@ def calibrate(
     presses: Annotated[Path | None, arg("PRESSES", "none")] = None,
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
     sensor: Annotated[str | None, arg("NAME", "the recording's, else digit")] = None,
+    orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
     force: Force = False,
     json: Json = False,
@@ -49,9 +51,11 @@ def calibrate(
         model: Folder of the touch model that reads the presses.
     """
     from palpate import io as formats
+    from palpate.lab.train.samples import presses_of
     from palpate.touch.background import background_of
     from palpate.touch.calibration import Calibration, misfit, write_calibration
-    from palpate.touch.press_calibration import read_image, untouched_frames, untouched_images
+    from palpate.touch.press_calibration import read_presses, untouched_frames, untouched_images
+    from palpate.types.images import camera_view, read_image, scaled
     from palpate.types.sensor import DIGIT, known_sensor
 
     is_table = presses is not None and presses.suffix.lower() == ".csv"
@@ -63,22 +67,28 @@ def calibrate(
         raise SettingError("calibrate: --model is only used with --presses")
     check_new(out, force)
     paths = [path for path in (file, None if is_table else presses) if path is not None]
-    recordings = {path: formats.load_recording(path) for path in paths}
+    recordings = {path: formats.load_recording(path).oriented(orientation) for path in paths}
     given = [recording.sensor for recording in recordings.values()]
     profile = known_sensor(sensor) if sensor else given[0] if given else DIGIT
     for path, recording in recordings.items():
         if recording.sensor.name != profile.name:
             raise SettingError(f"{path}: is of sensor {recording.sensor.name!r}, expected {profile.name!r}")
+    size, view = (profile.image_height, profile.image_width), camera_view(orientation)
+
+    def look(path: Path) -> "Image":
+        return scaled(view.of(read_image(path)), size)
+
     if presses is not None:
-        rest = untouched if file is None else recordings[file]
-        calibration, numbers = _by_presses(presses, recordings.get(presses), rest, profile, model)
+        still = [look(each) for each in untouched] if file is None else list(untouched_images(recordings[file]))
+        given = read_presses(presses, look, in_order=True) if is_table else presses_of(recordings[presses])
+        calibration, numbers = _by_presses(presses, given, still, profile, model)
     elif file is not None:
         frames = len(untouched_frames(recordings[file]))
         with progress_bar("calibrating", frames) as progress:
             background = background_of(untouched_images(recordings[file], progress))
         calibration, numbers = Calibration(background), {"frames": frames}
     else:
-        images = [read_image(each) for each in untouched]
+        images = [look(each) for each in untouched]
         for name, image in zip(untouched, images, strict=True):
             if image.shape != images[0].shape:
                 sizes = ["{} x {} px".format(*each.shape) for each in (image, images[0])]
@@ -98,21 +108,18 @@ def calibrate(
 
 def _by_presses(
     path: Path,
-    presses: "Recording | None",
-    rest: "tuple[Path, ...] | Recording",
+    given: "Presses",
+    still: "list[Image]",
     sensor: "SensorProfile",
     model: Path | None,
 ) -> "tuple[Calibration, dict[str, Any]]":
     """Return the calibration by presses, of a table or a recording, and numbers about it."""
     from palpate.files import in_file
-    from palpate.lab.train.samples import presses_of
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
-    from palpate.touch.press_calibration import learn_from_presses, read_image, read_presses, untouched_images
+    from palpate.touch.press_calibration import learn_from_presses
     from palpate.touch.touch_model import TouchModel, shipped_model
 
-    still = list(map(read_image, rest) if isinstance(rest, tuple) else untouched_images(rest))
-    given = read_presses(path, in_order=True) if presses is None else presses_of(presses)
     with in_file(path):
         if model is None and any(map(is_grey, (*still, *given.images))):
             raise FileError(GREY)

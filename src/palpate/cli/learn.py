@@ -61,7 +61,8 @@ def train(
     from palpate.lab.train.train import TrainSettings, train_on_presses
     from palpate.lab.train.train import train as train_model
     from palpate.touch.calibration import load_calibration
-    from palpate.touch.press_calibration import read_image, read_presses
+    from palpate.touch.press_calibration import read_presses
+    from palpate.types.images import read_image
 
     begin = time.perf_counter()
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)

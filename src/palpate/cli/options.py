@@ -53,6 +53,14 @@ RecordingsFolder = Annotated[
 Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
 Json: TypeAlias = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
 Sensor: TypeAlias = Annotated[str, tyro.conf.arg(metavar="NAME", help="Sensor profile: digit or gelsight-mini.")]
+Orientation: TypeAlias = Annotated[
+    str,
+    arg(
+        "WORDS",
+        "upright",
+        help="Steps that make images upright, with commas: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr.",
+    ),
+]
 Smoother: TypeAlias = Annotated[
     SmootherName, tyro.conf.arg(help="Solve the graph over the last steps of a contact, or over all of them.")
 ]
@@ -150,10 +158,17 @@ class Bag:
     shape_unit: Annotated[ShapeUnit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
     sensor: Sensor = "digit"
-    images: Annotated[str | None, arg("TOPIC", "the only image topic")] = None
-    """Touch images."""
+    images: Annotated[str | None, arg("TOPIC|FOLDER", "the only image topic")] = None
+    """Touch images, or contact flags for --sensor point; with --image-times, a folder of images."""
+    image_times: Annotated[Path | None, arg("FILE.csv", "none; the bag has images")] = None
+    """Images in a folder: a table with the columns time [s, or whole ns] and file."""
+    orientation: Orientation = ""
     sensor_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "the only source of poses")] = None
     """Poses of the sensor: a topic, or two frames of the transforms."""
+    sensor_T_gel: Annotated[
+        tuple[float, float, float, float, float, float, float] | None, arg("X Y Z QX QY QZ QW", "poses are the gel's")
+    ] = None
+    """The gel in the frame of these poses, such as a flange [m], quaternion."""
     object_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "none")] = None
     """Poses of the object, which are ground truth: a topic, or two frames."""
     clock: Literal["header", "log"] = "header"
@@ -173,9 +188,9 @@ class Bag:
         from palpate.types.sensor import known_sensor
 
         if self.shape is None:
-            if self != Bag():
+            if self != Bag(orientation=self.orientation):
                 raise SettingError("--sensor, --images and the other options for bags need --shape, too")
-            return formats.load_recording(file), None
+            return formats.load_recording(file).oriented(self.orientation), None
         if formats.detect_format(file) != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
         choices = BagChoices(**{field.name: getattr(self, field.name) for field in fields(BagChoices)})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from palpate.cli.console import print_json, print_line, print_rows, print_table, progress_bar, quantities, report
-from palpate.cli.options import Bag, Force, Json, arg, check_new, positional
+from palpate.cli.options import Bag, Force, Json, Orientation, arg, check_new, positional
 from palpate.errors import FileError, printable
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ def info(
     ],
     /,
     *,
+    orientation: Orientation = "",
     json: Json = False,
 ) -> int:
     """Show the contents of a recording (rates, gaps, contacts, truth), a bag or a calibration, and problems in it.
@@ -35,9 +36,9 @@ def info(
         about = about_calibration(load_calibration(file))
         report(json, file.name, {"file": str(file), "format": "calibration", **about})
     elif kind == "bag":
-        _show_bag(file, json)
+        _show_bag(file, orientation, json)
     else:
-        _show_recording(file, kind, json)
+        _show_recording(file, kind, orientation, json)
     return 0
 
 
@@ -120,14 +121,14 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
     }
 
 
-def _show_recording(file: Path, kind: str | None, json: bool) -> None:
+def _show_recording(file: Path, kind: str | None, orientation: str, json: bool) -> None:
     from palpate import io as formats
     from palpate.geometry.shapes import shape_to_dict
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import sensor_to_dict
 
     with progress_bar(f"inspecting {file.name}"):
-        recording = formats.load_recording(file)
+        recording = formats.load_recording(file).oriented(orientation)
         found = check_recording(recording)
     shape = shape_to_dict(recording.shape)
     about: dict[str, Any] = {"file": str(file), "format": kind, "source": recording.source, "shape": shape}
@@ -148,8 +149,9 @@ def _show_recording(file: Path, kind: str | None, json: bool) -> None:
     print_line(verdict)
 
 
-def _show_bag(path: Path, json: bool) -> None:
+def _show_bag(path: Path, orientation: str, json: bool) -> None:
     from palpate.geometry.shapes import Disc
+    from palpate.io.ros_messages import IMAGE_TYPES
     from palpate.io.rosbag_reader import contents
     from palpate.io.rosbag_recording import BagChoices, mapping, read_contents
     from palpate.pipeline.check_recording import check_recording
@@ -159,18 +161,25 @@ def _show_bag(path: Path, json: bool) -> None:
         found = contents(path)
     images = poses = damaged = None
     advice: list[str] = []
+    has_images = any(topic.channel.type in IMAGE_TYPES for topic in found.topics)
+    choices = BagChoices(orientation=orientation)
     for name, sensor in SENSORS.items():
+        if has_images and not sensor.image_height:
+            continue
         try:
-            chosen = mapping(found, BagChoices(), sensor)
+            chosen = mapping(found, choices, sensor)
             with progress_bar(f"reading {path.name}"):
-                recording = read_contents(found, chosen, BagChoices(), Disc(0.05), sensor).recording
+                recording = read_contents(found, chosen, choices, Disc(0.05), sensor).recording
         except FileError as error:
             advice.append(str(error))
         else:
             images, poses = chosen.images, chosen.sensor.name
             damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
-            option = "" if name == "digit" else f" --sensor {name}"
-            advice = [f"palpate track {found.path}{option} --shape NAME|FILE --first-pose X Y THETA"]
+            given = f" --orientation {orientation}" if orientation else ""
+            option = given if name == "digit" else f" --sensor {name}{given}"
+            advice.insert(0, f"palpate track {found.path}{option} --shape NAME|FILE --first-pose X Y THETA")
+            if advice[1:] and "on their side" in advice[1]:
+                advice[0] += "; if they are a DIGIT's, with --orientation 90 in place of --sensor"
             break
     bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": [topic.about() for topic in found.topics]}
     frames = {child: " or ".join(above) for child, above in found.parents.items()}

@@ -19,6 +19,7 @@ POSE_ARRAY, BOOL = "geometry_msgs/msg/PoseArray", "std_msgs/msg/Bool"
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+READ_TYPES = (*IMAGE_TYPES, *POSE_TYPES, *TRANSFORM_TYPES, BOOL)
 
 ENCODINGS = {
     "rgb8": (3, ""),
@@ -53,7 +54,7 @@ class Channel(NamedTuple):
     @property
     def is_read(self) -> bool:
         """True if its messages can be decoded and used."""
-        return self.encoding in ("cdr", "ros1") and self.type in IMAGE_TYPES + POSE_TYPES + TRANSFORM_TYPES
+        return self.encoding in ("cdr", "ros1") and self.type in READ_TYPES
 
 
 class RawMessage(NamedTuple):
@@ -121,7 +122,7 @@ def stamp_of(message: Any) -> int | None:
     """Return the time in a message's header [ns], of several transforms the first; None where there is none."""
     if hasattr(message, "transforms"):
         return stamp_of(message.transforms[0]) if message.transforms else None
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec if hasattr(message, "header") else None
 
 
 def poses_of(message: Any) -> list[Pose]:

@@ -1,6 +1,7 @@
 """A bag as a recording: each image with the pose that the sensor had when it was taken."""
 
 import logging
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
@@ -8,13 +9,14 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FileError, SettingError
-from palpate.files import in_file
+from palpate.files import existing_file, in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.mcap_file import CutShort
 from palpate.io.ros_messages import (
+    BOOL,
     IMAGE_TYPES,
     POSE_TYPES,
     TRANSFORM_TYPES,
@@ -25,7 +27,8 @@ from palpate.io.ros_messages import (
     stamp_of,
 )
 from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
-from palpate.types.images import Codec, SpooledImages, decode_image
+from palpate.types.from_arrays import nanoseconds
+from palpate.types.images import CameraView, Codec, SpooledImages, camera_view, codec_of, decode_image, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import (
@@ -37,6 +40,7 @@ from palpate.types.space import (
     at_times,
     checked_choices,
     in_plane,
+    on_the_gel,
     poses_in_time,
 )
 
@@ -50,9 +54,15 @@ class BagChoices:
     """Settings for reading a bag; what is None is found where there is only one."""
 
     images: str | None = None
-    """Topic of the touch images."""
+    """Topic of the touch images or, for a sensor without images, of contact flags; with `image_times`, a folder."""
+    image_times: Path | str | None = None
+    """Table of images in a folder, not in the bag: columns time, seconds or whole nanoseconds, and file."""
+    orientation: str = ""
+    """Words with commas that say how images lie; see `Recording.from_arrays`."""
     sensor_poses: str | None = None
     """Topic of the sensor's poses, or its frames in the transforms, PARENT:CHILD."""
+    sensor_T_gel: ArrayLike | None = None
+    """Pose of the gel in the frame of these poses, such as that of a flange; see `Recording.from_arrays`."""
     object_poses: str | None = None
     """Topic or frames, likewise, of the object's poses, which are ground truth."""
     clock: Literal["header", "log"] = "header"
@@ -67,6 +77,7 @@ class BagChoices:
     def __post_init__(self) -> None:
         if self.clock not in ("header", "log"):
             raise SettingError(f"clock is {self.clock!r}; allowed are header, log")
+        camera_view(self.orientation)
         object.__setattr__(self, "plane", checked_choices(self.plane, self.off_plane, self.time_offset))
 
 
@@ -88,7 +99,7 @@ class Mapping:
     """The parts of a bag that a recording is made of."""
 
     images: str
-    """Topic of the touch images."""
+    """Topic of the touch images, or of contact flags; "" where poses alone are read."""
     sensor: PoseSource
     """Source of the sensor's poses."""
     object: PoseSource | None
@@ -111,7 +122,8 @@ def read_bag(
     """Read a bag as a recording of an object of this shape.
 
     Frames are the images, at their times by the chosen clock, with the sensor's poses interpolated between those of the
-    bag; a warning says how many are left out because no pose is known at their time. A damaged image is a frame that
+    bag; a warning says how many are left out because no pose is known at their time. Of a sensor without images, such
+    as `POINT`, frames come at its rate, with the latest contact flag (std_msgs/Bool). A damaged image is a frame that
     tracking skips; ground truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks
     differ, or poses leave the plane.
     """
@@ -124,14 +136,31 @@ def read_contents(
 ) -> BagReading:
     """Read a bag whose contents are known; see `read_bag`."""
     try:
-        return _recording(found, chosen, choices, _read_streams(found, chosen, choices), shape, sensor)
+        return _recording(found, chosen, choices, _read_streams(found, chosen, choices, sensor), shape, sensor)
     except FileError as error:
         message = " ".join(str(error).split())  # names of topics may hold line breaks
         raise FileError(f"{found.path}: {message}") from error
 
 
-def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile) -> Mapping:
-    """Choose topics and frames, and check times and images of what is read.
+def read_poses(
+    path: Path | str, source: str | None = None, clock: Literal["header", "log"] = "header"
+) -> tuple[NDArray[np.int64], Array]:
+    """Return times (N,) [ns] and poses (N, 7) of a bag, x, y, z, qx, qy, qz, qw, as `Recording.from_arrays` takes them.
+
+    The source is a topic, or two frames of the transforms, PARENT:CHILD; None if there is only one. Raises FileError.
+    """
+    choices, found = BagChoices(sensor_poses=source, clock=clock), contents(Path(path))
+    chosen = mapping(found, choices, None)
+    with in_file(found.path):
+        streams = _read_streams(found, chosen, choices, None)
+        moving = [poses for name, poses in streams.poses.items() if name not in streams.static]
+        time = max((poses.time for poses in moving), key=len, default=np.zeros(1, np.int64))
+        placed = _placed_at(streams, chosen.sensor, time)[1]
+    return time[placed.known], np.hstack([placed.position, placed.rotation])[placed.known]
+
+
+def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile | None) -> Mapping:
+    """Choose topics and frames, and check times and images of what is read; without a sensor, of poses alone.
 
     Raises FileError, with the candidates where none of several is named.
     """
@@ -140,12 +169,16 @@ def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile) -> Mapp
     def named(types: tuple[str, ...]) -> list[str]:
         return [topic.channel.topic for topic in readable if topic.channel.type in types]
 
-    images = _only(found, "image topic", named(IMAGE_TYPES), choices.images, "--images TOPIC")
+    types, what = (
+        (IMAGE_TYPES, "image topic") if sensor and sensor.image_height else ((BOOL,), "topic of contact flags")
+    )
+    has_topic = sensor is not None and choices.image_times is None
+    images = _only(found, what, named(types), choices.images, "--images TOPIC") if has_topic else ""
     poses = named(POSE_TYPES)
     truth = None if choices.object_poses is None else _source(found, poses, choices.object_poses, None)
     place = _source(found, poses, choices.sensor_poses, truth)
     sources = [source for source in (place, truth) if source]
-    used = {images: IMAGE_TYPES, **{source.name: POSE_TYPES for source in sources}}
+    used = {images: types, **{source.name: POSE_TYPES for source in sources}}
     if any(source.parent is not None for source in sources):
         used |= dict.fromkeys(named(TRANSFORM_TYPES), TRANSFORM_TYPES)
     topics = [topic for topic in readable if topic.channel.type in used.get(topic.channel.topic, ())]
@@ -154,7 +187,8 @@ def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile) -> Mapp
             if topic.error and topic.damaged == len(topic.log_times):
                 raise topic.error
         _check_times(topics, choices.clock)
-        _check_images(images, topics, sensor)
+        if sensor:
+            _check_images(images, topics, sensor, camera_view(choices.orientation))
     return Mapping(images, place, truth, topics)
 
 
@@ -191,12 +225,12 @@ def _check_times(topics: list[Topic], clock: Literal["header", "log"], tolerance
             raise FileError(wrong + advice * (clock == "header"))
 
 
-def _check_images(name: str, topics: list[Topic], sensor: SensorProfile) -> None:
+def _check_images(name: str, topics: list[Topic], sensor: SensorProfile, view: CameraView) -> None:
     """Raise FileError if none of a topic's sampled images is one of this sensor; some may be damaged."""
     first: FileError | None = None
     for message in (sample for topic in topics for sample in topic.samples):
         try:
-            decode_image(*image_of(message), (sensor.image_height, sensor.image_width))
+            decode_image(image_of(message)[0], (sensor.image_height, sensor.image_width), view)
         except FileError as error:
             first = first or error
         else:
@@ -255,8 +289,10 @@ class _Streams(NamedTuple):
 
     images: SpooledImages
     """Encoded images in the order of the bag; those that are damaged may be empty."""
+    flags: list[bool]
+    """Contact flags likewise."""
     order: dict[int, int]
-    """Index of each image by its time [ns]."""
+    """Index of each image or flag by its time [ns]."""
     codec: Codec
     poses: dict[str, Poses]
     """Poses by topic, and those of transforms by the frame that they place."""
@@ -264,12 +300,25 @@ class _Streams(NamedTuple):
     """Frames whose transforms hold at all times."""
 
 
-def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Streams:
+def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor: SensorProfile | None) -> _Streams:
     """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
     images, index, codecs, static = SpooledImages(), dict[int, int](), set[Codec](), set[str]()
     needed = {name for source in (chosen.sensor, chosen.object) if source for name in (*source.up, *source.down)}
     gathered: dict[str, list[tuple[int, Pose]]] = {}
     topics = {topic.channel: topic for topic in chosen.topics}
+    size = (sensor.image_height, sensor.image_width) if sensor else (0, 0)
+    flags, view = list[bool](), camera_view(choices.orientation)
+    offsets = [topic.clock_offset() for topic in chosen.topics if choices.clock == "header" and not topic.is_static]
+    # Flags have no headers: they came as long after their time as the poses did.
+    offset = next((round(each[0] * 1e9) for each in offsets if each), 0)
+    if sensor and choices.image_times is not None:
+        for time, path in _listed_images(choices.image_times, choices.images):
+            with in_file(path):
+                images.append(turned_image(existing_file(path).read_bytes(), size, view))
+                if not index:
+                    decode_image(images[0], size)
+                codecs |= {codec_of(images[-1]) or "jpeg"}
+            index[time] = len(images) - 1
     # `contents` has counted messages that do not decode, and warned of a bag that is cut off.
     with suppress(CutShort):
         for raw in bag_messages(found.path):
@@ -282,9 +331,14 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Str
                 index[raw.log_time if choices.clock == "log" else stamp_of(message) or 0] = len(images)
                 data, codec = b"", None
                 with suppress(FileError):  # a damaged image is a frame that tracking skips
-                    data, codec = image_of(message)
+                    whole, codec = image_of(message)
+                    data = turned_image(whole, size, view)
                 images.append(data)
                 codecs |= {codec} if codec else set()
+                continue
+            if raw.channel.type == BOOL:
+                index[raw.log_time + offset] = len(flags)
+                flags.append(bool(message.data))
                 continue
             for pose in poses_of(message):
                 name = pose.child or raw.channel.topic
@@ -296,13 +350,12 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices) -> _Str
         if topic.damaged:
             words = "%s: %d messages of %s do not decode and are left out"
             logger.warning(words, found.path, topic.damaged, topic.channel.topic)
-    if repeated := len(images) - len(index):
+    if repeated := max(len(images) - len(index), 0):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
     if len(codecs) > 1:
         raise FileError(f"some images are {', others '.join(sorted(codecs))}; expected one of them")
-    return _Streams(
-        images, index, codecs.pop(), {name: _in_time(name, rows) for name, rows in gathered.items()}, static
-    )
+    poses = {name: _in_time(name, rows) for name, rows in gathered.items()}
+    return _Streams(images, flags, index, codecs.pop() if codecs else "jpeg", poses, static)
 
 
 def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
@@ -333,9 +386,15 @@ def _placed_at(streams: _Streams, source: PoseSource, time: NDArray[np.int64]) -
 def _recording(
     found: Contents, chosen: Mapping, choices: BagChoices, streams: _Streams, shape: Shape, sensor: SensorProfile
 ) -> BagReading:
-    stamps = np.array(sorted(streams.order), np.int64)
+    stamps, flags = np.array(sorted(streams.order), np.int64), None
+    if streams.flags:
+        given = np.array([streams.flags[streams.order[stamp]] for stamp in stamps.tolist()])
+        end = max(poses.time[-1] for name, poses in streams.poses.items() if name not in streams.static)
+        times = np.arange(stamps[0], max(end, stamps[0]) + 1, round(1e9 / sensor.rate))
+        flags, stamps = given[np.searchsorted(stamps, times, "right") - 1], times
     time = stamps + round(choices.time_offset * 1e9)
-    frame, placed = _placed_at(streams, chosen.sensor, time)
+    frame, carrier = _placed_at(streams, chosen.sensor, time)
+    placed = on_the_gel(carrier, choices.sensor_T_gel)
     name, truth = chosen.sensor.name, None
     frames = {}
     if chosen.object is not None:
@@ -345,20 +404,54 @@ def _recording(
         truth = f"the object ({chosen.object.name})", seen
         frames["object_pose"] = f"{chosen.object.name}, likewise"
     of_sensor = f"the sensor ({name})", placed
-    motion = in_plane(str(found.path), frame, time, of_sensor, truth, choices.plane, choices.off_plane)
+    if choices.plane == "fit" and flags is None:
+        flags = _touched([streams.images[streams.order[stamp]] for stamp in stamps.tolist()], sensor)
+    motion = in_plane(str(found.path), frame, time, of_sensor, truth, choices.plane, choices.off_plane, flags)
     frames["sensor_pose"] = f"{name} in {frame!r}, interpolated; {motion.plane}"
-    images = streams.images
-    images.keep(streams.order[stamp] for stamp in stamps[motion.keep].tolist())
+    images = None if streams.flags else streams.images
+    if images is not None:
+        images.keep(streams.order[stamp] for stamp in stamps[motion.keep].tolist())
+    seen = f"{'contact' if images is None else 'images'} {chosen.images or choices.image_times}"
     recording = Recording(
         time=time[motion.keep] / 1e9,
         sensor_pose=motion.sensor_pose,
         shape=shape,
         sensor=sensor,
         object_pose=motion.object_pose,
+        contact=flags[motion.keep] if streams.flags and flags is not None else None,
         image=images,
         codec=streams.codec,
-        source=f"bag {found.path.name}, images {chosen.images}",
+        source=f"bag {found.path.name}, {seen}",
         frames=frames,
         file=found.path,
     )
     return BagReading(recording, motion.plane)
+
+
+def _listed_images(table: Path | str, folder: str | None) -> list[tuple[int, Path]]:
+    """Return the times [ns] and paths of the images that a table lists, by default in its own folder."""
+    rows = read_table(table, ("time", "file"))
+    if not rows:
+        raise FileError(f"{table}: lists no images")
+    for line, (time, _) in rows:
+        if numbers_of([time]) is None:
+            raise FileError(f"{table}: line {line}: time is {time!r}, expected seconds, or whole nanoseconds")
+    are_whole = all(time.isdecimal() for _, (time, _) in rows)
+    times = np.array([int(time) if are_whole else float(time) for _, (time, _) in rows])
+    with in_file(table):
+        stamps = nanoseconds("time", times, least=1e-3).tolist()
+    where = Path(table).parent if folder is None else Path(folder)
+    return [(stamp, where / name) for stamp, (_, (_, name)) in zip(stamps, rows, strict=True)]
+
+
+def _touched(images: Iterable[bytes], sensor: SensorProfile) -> NDArray[np.bool_]:
+    """Return flags of images in which the gel looks touched."""
+    from palpate.touch.contact_detector import ContactDetector
+
+    detector, size, flags = ContactDetector(sensor), (sensor.image_height, sensor.image_width), []
+    for image in images:
+        touched = False
+        with suppress(FileError, SettingError):
+            touched = detector.update(detector.read(decode_image(image, size)))
+        flags.append(touched)
+    return np.array(flags)

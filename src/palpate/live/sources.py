@@ -61,7 +61,7 @@ class TouchImage(NamedTuple):
     def pixels(self, sensor: SensorProfile) -> Image:
         """Return the pixels. Raises FileError if the bytes are damaged or hold an image of another size."""
         size = sensor.image_height, sensor.image_width
-        return decode_image(self.data, self.codec, size) if isinstance(self.data, bytes) else self.data
+        return decode_image(self.data, size) if isinstance(self.data, bytes) else self.data
 
     def encoded(self) -> bytes:
         """Return the bytes to record."""

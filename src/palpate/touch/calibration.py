@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,44 +15,10 @@ from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, read_arrays, whole_file
 from palpate.touch.background import Background
 from palpate.touch.cells import Levels
+from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 
-Level = TypeVar("Level", np.uint8, np.float32)
-
 VERSION = 4
-
-
-@dataclass(frozen=True)
-class CameraView:
-    """Steps that turn a camera's images, rotated, mirrored or with exchanged channels, into those of the profile."""
-
-    quarter_turns: int = 0
-    """Rotation, done first, in counter-clockwise quarter turns, 0 to 3."""
-    mirrored: bool = False
-    """Exchange left and right, done second."""
-    channels: tuple[int, int, int] = (0, 1, 2)
-    """The camera's channels that are red, green and blue."""
-
-    @property
-    def keeps_left_and_right(self) -> bool:
-        """The right side of a camera's image is the right side of the profile's."""
-        return (self.quarter_turns, self.mirrored) in ((0, False), (2, True))
-
-    def of(self, image: NDArray[Level]) -> NDArray[Level]:
-        """Return a camera's image (height, width, 3), or its cells, in the profile's view."""
-        if self == AS_IT_IS:
-            return image
-        turned = np.rot90(image, self.quarter_turns)
-        return np.ascontiguousarray((turned[:, ::-1] if self.mirrored else turned)[..., self.channels])
-
-    def __str__(self) -> str:
-        turned = f"turned by {90 * self.quarter_turns} degrees" if self.quarter_turns else ""
-        order = "".join("RGB"[channel] for channel in self.channels)
-        channels = "" if order == "RGB" else f"channels {order}"
-        return ", ".join(filter(None, (turned, "mirrored" * self.mirrored, channels))) or "as they come"
-
-
-AS_IT_IS = CameraView()
 
 
 def views(size: tuple[int, ...], height: int, width: int) -> Iterator[CameraView]:

@@ -20,6 +20,7 @@ from palpate.touch.cells import (
     is_grey,
     wide_cells_of,
 )
+from palpate.types.images import scaled
 from palpate.types.sensor import SensorProfile
 
 START = 0.01
@@ -92,10 +93,11 @@ class ContactDetector:
         )
 
     def read(self, image: Image) -> Image:
-        """Return a camera's image as `update` takes it: in the profile's view, without markers."""
+        """Return a camera's image as `update` takes it: in the profile's view and size, without markers."""
         if image.ndim != 3 or image.shape[2] != 3:
             return image  # `update` refuses it
         image = self._view.of(image)
+        image = scaled(image, self._size) if self._size else image
         if self.background is None and self._steady.is_empty:
             self._has_markers = has_markers(image)
         return without_markers(image) if self._has_markers else image

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import existing_file, numbers_of, read_table
+from palpate.files import numbers_of, read_table
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, CameraView, DirectionCorrection, views
 from palpate.touch.cells import Image
 from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference, reduced
-from palpate.types.images import image_size
+from palpate.types.images import read_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
@@ -92,10 +92,10 @@ class Presses:
         return bool(np.isfinite(self.angle).all())
 
 
-def read_presses(path: Path, in_order: bool = False) -> Presses:
+def read_presses(path: Path, look: Callable[[Path], Image] = read_image, in_order: bool = False) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    A table without angles, of presses in order, is allowed only with `in_order`.
+    `look` reads an image. A table without angles, of presses in order, is allowed only with `in_order`.
     """
     rows = read_table(path, ("file",) if in_order else ("file", "angle_deg"), "angle_deg" if in_order else "")
     has_angles = any(angle for _, (_, angle) in rows)
@@ -107,25 +107,8 @@ def read_presses(path: Path, in_order: bool = False) -> Presses:
                 raise FileError(f"{path}: line {line}: angle_deg is {angle!r}; expected -90 to 90 degrees")
         if not name.isprintable() or not name:
             raise FileError(f"{path}: line {line}: file is {name!r}; expected the name of an image")
-        images.append(read_image(path.parent / name))
+        images.append(look(path.parent / name))
     return Presses(tuple(images), np.radians(angles), tuple(name for _, (name, _) in rows))
-
-
-def read_image(path: Path) -> Image:
-    """Return an image file as (height, width, 3) RGB; raises FileError if it is none."""
-    import cv2
-
-    data = existing_file(path).read_bytes()
-    try:
-        known = image_size(data)
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from error
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
-    if image is None or image.dtype != np.uint8:
-        raise FileError(f"{path}: is no PNG or JPEG of 8 bits that can be read")
-    if image.ndim != 3:
-        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return np.ascontiguousarray(image[..., 2::-1], np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import NUMBERS, TURNS, check_metres, check_rows, checked_array, other_time_unit
+from palpate.checks import NUMBERS, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError
-from palpate.files import existing_file
-from palpate.types.images import Codec, codec_of, decode_image, encode_image
-from palpate.types.space import STEEPEST, Placed, Plane, Times, always, at_times, poses_in_time, rotations
+from palpate.files import existing_file, in_file
+from palpate.types.images import Codec, camera_view, codec_of, decode_image, encode_image, fitted, turned_image
+from palpate.types.space import STEEPEST, Placed, Plane, Times, at_times, pose_numbers, poses_in_time, rotations
 
 Array = NDArray[np.float64]
 
@@ -48,54 +48,47 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     return (exact if is_whole else np.round(exact * 1e9)).astype(np.int64)
 
 
-def encoded_images(images: Sequence[Any], codec: Codec, size: tuple[int, int]) -> tuple[tuple[bytes, ...], Codec]:
-    """Return images of this size (rows, columns) as encoded bytes, and their codec; bytes and files stay as they are.
+def encoded_images(
+    images: Any, indices: Sequence[int], codec: Codec, size: tuple[int, int], orientation: str
+) -> tuple[tuple[bytes, ...], Codec]:
+    """Return some images, fitted to a size (rows, columns), as encoded bytes, and their codec; bytes stay as they are.
 
     Raises FileError that names the first image that does not fit.
     """
-    data = tuple(_encoded(index, image, codec, size) for index, image in enumerate(images))
-    found = codec_of(data[0])
-    for index, each in enumerate(data):
-        if found is None or codec_of(each) != found:
-            raise FileError(f"images: image {index} begins with {each[:8]!r}; expected JPEG or PNG, as the first is")
-    assert found is not None
-    try:
-        decode_image(data[0], found, size)
-    except FileError as error:
-        raise FileError(f"images: image 0: {error}") from error
-    return data, found
-
-
-def _encoded(index: int, image: Any, codec: Codec, size: tuple[int, int]) -> bytes:
-    if isinstance(image, str | Path):
-        return existing_file(image).read_bytes()
-    if isinstance(image, bytes):
-        return image
-    pixels = np.asarray(image)
-    if pixels.dtype != np.uint8 or pixels.shape != (*size, 3):
-        found = f"images: image {index} is {pixels.dtype} of shape {pixels.shape}"
-        raise FileError(f"{found}, the sensor's are uint8 of shape {(*size, 3)}: rows, columns, red green blue to 255")
-    return encode_image(pixels, codec)
+    view, data = camera_view(orientation), []
+    for index in indices:
+        image = images[index]
+        if isinstance(image, str | Path):
+            image = existing_file(image).read_bytes()
+        with in_file(f"images: image {index}"):
+            if not isinstance(image, bytes):
+                pixels = np.asarray(image)
+                if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
+                    found = f"is {pixels.dtype} of shape {pixels.shape}"
+                    raise FileError(
+                        f"{found}, expected uint8 of shape {(*size, 3)}: rows, columns, red green blue to 255"
+                    )
+                data.append(encode_image(fitted(pixels, size, view), codec))
+                continue
+            data.append(turned_image(image, size, view))
+            if not (found := codec_of(image)) or found != codec_of(data[0]):
+                raise FileError(f"begins with {image[:8]!r}; expected JPEG or PNG, as the first is")
+            if len(data) == 1:
+                decode_image(data[0], size)
+    return tuple(data), codec_of(data[0]) or codec
 
 
 def placed_poses(
     name: str, time_name: str, poses: tuple[ArrayLike, ArrayLike], time: Times, may_be_unknown: bool = False
 ) -> Placed:
     """Return poses, given with times of their own, at times (N,) [ns]; unknown ones hold NaN."""
-    known_at, numbers = nanoseconds(time_name, poses[0]), _numbers(name, poses[1])
+    known_at, numbers = nanoseconds(time_name, poses[0]), pose_numbers(name, poses[1])
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
     is_known = np.isfinite(numbers[:, 0])
     if not may_be_unknown:
         check_rows(name, numbers, is_known, "finite numbers")
     return at_times(poses_in_time(name, "world", known_at, numbers), time)
-
-
-def on_the_gel(sensor: Placed, sensor_T_gel: ArrayLike) -> Placed:
-    """Return the poses of the gel from those of the part that carries it."""
-    gel = _numbers("sensor_T_gel", [sensor_T_gel])
-    check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
-    return sensor @ always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), gel), len(sensor.known))
 
 
 def check_upright(sensor: Placed, plane: Plane) -> None:
@@ -106,34 +99,3 @@ def check_upright(sensor: Placed, plane: Plane) -> None:
             f"poses: the sensor's z axis is up to {np.degrees(roll):.0f} degrees off the plane's normal, allowed are "
             f"{np.degrees(STEEPEST):.0f}: is w the last of each quaternion?"
         )
-
-
-def _numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
-    """Return poses of any kind as positions and quaternions x, y, z, w (N, 7); rows that hold NaN become NaN."""
-    try:
-        given = np.asarray(poses)
-    except ValueError as error:
-        raise FileError(f"{name}: rows have different lengths") from error
-    given = checked_array(name, given, NUMBERS, given.shape).astype(np.float64)
-    if given.shape[1:] not in ((3,), (7,), (4, 4)):
-        allowed = "(N, 3) of x, y, theta, (N, 7) of x, y, z, qx, qy, qz, qw, or (N, 4, 4)"
-        raise FileError(f"{name}: found shape {given.shape}, expected {allowed}")
-    numbers = np.full((len(given), 7), np.nan)
-    good = np.isfinite(given).reshape(len(given), -1).all(axis=1)
-    some = given[good]
-    if given.shape[1:] == (7,):
-        numbers[good] = some
-    elif given.shape[1:] == (3,):
-        if len(some) and (largest := np.abs(some[:, 2]).max()) > TURNS:
-            raise FileError(f"{name}: found angles up to {largest:.4g} rad: are these degrees? np.radians helps")
-        half, zero = 0.5 * some[:, 2], np.zeros(len(some))
-        numbers[good] = np.column_stack([some[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
-    else:
-        from scipy.spatial.transform import Rotation
-
-        turn = some[:, :3, :3]
-        rigid = np.isclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
-        rigid &= (np.linalg.det(turn) > 0.0) & np.isclose(some[:, 3], [0.0, 0.0, 0.0, 1.0]).all(axis=1)
-        check_rows(name, some, rigid, "a rotation and a translation, the last row 0, 0, 0, 1")
-        numbers[good] = np.column_stack([some[:, :3, 3], Rotation.from_matrix(turn).as_quat()])
-    return numbers

@@ -9,14 +9,70 @@ import weakref
 import zlib
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import IO, Any, Literal, get_args, overload
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Any, Literal, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
+from palpate.files import existing_file, in_file
 
 Codec = Literal["jpeg", "png"]
+Image = NDArray[np.uint8]
+Level = TypeVar("Level", np.uint8, np.float32)
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Steps that turn a camera's images, rotated, mirrored or with exchanged channels, into those of the profile."""
+
+    quarter_turns: int = 0
+    """Rotation, done first, in counter-clockwise quarter turns, 0 to 3."""
+    mirrored: bool = False
+    """Exchange left and right, done second."""
+    channels: tuple[int, int, int] = (0, 1, 2)
+    """The camera's channels that are red, green and blue."""
+
+    @property
+    def keeps_left_and_right(self) -> bool:
+        """The right side of a camera's image is the right side of the profile's."""
+        return (self.quarter_turns, self.mirrored) in ((0, False), (2, True))
+
+    def of(self, image: NDArray[Level]) -> NDArray[Level]:
+        """Return a camera's image (height, width, 3), or its cells, in the profile's view."""
+        if self == AS_IT_IS:
+            return image
+        turned = np.rot90(image, self.quarter_turns)
+        return np.ascontiguousarray((turned[:, ::-1] if self.mirrored else turned)[..., self.channels])
+
+    def __str__(self) -> str:
+        turned = f"turned by {90 * self.quarter_turns} degrees" if self.quarter_turns else ""
+        order = "".join("RGB"[channel] for channel in self.channels)
+        channels = "" if order == "RGB" else f"channels {order}"
+        return ", ".join(filter(None, (turned, "mirrored" * self.mirrored, channels))) or "as they come"
+
+
+AS_IT_IS = CameraView()
+
+
+def camera_view(orientation: str) -> CameraView:
+    """Return the view that words as in "90,mirrored,bgr" describe. Raises SettingError."""
+    view = AS_IT_IS
+    for word in filter(None, orientation.lower().replace(",", " ").split()):
+        if word in ("0", "90", "180", "270"):
+            view = replace(view, quarter_turns=int(word) // 90)
+        elif word == "mirrored":
+            view = replace(view, mirrored=True)
+        elif sorted(word) == sorted("rgb"):
+            view = replace(view, channels=(word.index("r"), word.index("g"), word.index("b")))
+        else:
+            raise SettingError(
+                f"orientation is {orientation!r}; allowed are, with commas, 90, 180 or 270 (degrees by which to turn "
+                "images counter-clockwise), mirrored, and the order of channels, such as bgr"
+            )
+    return view
 
 
 def check_codec(codec: str) -> None:
@@ -62,24 +118,63 @@ def image_size(data: bytes) -> tuple[int, int] | None:
         return None
 
 
-def decode_image(data: bytes, codec: Codec, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the RGB image (height, width, 3) of this size that bytes hold, as its pixels are stored. Raises FileError.
+def decode_image(data: bytes, size: tuple[int, int] | None = None, view: CameraView = AS_IT_IS) -> Image:
+    """Return the RGB image that a PNG or JPEG holds, `fitted` to a size if one is given. Raises FileError.
 
     A turn in the EXIF data is ignored: viewers and phones write it, cameras of touch sensors do not.
     """
     import cv2
 
-    found, image = image_size(data), None
-    if found == size:
+    image = None
+    if image_size(data):
         with suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        found = None if image is None else size
-    if found is None:
-        raise FileError(f"its {len(data)} bytes do not decode as {codec}")
     if image is None:
-        fits = "; turned by a quarter it fits" if found == size[::-1] else ""
-        raise FileError(f"found {found} rows and columns, the sensor has {size}{fits}")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+        raise FileError(f"its {len(data)} bytes do not decode as {codec_of(data) or 'JPEG or PNG'}")
+    pixels = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    return pixels if size is None else fitted(pixels, size, view)
+
+
+def scaled(image: Image, size: tuple[int, int]) -> Image:
+    """Return an image scaled down where it is a multiple of a size (rows, columns), upright or turned by a quarter."""
+    import cv2
+
+    rows, columns = size if (image.shape[0] > image.shape[1]) == (size[0] > size[1]) else size[::-1]
+    scale = image.shape[0] // rows
+    if scale > 1 and image.shape[:2] == (scale * rows, scale * columns):
+        image = np.asarray(cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
+    return image
+
+
+def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> Image:
+    """Return an image in a view and of a size (rows, columns), scaled if it is a multiple of it; else FileError."""
+    found = scaled(view.of(image), size)
+    if found.shape[:2] == size:
+        return found
+    question = "crop and scale them to it"
+    if found.shape[:2] == size[::-1]:
+        question = (
+            "they lie on their side: orientation='90' (--orientation 90) turns them as digit-interface does, 270 "
+        )
+        question += "the other way, and scales multiples"
+    raise FileError(f"found {image.shape[0]} rows and {image.shape[1]} columns, the sensor has {size}: {question}")
+
+
+def turned_image(data: bytes, size: tuple[int, int], view: CameraView) -> bytes:
+    """Return the bytes of an image in a view; those that are damaged stay. Raises FileError on another size."""
+    if view == AS_IT_IS:
+        return data
+    try:
+        image = decode_image(data)
+    except FileError:
+        return data
+    return encode_image(fitted(image, size, view), codec_of(data) or "jpeg")
+
+
+def read_image(path: Path) -> Image:
+    """Return the RGB image in a file. Raises FileError."""
+    with in_file(path):
+        return decode_image(existing_file(path).read_bytes())
 
 
 class SpooledImages(Sequence[bytes]):

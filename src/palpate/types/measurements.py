@@ -114,7 +114,8 @@ class Frame:
     time: float
     """[s]"""
     sensor_pose: Array
-    """world_T_sensor, (3,) [m, m, rad]"""
+    """world_T_sensor, (3,) [m, m, rad]; or in space, (7,) with a quaternion x, y, z, w, or (4, 4). `palpate.gel_pose`
+    makes one of the pose of a flange."""
     image: NDArray[np.uint8] | None = None
     """Touch image, (height, width, 3), RGB."""
     contact: bool | None = None

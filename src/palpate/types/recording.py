@@ -1,7 +1,7 @@
 """Recording: images and poses of a sensor, frame by frame, and flags that follow from its ground truth."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from palpate.checks import (
 )
 from palpate.errors import FileError, SettingError
 from palpate.geometry.shapes import Shape, check_outline
-from palpate.types.images import Codec, SpooledImages, check_codec, decode_image
+from palpate.types.images import AS_IT_IS, Codec, SpooledImages, camera_view, check_codec, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
 
@@ -117,6 +117,7 @@ class Recording:
         shape: Shape,
         sensor: SensorProfile | str,
         *,
+        orientation: str = "",
         sensor_T_gel: ArrayLike | None = None,
         time_offset: float = 0.0,
         plane: "Normal" = (0.0, 0.0, 1.0),
@@ -135,7 +136,10 @@ class Recording:
         frame of the world. Raises FileError or SettingError that names the argument.
 
         - image_time, images: times (N,), increasing, and arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or
-          PNG (bytes), or paths of files. Without images (None), `contact` is needed.
+          PNG (bytes), or paths of files. Without images (None), `contact` is needed. Multiples of the sensor's size are
+          scaled down.
+        - orientation: how images lie, as words with commas: 90, 180 or 270, the degrees counter-clockwise that make
+          them upright, mirrored, and the order of channels, such as bgr.
         - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it.
         - sensor_T_gel: pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
           along the columns of an image. None if `poses` are the gel's own.
@@ -146,8 +150,8 @@ class Recording:
         - contact: (N,) True for each image in which the sensor touches the object.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.types.from_arrays import check_upright, encoded_images, nanoseconds, on_the_gel, placed_poses
-        from palpate.types.space import checked_choices, in_plane
+        from palpate.types.from_arrays import check_upright, encoded_images, nanoseconds, placed_poses
+        from palpate.types.space import checked_choices, in_plane, on_the_gel
 
         plane, sensor = checked_choices(plane, off_plane, time_offset), known_sensor(sensor)
         if not isinstance(shape, Shape):
@@ -155,23 +159,28 @@ class Recording:
         check_outline(shape)
         time = nanoseconds("image_time", image_time, least=1e-3)
         check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
-        given = None if images is None else _given_images(images, len(time), sensor)
+        if isinstance(images, str | bytes | Path):
+            raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
+        if images is not None and not sensor.image_height:
+            raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
+        given = images if images is None or hasattr(images, "__len__") else list(images)  # also of a generator
+        if given is not None and len(given) != len(time):
+            raise FileError(f"images: found {len(given)} images for {len(time)} times, expected one for each")
         flags = None if contact is None else checked_array("contact", contact, FLAGS, (len(time),))
         if given is None and flags is None:
             raise FileError("images: found None, and no contact; a recording needs one of them")
 
         time = time + round(time_offset * 1e9)
         placed, truth = placed_poses("poses", "pose_time", (pose_time, poses), time), None
-        if sensor_T_gel is not None:
-            placed = on_the_gel(placed, sensor_T_gel)
+        placed = on_the_gel(placed, sensor_T_gel)
         if object_poses is not None and not np.isnan(np.asarray(object_poses, np.float64)).all():
             seen = (pose_time if object_time is None else object_time, object_poses)
             truth = "the object (object_poses)", placed_poses("object_poses", "object_time", seen, time, True)
-        motion = in_plane("from_arrays", "world", time, ("the sensor (poses)", placed), truth, plane, off_plane)
+        motion = in_plane("from_arrays", "world", time, ("the sensor (poses)", placed), truth, plane, off_plane, flags)
         check_upright(placed[motion.keep], motion.plane)
         if given is not None:
-            kept = [given[index] for index in np.flatnonzero(motion.keep).tolist()]
-            given, codec = encoded_images(kept, codec, (sensor.image_height, sensor.image_width))
+            size = sensor.image_height, sensor.image_width
+            given, codec = encoded_images(given, np.flatnonzero(motion.keep).tolist(), codec, size, orientation)
         shifted = f", images shifted by {time_offset:+g} s" if time_offset else ""
         frames = {"sensor_pose": f"as given, interpolated; {motion.plane}{shifted}"}
         return cls(
@@ -186,6 +195,13 @@ class Recording:
             source=source,
             frames=frames if truth is None else {**frames, "object_pose": "as given, likewise"},
         )
+
+    def oriented(self, orientation: str) -> "Recording":
+        """Return the recording with its images turned; see `from_arrays`. Raises FileError and SettingError."""
+        view, size = camera_view(orientation), (self.sensor.image_height, self.sensor.image_width)
+        if self.image is None or view == AS_IT_IS:
+            return self
+        return replace(self, image=tuple(turned_image(each, size, view) for each in self.image))
 
     @property
     def is_simulated(self) -> bool:
@@ -213,7 +229,7 @@ class Recording:
         assert self.image is not None
         data = self.image[index]
         try:
-            return decode_image(data, self.codec, (self.sensor.image_height, self.sensor.image_width))
+            return decode_image(data, (self.sensor.image_height, self.sensor.image_width))
         except FileError as error:
             where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
             raise FileError(f"{where}: {error}") from error
@@ -228,17 +244,6 @@ def _checked_images(images: Any) -> tuple[bytes, ...]:
                 f"image: image {index} is {found}, expected encoded bytes; Recording.from_arrays encodes arrays"
             )
     return kept
-
-
-def _given_images(images: Any, count: int, sensor: SensorProfile) -> Any:
-    if isinstance(images, str | bytes | Path):
-        raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
-    if not sensor.image_height:
-        raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
-    images = images if hasattr(images, "__len__") else list(images)  # also of a generator
-    if len(images) != count:
-        raise FileError(f"images: found {len(images)} images for {count} times, expected one for each")
-    return images
 
 
 def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:

@@ -5,13 +5,14 @@ axis as the normal, poses in the plane have the x and y of the frame.
 """
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import LONGEST, check_metres, is_near
+from palpate.checks import LONGEST, NUMBERS, TURNS, check_metres, check_rows, checked_array, is_near
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.measurements import finite_numbers
@@ -132,6 +133,65 @@ def always(poses: Poses, count: int) -> Placed:
     return Placed(position, rotation, np.ones(count, np.bool_))
 
 
+def on_the_gel(sensor: Placed, sensor_T_gel: ArrayLike | None) -> Placed:
+    """Return the poses of the gel from those of the part that carries it."""
+    if sensor_T_gel is None:
+        return sensor
+    gel = pose_numbers("sensor_T_gel", [sensor_T_gel])
+    check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
+    return sensor @ always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), gel), len(sensor.known))
+
+
+def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
+    """Return the gel's pose in the plane of the push (3,) [m, m, rad] from that of the part of a robot that carries it.
+
+    - pose: x, y, z, qx, qy, qz, qw or a 4x4 matrix, in the world; or x, y, theta.
+    - sensor_T_gel: pose of the gel's frame in that of the part, in any of these forms: origin at the apex of the gel, x
+      out of it, z up. None if `pose` is the gel's own.
+    - plane: normal of the plane of the push. Raises FileError for a gel whose x axis is far out of it.
+    """
+    placed = poses_in_time("pose", "world", np.zeros(1, np.int64), pose_numbers("pose", [pose]))
+    gel = on_the_gel(always(placed, 1), sensor_T_gel)
+    found, _, angle = into_plane(
+        plane_across("world", np.asarray(plane, np.float64), gel.position), gel.position, gel.rotation
+    )
+    if abs(angle[0]) > STEEPEST:
+        degrees, most = np.degrees((angle[0], STEEPEST))
+        raise FileError(f"pose: the gel's x axis is {degrees:.1f} degrees out of the plane, allowed are {most:.0f}")
+    return found[0]
+
+
+def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
+    """Return poses of any kind as positions and quaternions x, y, z, w (N, 7); rows that hold NaN become NaN."""
+    try:
+        given = np.asarray(poses)
+    except ValueError as error:
+        raise FileError(f"{name}: rows have different lengths") from error
+    given = checked_array(name, given, NUMBERS, given.shape).astype(np.float64)
+    if given.shape[1:] not in ((3,), (7,), (4, 4)):
+        allowed = "(N, 3) of x, y, theta, (N, 7) of x, y, z, qx, qy, qz, qw, or (N, 4, 4)"
+        raise FileError(f"{name}: found shape {given.shape}, expected {allowed}")
+    numbers = np.full((len(given), 7), np.nan)
+    good = np.isfinite(given).reshape(len(given), -1).all(axis=1)
+    some = given[good]
+    if given.shape[1:] == (7,):
+        numbers[good] = some
+    elif given.shape[1:] == (3,):
+        if len(some) and (largest := np.abs(some[:, 2]).max()) > TURNS:
+            raise FileError(f"{name}: found angles up to {largest:.4g} rad: are these degrees? np.radians helps")
+        half, zero = 0.5 * some[:, 2], np.zeros(len(some))
+        numbers[good] = np.column_stack([some[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
+    else:
+        from scipy.spatial.transform import Rotation
+
+        turn = some[:, :3, :3]
+        rigid = np.isclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
+        rigid &= (np.linalg.det(turn) > 0.0) & np.isclose(some[:, 3], [0.0, 0.0, 0.0, 1.0]).all(axis=1)
+        check_rows(name, some, rigid, "a rotation and a translation, the last row 0, 0, 0, 1")
+        numbers[good] = np.column_stack([some[:, :3, 3], Rotation.from_matrix(turn).as_quat()])
+    return numbers
+
+
 @dataclass(frozen=True, eq=False)
 class Plane:
     """A plane in a frame."""
@@ -203,10 +263,12 @@ def in_plane(
     truth: tuple[str, Placed] | None,
     normal: Normal,
     off_plane: float,
+    contact: NDArray[np.bool_] | None = None,
 ) -> PlanarMotion:
     """Return the motion in a plane at the times of images (N,) [ns]; a warning says how many have no pose.
 
-    Sensor and truth have their names in errors, `what` is that of the recording. Raises FileError.
+    The plane that fits is that of frames in contact (N,), where these are known. Sensor and truth have their names in
+    errors, `what` is that of the recording. Raises FileError.
     """
     keep = sensor[1].known
     if not keep.any():
@@ -219,7 +281,8 @@ def in_plane(
             "%s: %d of %d images have no sensor pose at their time and are left out", what, left_out, len(time)
         )
     name, placed, time = sensor[0], sensor[1][keep], time[keep]
-    plane = _chosen_plane(what, normal, frame, placed)
+    pushing = placed if normal != "fit" or contact is None or not contact[keep].any() else placed[contact[keep]]
+    plane = _chosen_plane(what, normal, frame, pushing)
     sensor_pose, object_pose = _planar(name, plane, time, placed, off_plane), None
     if truth is not None:
         seen = truth[1][keep]
@@ -243,9 +306,16 @@ def plane_across(frame: str, normal: Array, position: Array) -> Plane:
 
 
 def _plane_through(frame: str, position: Array) -> Plane:
-    """Return the plane closest to positions (N, 3) [m]; its normal points to the side of the frame's z axis."""
-    _, spread, axes = np.linalg.svd(position - position.mean(axis=0), full_matrices=False)
-    width = float(spread[1] / np.sqrt(len(position))) if len(position) > 2 else 0.0
+    """Return the plane closest to positions (N, 3) [m]; its normal points to the side of the frame's z axis.
+
+    Each counts by its distance and not by the square of it, so ways to the object and back tilt it little.
+    """
+    weight, middle, axes, width = np.ones(len(position)), position[0], np.eye(3), 0.0
+    for _ in range(30):
+        middle = weight @ position / weight.sum()
+        _, spread, axes = np.linalg.svd((position - middle) * np.sqrt(weight)[:, None], full_matrices=False)
+        width = float(spread[1] / np.sqrt(weight.sum())) if len(position) > 2 else 0.0
+        weight = 1.0 / np.maximum(np.abs((position - middle) @ axes[-1]), 1e-4)
     if width < 2e-3:
         raise FileError(
             f"the sensor moves along a line, {width * 1e3:.1f} mm across, which determines no plane: give its normal, "
