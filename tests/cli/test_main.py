@@ -1,7 +1,6 @@
 """The command line as a whole: exit codes, help, printing, and `palpate demo`."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -80,15 +79,6 @@ def test_errors_and_exit_codes(run_palpate, monkeypatch):
     monkeypatch.setattr("palpate.io.load_recording", raising(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):  # a bug keeps its traceback
         run_palpate("info", "push.mcap")
-
-
-def test_a_file_name_that_is_not_text():
-    odd = Path(os.fsdecode(b"push \xff.mcap"))
-    Path("push.mcap").rename(odd)
-    words = [sys.executable, "-m", "palpate", "track", odd]
-    done = subprocess.run(words, capture_output=True, timeout=60, env={**os.environ, "PYTHONIOENCODING": "utf-8"})
-    assert done.returncode == 0 and b"run: runs/push \\udcff" in done.stdout
-    assert (Path("runs") / odd.stem / "summary.json").exists()
 
 
 def test_demo_runs_twice_and_names_its_recording(succeeds, json_of, monkeypatch):

@@ -223,17 +223,6 @@ def test_a_camera_that_hangs_is_refused_until_it_goes_on():
     assert not any(camera(grey()) for _ in range(40))  # images without noise may repeat
 
 
-def test_an_image_of_another_size_or_type_is_refused():
-    refused = {
-        r"found uint8 \(60, 50, 3\); expected uint8 \(60, 60, 3\)": grey(size=(60, 50)),
-        "float32": np.float32(grey()),
-    }
-    for words, image in refused.items():
-        for camera in (Camera(), Camera(still())):
-            with pytest.raises(FrameError, match=words):
-                camera(image)
-
-
 def known(rng: np.random.Generator) -> Calibration:
     images = np.array([gel(rng) for _ in range(30)], np.float32)
     return Calibration(Background(images.mean(axis=0), images.std(axis=0)))

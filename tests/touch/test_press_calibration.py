@@ -32,11 +32,10 @@ from palpate.lab.simulate.gel import ball_overlap, render, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.lab.train.samples import presses_of
 from palpate.touch.background import background_of
-from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, CameraView, DirectionCorrection, views
+from palpate.touch.calibration import AS_IT_IS, CameraView, DirectionCorrection, views
 from palpate.touch.press_calibration import (
     Presses,
     PressFit,
-    imprint_angle,
     learn_from_presses,
     read_image,
     read_presses,
@@ -109,16 +108,6 @@ def test_measured_presses_show_left_and_right_however_the_camera_is_mounted(unit
     np.testing.assert_allclose(fit.measured, ANGLES, atol=np.radians(1.5))
 
 
-@pytest.mark.parametrize("view", MOUNTED[1:4], ids=str)
-def test_the_order_of_presses_shows_the_view_to_the_shipped_model(unit, presses, view):
-    fit = learn(of_camera(presses, view, in_order=True), as_camera(unit.no_contact, view), shipped_model())
-    found = fit.calibration.view.of(as_camera(unit.no_contact, view))
-    assert any((found == each).all() for each in (unit.no_contact, unit.no_contact[::-1]))
-    assert fit.calibration.direction == UNCORRECTED  # nothing is measured
-    np.testing.assert_allclose(fit.angle, ANGLES, atol=np.radians(4.0))
-    np.testing.assert_allclose(fit.measured, fit.angle, atol=np.radians(4.0))
-
-
 def test_presses_measure_offset_and_scale(unit, presses):
     fit = learn(presses, unit.no_contact)
     other = learn(presses, unit.no_contact, Reader(np.radians(1.5), 0.93))
@@ -174,16 +163,6 @@ def test_other_images_are_refused(unit, presses):
     blank[150:154, 118:122] += 60  # less than a touch, at the expected place
     with pytest.raises(FileError, match=r"3\.png: shows no touch"):
         learn(dataclasses.replace(presses, images=(*presses.images[:3], blank, *presses.images[4:])), unit.no_contact)
-
-
-def test_the_angle_of_an_imprint_is_that_of_its_middle():
-    assert DIGIT.half_width
-    seen = np.zeros((32, 128, 3), np.float32)
-    seen[10:20, 95:97, 1] = -1.0  # between columns 95 and 96, half way to the right side
-    wanted = np.arcsin(0.5 * DIGIT.half_width / DIGIT.radius)
-    assert imprint_angle(seen, DIGIT) == pytest.approx(wanted)
-    assert imprint_angle(seen[:, ::-1], DIGIT) == pytest.approx(-wanted)
-    assert np.isnan(imprint_angle(np.zeros_like(seen), DIGIT))
 
 
 def test_a_real_gel_finds_its_view(shared_data):

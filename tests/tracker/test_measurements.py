@@ -230,7 +230,7 @@ def test_an_object_pose_is_checked_where_it_is_made():
 
 
 @pytest.mark.parametrize("kind", [ContactDirection, ContactPlace, Turn])
-@pytest.mark.parametrize("given", [(None, 1.0), ("a", 1.0), ("1", 1.0), (1.0, None), (1.0, 0.0), (1.0, math.inf)])
+@pytest.mark.parametrize("given", [(None, 1), ("a", 1), (math.nan, 1), (1, None), (1, 0.0), (1, -1), (1, math.inf)])
 def test_what_touch_tells_is_numbers(kind, given):
     with pytest.raises(EstimationError, match=r"they must be finite, the variance above 0"):
         kind(*given)

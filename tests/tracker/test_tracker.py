@@ -21,8 +21,6 @@ from tracker_samples import (
 
 from palpate import PUBLISHED, Frame, Measurement, NoiseSettings, Tracker, Turn
 
-Array = np.ndarray
-
 
 @pytest.mark.parametrize("radius", [0.0, RADIUS])
 @pytest.mark.parametrize("smoother", SMOOTHERS)

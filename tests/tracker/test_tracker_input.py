@@ -9,21 +9,14 @@ from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_fram
 
 from palpate import Disc, EstimationError, Frame, Polygon, Rectangle, SettingError, ShapeError, Tracker, TrackerSettings
 
-
-@pytest.mark.parametrize("first", [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here"])
-def test_a_first_pose_that_is_none(first):
-    with pytest.raises(SettingError, match=r"first pose is .* three finite numbers"):
-        disc_tracker(first=first)
+NO_POSES = [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here", 1e-3, -np.eye(3)]
+NO_SIGMAS = [*NO_POSES, (0.0, 1e-3, 1e-2), (1e-3, 1e-3, -1e-2)]
 
 
-@pytest.mark.parametrize(
-    "sigma", [(1e-3, 1e-3), 1e-3, -np.eye(3), (0.0, 1e-3, 1e-2), (1e-3, 1e-3, -1e-2), (1e-3, np.nan, 1e-2), "well"]
-)
-def test_a_first_pose_sigma_that_is_none(sigma):
-    with pytest.raises(
-        SettingError, match=r"^first pose sigma is (.|\n)*; it must be three numbers above 0: x \[m\], y \[m\], theta"
-    ):
-        Tracker(SHAPES["disc"], sensor(), np.zeros(3), first_pose_sigma=sigma)
+@pytest.mark.parametrize(("first", "sigma"), [*((one, None) for one in NO_POSES), *((None, one) for one in NO_SIGMAS)])
+def test_a_first_pose_and_a_sigma_that_are_none(first, sigma):
+    with pytest.raises(SettingError, match=r"^first pose (sigma )?is (.|\n)*; it must be three (finite )?numbers"):
+        Tracker(SHAPES["disc"], sensor(), first, first_pose_sigma=sigma)
 
 
 ROUGH = (0.01, 0.01, 0.1)
