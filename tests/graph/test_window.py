@@ -9,7 +9,7 @@ from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scal
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.factors import make_factors
+from palpate.graph.factors import DIRECTION, make_factors
 from palpate.graph.window import Window
 from palpate.types.measurements import ContactDirection, ObjectPose, Turn
 
@@ -25,9 +25,7 @@ def apart_from(given, belief: Belief, offsets) -> Belief:
 def states(window: Window, row: int):
     """All that a row says."""
     belief = window.belief().take([row])
-    errors = window.last_errors()
-    assert errors is not None
-    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], errors[row]
+    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], window.recent[row]
 
 
 def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tolerance: float = 0.0) -> None:
@@ -104,7 +102,7 @@ def test_a_slide_by_hand_is_found_by_a_disturbed_row(slide):
     window = without_touch(given, 40, ObjectPose(o, np.diag([1e-6, 1e-6, 1e-4])))
     window.take([0, 0])
     window.disturb([1], 10, np.array([-slide]), 0.012)
-    costs = window.costs().sum(axis=(1, 2))
+    costs = window.costs()[..., :2].sum(axis=(1, 2))
     assert costs[1] < costs[0] - 5.0
 
 
@@ -148,14 +146,17 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
 
 
 def test_costs_and_mean_squares_by_hand():
-    """One frame: half the square of the direction's error, and of the sensor's and contact's, which are small."""
-    given = contact(1, ROBUST)
-    said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)]
-    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0], said)
-    (measured, pushing), (square,) = window.costs()[0, 0], window.mean_squares("direction", 1)
-    assert pushing == 0.0
+    """One measurement: half the square of the direction's error, and of the sensor's and contact's, which are small."""
+    given = contact(4, ROBUST)
+    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0])
+    for step in range(1, 5):
+        assert (window.recent == 0.0).all()
+        said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []
+        window.add(given.sensor[step], said, step / 30)
+    (measured, _pushing, is_ignored), square = window.costs()[0, -1], window.recent[0, 0, DIRECTION]
+    assert is_ignored == 0.0 and (window.recent[0, 1] == 0.0).all()
+    assert window.recent[0, 0, -1] == pytest.approx(window.costs()[0, :, 0].sum())
     scale = ROBUST.direction.kernel
     assert scale is not None
     cost = 0.5 * scale**2 * np.log1p(square / scale**2)
     assert measured == pytest.approx(cost, rel=0.3) and measured > cost
-    assert window.last_errors() is None

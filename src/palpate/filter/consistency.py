@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import NoiseSettings
-from palpate.filter.hypotheses import LIKELY, Hypotheses
+from palpate.filter.hypotheses import LIKELY, Hypotheses, Step
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, overlap, true_angle
+from palpate.graph.belief import Belief, overlap
 from palpate.graph.contact_geometry import ContactModel, reaches
-from palpate.graph.factors import Step
+from palpate.graph.factors import DIRECTION, NAMES, STICKING, TURN
 from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.graph.window import Window
 from palpate.types.estimate import Status
-from palpate.types.measurements import ContactDirection, ObjectPose
+from palpate.types.measurements import ObjectPose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -31,16 +31,18 @@ Flags = NDArray[np.bool_]
 _TYPICAL, _INCONSISTENT = 0.5, 4.0
 """Usual mean square of errors [variances] and its limit: nine in ten simulated pushes are below 0.5, and all below 2; a
 disturbance by hand makes it 70 and more."""
-_ALARMS = (("turn", 5, 0.5), ("direction", 5, 1.0), ("direction", 30, 0.05), ("sticking", 5, 30.0))
-"""Factor, steps, and the mean square error over them [variances] at which touch and pushing contradict each other.
+_ALARMS = np.full((2, len(NAMES) + 1), np.inf)
+_ALARMS[0, [TURN, DIRECTION, STICKING, -1]] = 0.5, 1.0, 30.0, 3.0
+_ALARMS[1, DIRECTION] = 0.05
+"""Mean square errors over 5 and over 30 steps [variances] at which touch and pushing contradict each other, and the
+cost of the measurements of 5 steps; see `Window.recent`.
 Only exact turns reach theirs; at 0.13 three quarters of the frames of 120 simulated recordings would be ambiguous.
 Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a fifth of a standard
-deviation is systematic, since independent ones would cancel in the estimate."""
-_SUSPICION = "direction", 30, 0.025
+deviation is systematic, since independent ones would cancel in the estimate. A hand that moves the object along its
+face shows in no single factor, but in the cost, which is at most 2.8 in 12 000 undisturbed frames."""
+_SUSPICIONS = _ALARMS.copy()
+_SUSPICIONS[1, DIRECTION] = 0.025
 """The same for a suspicion; from a quarter of the alarm on, most of a good run would be ambiguous."""
-_COSTLY = 5, 3.0
-"""Steps, and the cost of their measurements, that are an alarm; undisturbed it is at most 2.8 in 12 000 frames. A hand
-that moves the object along its face shows in no single factor."""
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
@@ -53,17 +55,19 @@ _SEVERAL = 3  # of the last frames from which a contradiction counts: a single o
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
 
 
-def disturbance_alarms(window: Window, steps: int, is_suspicion_enough: bool = False) -> Flags:
-    """Return True (B,) where touch and pushing contradict each other, `steps` after the contact began.
+def disturbance_alarms(window: Window, is_suspicion_enough: bool = False) -> Flags:
+    """Return True (B,) where touch and pushing contradict each other.
 
     A suspicion is a fit so bad that other hypotheses may fit as well.
     """
-    count, limit = _COSTLY
-    found = window.costs()[:, -count:, 0].sum(axis=1) > (limit if steps >= count else np.inf)
-    for name, count, limit in (*_ALARMS, _SUSPICION) if is_suspicion_enough else _ALARMS:
-        if steps >= count:
-            found |= window.mean_squares(name, count) > limit
-    return found
+    limits = _SUSPICIONS if is_suspicion_enough else _ALARMS
+    return np.asarray((window.recent > limits).any(axis=(1, 2)))
+
+
+def test_innovations(rows: Hypotheses, inconsistency: Array) -> None:
+    """Inflate the covariance where errors of pushing are large; see `Window.inconsistency`, (B,)."""
+    inflated = np.where(inconsistency > _INCONSISTENT, inconsistency / _TYPICAL, 1.0)
+    rows.inconsistency = np.maximum(rows.inconsistency, inflated)
 
 
 class ConsistencyMonitor:
@@ -98,7 +102,7 @@ class ConsistencyMonitor:
         """Test that a contact begins where the object's outline is, and with the direction that it has there."""
         gap, deviation = self.clearance(rows.belief, step.sensor_pose)
         rows.displace(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
-        for angles, variance in true_directions(step, rows.belief, rows.sign):
+        for angles, variance in step.directions(rows.belief, rows.sign):
             turn = self._turn(rows.belief, step.sensor_pose, angles, variance)
             # Half: unlike a gap, which shows one part of a motion, a turn shows all of it.
             rows.displace(0.5 * self._model.friction_radius * turn)
@@ -126,14 +130,6 @@ class ConsistencyMonitor:
         gap, deviation = self.clearance(rows.belief.inflated(self._calibration), sensor_pose)
         apart = _with_frame(rows.apart, _OUTLINE, np.abs(gap), np.abs(gap) / deviation)
         rows.apart = np.where(tested[:, None, None], apart, rows.apart)
-
-    def test_innovations(self, rows: Hypotheses, errors: Array, tested: Flags) -> None:
-        """Test the errors (B, rows) [standard deviations] of a step's pushing factors, in some hypotheses (B,)."""
-        squares = np.concatenate([rows.squares[:, 1:], np.square(errors)[:, None]], axis=1)
-        worst = squares.sum(axis=1).max(axis=1) / squares.shape[1]
-        inflated = np.where(worst > _INCONSISTENT, worst / _TYPICAL, 1.0)
-        rows.squares = np.where(tested[:, None, None], squares, rows.squares)
-        rows.inconsistency = np.where(tested, np.maximum(rows.inconsistency, inflated), rows.inconsistency)
 
     def assessed(self, rows: Hypotheses, in_contact: bool) -> tuple[Array, Array, Status, str]:
         """Return what to report: the covariance of all hypotheses about the best, those of each, status and reason.
@@ -234,18 +230,6 @@ def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str
     apart = np.abs(from_best[weights > 0.0])
     far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
     return joint, f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
-
-
-def true_directions(step: Step, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
-    """Return the contact directions of a step, each as true angles (B,) [rad] and a variance [rad^2].
-
-    `sign` (B,) is -1 where touch images are taken as mirrored.
-    """
-    return [
-        (true_angle(one, belief, sign if index < step.from_touch else np.ones_like(sign)), one.variance)
-        for index, one in enumerate(step.measurements)
-        if isinstance(one, ContactDirection)
-    ]
 
 
 def _with_frame(apart: Array, kind: int, distance: Array, deviations: Array) -> Array:

@@ -11,12 +11,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.filter.consistency import is_uncertain, true_directions
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
+from palpate.filter.consistency import is_uncertain
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, Step, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, overlap
 from palpate.graph.contact_geometry import ContactModel, reaches
-from palpate.graph.factors import Step
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -166,7 +165,7 @@ def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> 
     center, normal = outline_places(model)
     center = center - overlap(belief, reaches(model, center - model.radius * normal, normal)) * normal
     normal = np.broadcast_to(normal, center.shape)
-    directions, around = true_directions(step, belief, sign), _PLACE
+    directions, around = step.directions(belief, sign), _PLACE
     yaw = (step.sensor_pose[2] - belief.pose[:, 2])[:, None, None]
     is_likely = np.ones((1, 1, 1), np.bool_)
     if is_round(model):

@@ -4,6 +4,7 @@ Costs of steps and of unusual friction judge a hypothesis. Errors of neighbourin
 a small share of the costs counts and no single step decides.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from palpate.config import Priors
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, RowArrays
+from palpate.graph.belief import Belief, RowArrays, true_angle
+from palpate.types.measurements import ContactDirection, Measurement
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -25,13 +27,38 @@ POOR = 1e-3
 """Weight, relative to the best hypothesis, below which one hardly counts."""
 AHEAD = 6
 """Steps after an alarm or the begin of a contact in which something else may move the object."""
-_STEPS, _FRAMES = 30, 10  # of which errors of pushing, and distances from measured poses, are kept
+_FRAMES = 10  # of which distances from measured poses are kept
 _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0  # share of the costs that counts; largest cost of a step beyond the best one's
 _PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
 _LOST = 2.0  # [m] standard deviation at which a solution has diverged
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Input of one step of a contact."""
+
+    sensor_pose: Array
+    """Measured world_T_sensor, (3,) [m, m, rad]."""
+    measurements: Sequence[Measurement]
+    """Measurements from touch and other sources."""
+    from_touch: int
+    """Number of leading measurements that were read from touch images, which may be mirrored."""
+    times: Sequence[float]
+    """Times of the last steps, this one last [s]."""
+
+    def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
+        """Return the contact directions, each as true angles (B,) [rad] and a variance [rad^2].
+
+        `sign` (B,) is -1 where touch images are taken as mirrored.
+        """
+        return [
+            (true_angle(one, belief, sign if index < self.from_touch else np.ones_like(sign)), one.variance)
+            for index, one in enumerate(self.measurements)
+            if isinstance(one, ContactDirection)
+        ]
 
 
 @dataclass(eq=False)
@@ -42,8 +69,6 @@ class Hypotheses(RowArrays):
     """Belief about the object at the last frame, without its `unobservable_yaw`."""
     unobservable_yaw: Array
     """Variance of a round object's yaw that is kept out of the graph, (B,) [rad^2]."""
-    squares: Array
-    """Squared errors of the pushing factors at the last steps of the contact, (B, _STEPS, 3) [variances]."""
     inconsistency: Array
     """Factor on the reported covariance of the pose, (B,)."""
     displacement: Array
@@ -63,8 +88,6 @@ class Hypotheses(RowArrays):
     """Steps for which something else may still move the object, (B,)."""
     next_alarm: Counts
     """First step of the contact at which an alarm is of something new, (B,)."""
-    ignored_motion: Flags
-    """True in the last steps of the contact in which pushing is ignored, (B, N), at least those of `Window.costs`."""
 
     @property
     def is_mirror(self) -> Flags:
@@ -106,7 +129,6 @@ def single(belief: Belief, sign: float) -> Hypotheses:
     return Hypotheses(
         belief,
         unobservable_yaw=zero,
-        squares=np.zeros((1, _STEPS, 3)),
         inconsistency=np.ones(1),
         displacement=zero,
         apart=np.zeros((1, 2, _FRAMES)),
@@ -116,15 +138,12 @@ def single(belief: Belief, sign: float) -> Hypotheses:
         age=none,
         disturbed_steps_left=none,
         next_alarm=none,
-        ignored_motion=np.zeros((1, 0), np.bool_),
     )
 
 
-def costs_of_contact(rows: Hypotheses, costs: Array) -> Array:
-    """Return the share that counts of a contact's costs (B,), from those of its steps (B, N, 2); see `Window.costs`."""
-    costs = costs.copy()
-    costs[:, rows.ignored_motion[:, -costs.shape[1] :].any(axis=0), 1] = 0.0
-    costs = costs.sum(axis=2)
+def costs_of_contact(costs: Array) -> Array:
+    """Return the share that counts of a contact's costs (B,), from those of its steps (B, N, 3); see `Window.costs`."""
+    costs = costs[..., 0] + np.where(costs[..., 2].any(axis=0), 0.0, costs[..., 1])
     return _COST_SHARE * np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
 
 
@@ -134,7 +153,7 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
     There are `most` at most, or as many as at the beginning of a contact while all are young.
     """
     unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
-    scores = rows.log_prior - costs_of_contact(rows, costs) - 0.5 * _PRIOR_SHARE * unusual
+    scores = rows.log_prior - costs_of_contact(costs) - 0.5 * _PRIOR_SHARE * unusual
     if not (lost := rows.is_lost).all():
         scores[lost] = -np.inf  # they may come back
     relative = np.exp(scores - scores.max())

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
-from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
+from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
+from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Step, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import Step, make_factors
+from palpate.graph.factors import make_factors, place_in_time
 from palpate.graph.variables import GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
@@ -169,7 +169,7 @@ class HypothesisBank:
         If the graph has no solution, another one begins with this frame from the best last pose. Raises EstimationError
         if a graph has none at its first frame; the next frame then begins another.
         """
-        step = Step(sensor_pose, self._sensor_pose, measurements, [*self._times, time], from_touch=from_touch)
+        step = Step(sensor_pose, measurements, from_touch, [*self._times, time])
         if self._window is not None and self._rows.is_mirror.any():
             self._decide_mirrored(self._window, time)
         path = None if self._window is None else self._window.object_path()
@@ -188,13 +188,9 @@ class HypothesisBank:
             self.contact_step(sensor_pose, measurements, time, from_touch)
             return
         window, rows = self._in_window(), self._rows
-        is_disturbed, errors = rows.disturbed_steps_left > 0, window.last_errors()
-        ignored = np.concatenate([rows.ignored_motion, is_disturbed[:, None]], axis=1)
-        rows.ignored_motion = ignored[:, -window.steps_with_costs :]
         rows.belief, rows.age = window.belief(), rows.age + 1
-        rows.disturbed_steps_left = rows.disturbed_steps_left - is_disturbed
-        if errors is not None:
-            self._monitor.test_innovations(rows, errors, ~is_disturbed)
+        rows.disturbed_steps_left = np.maximum(rows.disturbed_steps_left - 1, 0)
+        test_innovations(rows, window.inconsistency)
         if is_measured or rows.apart.any():
             self._monitor.test_outline(rows, sensor_pose, is_measured)
         self._times, self._steps = [*self._times, time][-LAG:], self._steps + 1
@@ -215,11 +211,10 @@ class HypothesisBank:
         rows, self._is_indeterminate = self._rows, False
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
-        rows.log_prior = rows.log_prior - costs_of_contact(rows, self._window.costs())
+        rows.log_prior = rows.log_prior - costs_of_contact(self._window.costs())
         rows.belief = belief.inflated(self._monitor.covariance_of_motion(moved_by))
-        rows.displacement, rows.squares = np.zeros_like(rows.displacement), np.zeros_like(rows.squares)
+        rows.displacement = np.zeros_like(rows.displacement)
         rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.age)
-        rows.ignored_motion = rows.ignored_motion[:, :0]
         self._history.append(self._window.object_path())
         self._begin_rest()
 
@@ -292,16 +287,21 @@ class HypothesisBank:
 
     def _test_object_poses(self, step: Step, path: Array) -> bool:
         """Test measured poses of the object against the poses (B, N, 3) before this step; True if there are any."""
-        measured = [one for one in step.measurements if isinstance(one, ObjectPose) and step.is_in_window(one)]
-        expected = [path[:, min(place, -1)] for place in step.nearest(measured).tolist()]
-        self._monitor.test_object_poses(self._rows, expected, measured, step.moved)
+        measured, expected = [], []
+        for one in step.measurements:
+            if isinstance(one, ObjectPose) and (ago := place_in_time(one, step.times)) is not None:
+                measured.append(one)
+                expected.append(path[:, min(ago, -1)])
+        if measured:
+            moved = np.zeros(2) if self._sensor_pose is None else (step.sensor_pose - self._sensor_pose)[:2]
+            self._monitor.test_object_poses(self._rows, expected, measured, math.hypot(*moved))
         return bool(measured)
 
     def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
         rows = self._rows
         is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
-        alarms = is_watched & disturbance_alarms(window, self._steps, is_suspicion_enough=True)
+        alarms = is_watched & disturbance_alarms(window, is_suspicion_enough=True)
         likeliest = [np.flatnonzero(alarms & group)[:1] for group in (rows.is_mirror, ~rows.is_mirror)]
         for row in np.concatenate(likeliest).tolist():
             self._branch(window, row)
@@ -317,8 +317,7 @@ class HypothesisBank:
         rows.belief = rows.belief.take(~is_new).joined(moved)
         rows.log_prior = rows.log_prior - LOG_UNLIKELY * is_new
         rows.weight, rows.age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
-        rows.ignored_motion[count:, rows.ignored_motion.shape[1] - steps :] = True
-        rows.squares[count:], rows.disturbed_steps_left[count:] = 0.0, AHEAD
+        rows.disturbed_steps_left[count:] = AHEAD
         rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
         self._drop_lost(window)
         self._take(np.argsort(self._rows.is_mirror, kind="stable"))
@@ -339,7 +338,7 @@ class HypothesisBank:
         count = np.count_nonzero(rows.is_mirror)
         is_single = np.where(rows.is_mirror, count, len(kept) - count) == 1
         rows.weight, rows.log_prior = np.array(weights), np.where(is_single, 0.0, rows.log_prior)
-        rows.ignored_motion = rows.ignored_motion & ~is_single[:, None]
+        window.count_all_costs(is_single)
         if is_single[0] and not self._is_found:
             self._is_found = not is_rough(rows.belief, self._model)[0]
 
@@ -349,7 +348,7 @@ class HypothesisBank:
         They are mirrored only if one pose is left, since if several are needed something else is wrong.
         """
         is_mirror = self._rows.is_mirror
-        detected, is_disturbed = disturbance_alarms(window, self._steps), self._rows.ignored_motion.sum(axis=1) > 0
+        detected, is_disturbed = disturbance_alarms(window), window.costs()[..., 2].any(axis=1)
         groups = np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)
         best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
         self._contradicted = self._contradicted | detected[best]

@@ -14,8 +14,8 @@ from palpate.filter.consistency import ConsistencyMonitor
 from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.factors import Step
-from palpate.graph.own_measurements import evaluated
+from palpate.graph.factors import place_in_time, warn_of_time
+from palpate.graph.own_measurements import evaluated, is_available_at_rest
 from palpate.graph.variables import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, STEP_SIZE
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
@@ -37,8 +37,17 @@ def measured_at_rest(
     no solution.
     """
     whole, now = rows.whole_belief, times[-1]
-    step = Step(whole.pose[0], None, measurements, times, at_rest=True)
-    poses, own = step.timed(ObjectPose), step.own()
+    poses: list[ObjectPose] = []
+    own: list[OwnMeasurement | None] = []
+    for one in measurements:
+        if not isinstance(one, ObjectPose | OwnMeasurement):
+            continue
+        if place_in_time(one, times, at_rest=True) is None:
+            warn_of_time(one, times)
+        elif isinstance(one, ObjectPose):
+            poses.append(one)
+        elif is_available_at_rest(one, now):
+            own.append(one)
     prior = whole.inflated(monitor.displacement_covariance(rows))
     tested = replace(rows, belief=prior, unobservable_yaw=np.zeros_like(rows.unobservable_yaw))
     monitor.test_object_poses(tested, [prior.pose] * len(poses), poses)

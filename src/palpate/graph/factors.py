@@ -8,22 +8,19 @@ variables. A new factor is a name here, with the terms of its measurements in `t
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Any, TypeVar
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings
-from palpate.graph.compiled import Array, Integers
+from palpate.graph.compiled import Array
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel
-from palpate.graph.own_measurements import is_available
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, ObjectPose, OwnMeasurement, Turn
 
 logger = logging.getLogger(__name__)
-M = TypeVar("M", bound=Measurement)
 _SLACK = 0.02  # [s] tolerance on a measurement's time if there is only one step
 _NO_POSE = 12 * (0.0,)  # pose and root of a term that has none
 
@@ -35,6 +32,8 @@ contact that of the first pose; the others are of measurements that arrive."""
 STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, OBJECT_POSE, OWN = range(
     len(NAMES)
 )
+SHORT, LONG = 5, 30
+"""Steps over which errors are judged."""
 MOST_ROWS = 3 + OBJECT_SIZE
 """Largest number of residual rows of a factor."""
 
@@ -61,7 +60,7 @@ TERM_SIZE = TERM.itemsize // 8
 STEP = _record(
     {"g": "3f8", "e": "3f8", "object": "3f8", "measured": "3f8", "moved": "f8"}
     | {"turn_g": "c16", "turn_e": "c16", "touch": CONTACT_GEOMETRY, "force_angle": "f8"}
-    | {"slide": "f8", "spread": "f8", "cost": "2f8", "squares": f"{len(NAMES)}f8"}
+    | {"slide": "f8", "spread": "f8", "cost": "3f8", "squares": f"{len(NAMES)}f8"}
     | {"root": f"({STEP_SIZE},{WIDTH})f8", "y": f"{STEP_SIZE}f8"}
 )
 """One step of a row of the window.
@@ -72,7 +71,8 @@ STEP = _record(
 - force_angle: angle of the pushing force from the outline's inward normal, counter-clockwise [rad].
 - slide, spread: slide of the object over the sensor by something else in this step, mean and standard deviation [m],
   counter-clockwise along the outline. The latter is 0 in a step without disturbance.
-- cost: cost of measurements and of pushing.
+- cost: cost of measurements and of pushing, and 1 if the latter does not count, as for all disturbed steps until one
+  hypothesis is left.
 - squares: squared errors of each factor, without kernels [variances].
 - root, y: what is left of the step once it is eliminated; see `block_tridiagonal.eliminate`.
 """
@@ -86,7 +86,8 @@ ROW = _record(
     {"shared": f"{SHARED_SIZE}f8", "sign": "f8"}
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
     | {"past": PAST, "next_past": PAST}
-    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": "3f8", "change": "f8"}
+    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": f"({LONG},3)f8", "change": "f8"}
+    | {"inconsistency": "f8", "recent": f"(2,{len(NAMES) + 1})f8"}
     | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_lost": "?"}
 )
 """All else in a row of the window.
@@ -96,7 +97,11 @@ ROW = _record(
 - first_...: belief about the object at the beginning: pose, variables, and whitening matrix of their joint covariance.
 - past, next_past: what older steps say, and what they will say once the oldest step has left.
 - covariance: joint covariance of the object's last pose and its variables.
-- errors: errors of the last step's sticking and balance, without kernels [standard deviations].
+- errors: squared errors of sticking and balance in the last undisturbed steps, each when it was the last, without
+  kernels [variances].
+- inconsistency: mean of these squares, the largest of the three.
+- recent: mean square error of each factor in the last SHORT and the last LONG steps, without kernels [variances], and
+  the cost of their measurements; 0 until there are so many steps.
 - change: largest change of a pose in the last Gauss-Newton step [m, rad].
 - last_root, last_y: what is left of the last step and the shared variables once they are eliminated.
 - is_lost: True if there is no solution.
@@ -125,85 +130,58 @@ WORK = _record(
 """Room for computing one row of a window; arrays made in compiled code are slow to compile."""
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """Input of one step of a contact."""
+def place_in_time(measurement: Measurement, times: Sequence[float], at_rest: bool = False) -> int | None:
+    """Return the step nearest to the time of a measurement: 0 is the last, -1 the one before, None outside of them.
 
-    sensor_pose: Array
-    """Measured world_T_sensor, (3,) [m, m, rad]."""
-    before: Array | None
-    """Sensor pose of the step before, (3,); None at the first step of a contact."""
-    measurements: Sequence[Measurement]
-    """Measurements from touch and other sources."""
-    times: Sequence[float]
-    """Times of the steps in the window, this one last [s]."""
-    at_rest: bool = False
-    """True if nothing touches the object; its pose is then the only variable of a step."""
-    from_touch: int = 0
-    """Number of leading measurements that were read from touch images, which may be mirrored."""
-
-    @cached_property
-    def moved(self) -> float:
-        """Distance of the sensor from the step before [m]."""
-        if self.before is None:
-            return 0.0
-        return math.hypot(self.sensor_pose[0] - self.before[0], self.sensor_pose[1] - self.before[1])
-
-    def timed(self, kind: type[M]) -> list[M]:
-        """Return the measurements of a kind that carries a time; warns of those outside the window and omits them."""
-        found = []
-        for one in self.measurements:
-            if isinstance(one, kind) and self.is_in_window(one):
-                found.append(one)
-            elif isinstance(one, kind):
-                logger.warning(
-                    "frame at %.3f s: measurement %s has time %s s, which is not between %.3f s and now; it is left "
-                    "out",
-                    self.times[-1],
-                    kind.__name__,
-                    getattr(one, "time", None),
-                    self.times[0],
-                )
-        return found
-
-    def own(self) -> list[OwnMeasurement | None]:
-        """Return the measurements with their own residual whose variables the step has; warns of the others."""
-        return [one for one in self.timed(OwnMeasurement) if is_available(one, self.at_rest, self.times[-1])]
-
-    def is_in_window(self, measurement: Measurement) -> bool:
-        """Return True if the time of a measurement, if it has one, is within the window."""
-        time, times = getattr(measurement, "time", None), self.times
-        single = self.at_rest or len(times) < 2
-        slack = _SLACK if single else 0.5 * (times[-1] - times[0]) / (len(times) - 1)
-        return time is None or times[0] - slack <= time <= times[-1] + slack
-
-    def nearest(self, measurements: Sequence[Any]) -> Integers:
-        """Return the steps (T,) nearest to the times of measurements; 0 is this step, -1 the one before."""
-        last, times = len(self.times) - 1, np.asarray(self.times)
-        steps = [0 if one.time is None else int(np.argmin(np.abs(times - one.time))) - last for one in measurements]
-        return np.array(steps, np.int64)
+    Steps have these times [s]. At rest, when there is one step, the object has been at rest for all of them.
+    """
+    time, (first, last) = getattr(measurement, "time", None), (times[0], times[-1])
+    if time is None:
+        return 0
+    slack = _SLACK if at_rest or len(times) < 2 else 0.5 * (last - first) / (len(times) - 1)
+    if first - slack <= time <= last + slack:
+        return int(np.argmin(np.abs(np.asarray(times) - time))) + 1 - len(times)
+    return None
 
 
-def terms_of(step: Step, number: int) -> tuple[Array, list[OwnMeasurement | None]]:
-    """Return the terms (T, TERM_SIZE) that arrive with a step of this number, and the own measurements among them.
+def warn_of_time(measurement: Measurement, times: Sequence[float]) -> None:
+    """Warn that a measurement is left out since it is of a time outside of these [s]."""
+    logger.warning(
+        "frame at %.3f s: measurement %s has time %s s, which is not between %.3f s and now; it is left out",
+        times[-1],
+        type(measurement).__name__,
+        getattr(measurement, "time", None),
+        times[0],
+    )
 
-    They are in the order of their steps and kinds.
+
+def terms_of(
+    measurements: Sequence[Measurement], from_touch: int, times: Sequence[float], number: int
+) -> tuple[Array, list[OwnMeasurement | None]]:
+    """Return the terms (T, TERM_SIZE) that arrive with a step, and the own measurements among them.
+
+    The first `from_touch` measurements are read from touch images, `times` are those of the steps in the window, and
+    `number` is that of the last. Terms are in the order of their steps and kinds.
     """
     found: list[tuple[float, ...]] = []
-    for index, one in enumerate(step.measurements):
-        from_touch = index < step.from_touch
+    own: list[OwnMeasurement | None] = []
+    for index, one in enumerate(measurements):
+        is_touch = index < from_touch
         if isinstance(one, ContactDirection):
-            found.append((number, DIRECTION, 0, one.angle, one.variance, from_touch, *_NO_POSE))
+            found.append((number, DIRECTION, 0, one.angle, one.variance, is_touch, *_NO_POSE))
         elif isinstance(one, ContactPlace):
-            found.append((number, PLACE, 0, one.place, one.variance, from_touch, *_NO_POSE))
+            found.append((number, PLACE, 0, one.place, one.variance, is_touch, *_NO_POSE))
         elif isinstance(one, Turn):
-            found.append((number, TURN, 0, one.angle, one.variance, from_touch, *_NO_POSE))
-    poses, own = step.timed(ObjectPose), step.own()
-    for one, ago in zip(poses, step.nearest(poses), strict=True):
-        root = np.linalg.inv(np.linalg.cholesky(one.covariance))
-        found.append((number + ago, OBJECT_POSE, 0, 0.0, 0.0, False, *one.pose.tolist(), *root.ravel().tolist()))
-    for index, ago in enumerate(step.nearest(own)):
-        found.append((number + ago, OWN, index, 0.0, 0.0, False, *_NO_POSE))
+            found.append((number, TURN, 0, one.angle, one.variance, is_touch, *_NO_POSE))
+        elif (ago := place_in_time(one, times)) is None:
+            warn_of_time(one, times)
+        elif isinstance(one, ObjectPose):
+            root = np.linalg.inv(np.linalg.cholesky(one.covariance))
+            pose = *one.pose.tolist(), *root.ravel().tolist()
+            found.append((number + ago, OBJECT_POSE, 0, 0.0, 0.0, False, *pose))
+        elif isinstance(one, OwnMeasurement):
+            found.append((number + ago, OWN, len(own), 0.0, 0.0, False, *_NO_POSE))
+            own.append(one)
     found.sort(key=lambda term: term[:2])
     return np.array(found, np.float64).reshape(-1, TERM_SIZE), own
 

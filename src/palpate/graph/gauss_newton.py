@@ -10,7 +10,7 @@ from palpate.graph import factors, measured, pushing
 from palpate.graph.block_tridiagonal import eliminate, inflate, last_covariance, step_into_past, substitute_back
 from palpate.graph.compiled import Array, Flags, Records, compiled, kernel
 from palpate.graph.contact_geometry import Surface, put_touch
-from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, OWN, STICKING
+from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
@@ -91,6 +91,7 @@ def improve(
         if taken > 0 and not row.is_lost:
             _put_touch(steps[b, last - 1], surface)
             _conclude(its, row, settings[0], work[0])
+            _put_recent(its, left, row, terms)
         is_any = is_any or not row.is_lost
     return is_any
 
@@ -259,13 +260,46 @@ def _conclude(steps: Records, row: Records, settings: Records, work: Records) ->
     for k in range(max(last - pushing.REACH, 0), last):
         steps[k].turn_g, steps[k].turn_e = rotation(steps[k].g[2]), rotation(steps[k].e[2])
     now.force_angle = pushing.force_angle(steps, last, row, settings)
-    if last > 0:
+    if last > 0 and now.spread == 0.0:
+        for i in range(LONG - 1):
+            for r in range(3):
+                row.errors[i, r] = row.errors[i + 1, r]
         for kind in (STICKING, BALANCE):  # sticking has two rows, balance one
             for r in range(of_step(kind, before, now, row, settings, out)):
-                row.errors[2 * kind + r] = abs(out.residual[r]) * math.sqrt(out.information[r])
+                row.errors[LONG - 1, 2 * kind + r] = out.residual[r] ** 2 * out.information[r]
                 for c in range(WIDTH):
                     out.jacobian[r, c] = 0.0
+        row.inconsistency = 0.0
+        for r in range(3):
+            total = 0.0
+            for i in range(LONG):
+                total += row.errors[i, r]
+            row.inconsistency = max(row.inconsistency, total / LONG)
     _put_object_covariance(now.g, row, work)
+
+
+@kernel
+def _put_recent(steps: Records, left: int, row: Records, terms: Records) -> None:
+    """Write the mean squares and costs of the last steps; see `factors.ROW`."""
+    for span in range(2):
+        recent, first = row.recent[span], len(steps) - (SHORT if span == 0 else LONG)
+        for kind in range(len(recent)):
+            recent[kind] = 0.0
+        if left + first < 0:
+            continue
+        first = max(first, 0)
+        for k in range(first, len(steps)):
+            recent[OWN + 1] += steps[k].cost[0]
+        for kind in range(OWN + 1):
+            number = min(len(steps) - first, len(steps) if kind > FRICTION_CONE else len(steps) - 1)
+            for k in range(first, len(steps)):
+                recent[kind] += steps[k].squares[kind]
+            if kind > CONTACT:
+                number, t = 0, len(terms) - 1
+                while t >= 0 and terms[t].step >= left + first:
+                    number += 1 if terms[t].kind == kind else 0
+                    t -= 1
+            recent[kind] /= max(number, 1)
 
 
 @kernel
@@ -292,8 +326,8 @@ def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
 
 
 @compiled
-def begin_step(steps: Records, window: Place, sensor_pose: Array, moved: float, disturbance: Array) -> None:
-    """Begin the last step of a window: measured sensor pose (3,), how far it moved, and what may disturb it (B, 2).
+def begin_step(steps: Records, window: Place, sensor_pose: Array, disturbance: Array) -> None:
+    """Begin the last step of a window: measured sensor pose (3,) and what may disturb it (B, 2).
 
     The sensor pose in the object is that of constant motion from the two steps before.
     """
@@ -302,7 +336,9 @@ def begin_step(steps: Records, window: Place, sensor_pose: Array, moved: float, 
         now, before = steps[b, last - 1], steps[b, last - 2]
         for i in range(3):
             now.e[i] = now.measured[i] = sensor_pose[i]
-        now.moved, now.slide, now.spread = moved, disturbance[b, 0], disturbance[b, 1]
+        now.moved = abs(position(now.measured) - position(before.measured))
+        now.slide, now.spread = disturbance[b, 0], disturbance[b, 1]
+        now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
         between(steps[b, max(last - 3, first)].g, before.g, now.g)
         ahead = position(before.g) + rotation(before.g[2]) * position(now.g)
         now.g[0], now.g[1], now.g[2] = ahead.real, ahead.imag, wrap(before.g[2] + now.g[2])

@@ -57,10 +57,10 @@ def evaluated(
     return rows
 
 
-def is_available(measurement: OwnMeasurement, at_rest: bool, time: float) -> bool:
-    """Return True if there are the variables of a measurement; warns if not."""
+def is_available_at_rest(measurement: OwnMeasurement, time: float) -> bool:
+    """Return True if there are the variables of a measurement while nothing touches the object; warns if not."""
     allowed = (OBJECT_POSE, *OF_OBJECT)
-    if missing := [name for name in measurement.on if at_rest and named(name) not in allowed]:
+    if missing := [name for name in measurement.on if named(name) not in allowed]:
         names = ", ".join(one.name for one in allowed)
         found = f"measurement {type(measurement).__name__} is of {missing[0]}"
         logger.warning("frame at %.3f s: %s; at rest there are %s; it is left out", time, found, names)

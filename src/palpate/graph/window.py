@@ -21,8 +21,6 @@ from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import (
-    FRICTION_CONE,
-    NAMES,
     OWN,
     ROW,
     STEP,
@@ -30,7 +28,6 @@ from palpate.graph.factors import (
     TERM_SIZE,
     TURN,
     WORK,
-    Step,
     terms_of,
 )
 from palpate.graph.gauss_newton import Model, Place, begin_step, improve
@@ -73,11 +70,11 @@ class Window:
         self._given = Model(factors, drift, model.surface, work)
         self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
         self._first, self._left = 0, 0  # place of the oldest step of the window in `_steps`; steps that have left it
-        self._left_costs = np.empty((len(belief), 0, 2))  # of steps that left the window
+        self._left_costs = np.empty((len(belief), 0, 3))  # of steps that left the window
         self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
         self._own: list[OwnMeasurement | None] = []  # in the order of their terms
-        self._measured, self._times = sensor_pose, [time]
-        self._join(*terms_of(Step(sensor_pose, None, measurements, self._times, from_touch=from_touch), 0))
+        self._times = [time]
+        self._join(*terms_of(measurements, from_touch, self._times, 0))
         self._solve(np.ones(self.rows, np.bool_))
 
     def add(
@@ -94,16 +91,15 @@ class Window:
         mean and standard deviation; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
         """
         times, leaving = [*self._times, time], None
-        step = Step(sensor_pose, self._measured, measurements, times, from_touch=from_touch)
-        terms, own = terms_of(step, self._left + len(self._times))  # before any change, since they may raise
+        terms, own = terms_of(measurements, from_touch, times, self._left + len(self._times))  # may raise
         if len(self._times) == self._lag:
             leaving, times = self._window["object"][:, 0].copy(), times[1:]
             self._marginalise()
-        self._measured, self._times = sensor_pose, times
+        self._times = times
         if self._first + len(times) > self._steps.shape[1]:
             self._make_room()
         disturbance = np.zeros((self.rows, 2)) if disturbance is None else disturbance
-        begin_step(self._steps, self._place, sensor_pose, step.moved, disturbance)
+        begin_step(self._steps, self._place, sensor_pose, disturbance)
         self._join(terms, own)
         self._solve(np.ones(self.rows, np.bool_))
         return leaving
@@ -124,10 +120,12 @@ class Window:
         changing[rows] = True
         length, disturbed = slide[:, None] / count, self._window[rows, first:]
         disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
+        disturbed["cost"][..., 2] = 1.0
         # Seen from the object, the sensor moves the other way.
         back = -length * np.arange(1.0, last - first + 1)
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
         self._window[rows, first:] = disturbed
+        self._rows["errors"][rows] = self._rows["inconsistency"][rows] = 0.0
         self._solve(changing)
 
     @property
@@ -162,36 +160,29 @@ class Window:
         """Return the angle of the pushing force from the outline's inward normal [rad]; NaN at the first step."""
         return float(self._window["force_angle"][row, -1]) if len(self._times) > 1 else math.nan
 
-    def mean_squares(self, name: str, steps: int) -> Array:
-        """Return the mean square error of a factor's terms in the last steps (B,) [variances], without kernels."""
-        kind, count = NAMES.index(name), min(steps, len(self._times))
-        squares = self._window["squares"][:, len(self._times) - count :, kind].sum(axis=1)
-        if kind > FRICTION_CONE:
-            since = self._left + len(self._times) - count
-            count = np.count_nonzero((self._terms[:, 0] >= since) & (self._terms[:, 1] == kind))
-        else:
-            count = min(count, len(self._times) - 1)  # the oldest step has no factor of pushing
-        return squares / max(count, 1)
+    @property
+    def recent(self) -> Array:
+        """Mean squares of all factors in the last steps, (B, 2, len(NAMES) + 1); see `factors.ROW`."""
+        return self._rows["recent"]
+
+    @property
+    def inconsistency(self) -> Array:
+        """Mean square of the worst error of pushing in the last undisturbed steps, (B,) [variances]."""
+        return self._rows["inconsistency"]
 
     def costs(self) -> Array:
-        """Return the cost of each of the last steps (B, N, 2): minus its log likelihood, except for a constant.
+        """Return the cost of each of the last steps (B, N, 3): minus its log likelihood, except for a constant.
 
         The first column is that of the measurements, the second that of pushing, which holds only while nothing but
-        the sensor moves the object. At most a thousand steps that left the window are included.
+        the sensor moves the object, and the third is 1 where the second does not count. At most a thousand steps that
+        left the window are included.
         """
         return np.concatenate([self._left_costs, self._window["cost"]], axis=1)
 
-    @property
-    def steps_with_costs(self) -> int:
-        """Number of steps that `costs` covers."""
-        return self._left_costs.shape[1] + len(self._times)
-
-    def last_errors(self) -> Array | None:
-        """Return the errors of the last step's sticking and balance, (B, 3) [standard deviations], without kernels.
-
-        None at the first step, which has none.
-        """
-        return self._rows["errors"] if len(self._times) > 1 else None
+    def count_all_costs(self, rows: Flags) -> None:
+        """Count the costs of pushing in all steps so far of some rows (B,)."""
+        self._left_costs[rows, :, 2] = 0.0
+        self._window["cost"][rows, :, 2] = 0.0
 
     @property
     def _place(self) -> Place:
