@@ -183,10 +183,10 @@ class Tracker:
 
     def _report(self, frame: Frame) -> Estimate:
         """Return the estimate at the last frame."""
-        gate, estimate = self._gate, self._bank.report(frame.time, self._gate.hidden_motion)
+        gate, bank = self._gate, self._bank
+        self._touched_at = frame.time if bank.in_contact else self._touched_at
+        estimate = bank.report(frame.time, self._touched_at, gate.hidden_motion)
         status, reason = estimate.status, gate.doubt or estimate.reason or gate.weakness
-        if estimate.contact:
-            self._touched_at = frame.time
         if gate.hidden_motion:
             moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"
             status, reason = "faulty", f"the sensor's pose is frozen; {moved}"
@@ -195,7 +195,9 @@ class Tracker:
             reason = "in contact since before the untouched gel was known: touch cannot measure before a release"
         self._times.append(frame.time)
         self._contacts.append(estimate.contact)
-        return replace(estimate, status=status, reason=reason, touch_age=frame.time - self._touched_at)
+        if (status, reason) != (estimate.status, estimate.reason):
+            return replace(estimate, status=status, reason=reason)
+        return estimate
 
 
 @cache
@@ -207,7 +209,7 @@ def warm_up() -> None:
     touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
     for step in range(LAG + 3):
         bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), touch, step / 30.0)
-    bank.report(2.0)
+    bank.report(2.0, 2.0)
     bank.end_contact()
     bank.rest_step(np.array([-0.1, 0.0, 0.0]), (), 2.0)
 

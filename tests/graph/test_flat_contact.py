@@ -93,7 +93,7 @@ def test_the_factor_of_the_place():
     np.testing.assert_allclose(rows.jacobian[0, 0, 0, 6:9], touch(DISC, *g[0, 0])["material_by_g"].imag)
     assert rows.jacobian[0, 0, 0, column(PLACE_BIAS)] == 1.0
     assert rows.weight[0, 0, 0] == pytest.approx(1.0 / 4e-6)
-    with pytest.raises(EstimationError, match="contact place has place nan"):
+    with pytest.raises(EstimationError, match="ContactPlace has place nan"):
         ContactPlace(math.nan, 1.0)
 
 

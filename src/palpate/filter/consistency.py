@@ -139,9 +139,10 @@ class ConsistencyMonitor:
         known = rows.belief.covariance[:, :3, :3].copy()
         known[:, 2, 2] += rows.unobservable_yaw
         covariance = rows.inconsistency[:, None, None] * known + self._calibration
+        by_poses = by_outline = 0.0
         if rows.apart.any():
             covariance = covariance + self.contradiction_covariance(rows)
-        by_poses, by_outline = 1e3 * _contradictions(rows)[0]
+            by_poses, by_outline = 1e3 * _contradictions(rows)[0]
         status: Status = "tracking" if in_contact else "resting"
         reason = ""
         if by_poses:

@@ -46,7 +46,7 @@ class Step:
     """Measurements from touch and other sources."""
     from_touch: int
     """Number of leading measurements that were read from touch images, which may be mirrored."""
-    times: Sequence[float]
+    times: list[float]
     """Times of the last steps, this one last [s]."""
 
     def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:

@@ -112,39 +112,43 @@ class HypothesisBank:
                 parts.append(entry[row])
         return np.concatenate(parts[::-1])
 
-    def report(self, time: float, hidden_motion: float = 0.0) -> Estimate:
-        """Return the estimate at the last frame, since whose pose the sensor may have moved by `hidden_motion` [m]."""
+    def report(self, time: float, touched_at: float, hidden_motion: float = 0.0) -> Estimate:
+        """Return the estimate at a time [s]; the object was last touched at another.
+
+        Since the last frame the sensor may have moved by `hidden_motion` [m].
+        """
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
-        rows = rows.take(~rows.is_mirror) if rows.is_mirror.any() else rows
-        belief, pose = rows.belief, rows.belief.pose[0]
+        rows = rows if len(rows.age) == 1 else rows.take(~rows.is_mirror)
+        belief = rows.belief
         covariance, covariances, status, reason = self._monitor.assessed(rows, window is not None)
         if self._is_indeterminate and status != "ambiguous":
             status = "indeterminate"
         if hidden_motion:
             covariance = covariance + self._monitor.covariance_of_motion(hidden_motion)
         every = zip(belief.pose.copy(), covariances.copy(), rows.weight.tolist(), strict=True)
-        friction = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
-        estimate = Estimate(
+        friction, spread = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
+        point = normal = None
+        sliding = math.nan
+        if window is not None:
+            last, (x, y, theta) = window.last(0), belief.pose[0].tolist()
+            turn = complex(math.cos(theta), math.sin(theta))
+            point = _vector(complex(x, y) + turn * last["touch"]["point"])
+            normal = _vector(turn * last["touch"]["normal"] / abs(last["touch"]["normal"]))
+            beyond = math.atan(friction) - abs(float(last["force_angle"]))
+            sliding = 0.5 * math.erfc(beyond / (math.sqrt(2.0) * _EDGE))
+        return Estimate(
             time=time,
-            pose=pose.copy(),
+            pose=belief.pose[0].copy(),
             covariance=covariance,
             contact=window is not None,
             status=status,
             reason=reason or REASONS[status] or (_MIRRORED if self._is_mirrored else ""),
             answers=tuple(Answer(*each) for each in every if each[2]),
-            friction=friction,
-        )
-        if window is None:
-            return estimate
-        nearest, turn = window.touch(0), complex(math.cos(pose[2]), math.sin(pose[2]))
-        point = complex(*pose[:2]) + turn * nearest["point"]
-        normal = turn * nearest["normal"] / abs(nearest["normal"])
-        beyond = math.atan(friction[0]) - abs(window.force_angle(0))
-        return replace(
-            estimate,
-            contact_point=np.array([point.real, point.imag]),
-            contact_normal=np.array([normal.real, normal.imag]),
-            sliding=0.5 * math.erfc(beyond / (math.sqrt(2.0) * _EDGE)),
+            friction=(friction, spread),
+            contact_point=point,
+            contact_normal=normal,
+            sliding=sliding,
+            touch_age=time - touched_at,
         )
 
     def rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
@@ -193,13 +197,11 @@ class HypothesisBank:
         test_innovations(rows, window.inconsistency)
         if is_measured or rows.apart.any():
             self._monitor.test_outline(rows, sensor_pose, is_measured)
-        self._times, self._steps = [*self._times, time][-LAG:], self._steps + 1
+        self._times, self._steps = step.times[-LAG:], self._steps + 1
         self._sensor_pose, self._touched = sensor_pose, (sensor_pose, time)
         if self._most > 1:
             self._branch_at_alarms(window)
             self._reweight_and_prune(window)
-        if self._rows.displacement[self._rows.is_mirror][:1].any():
-            self._take(~self._rows.is_mirror)
 
     def end_contact(self, moved: float = 0.0) -> None:
         """The sensor released the object, which something else may have moved meanwhile by this much [m]."""
@@ -275,9 +277,8 @@ class HypothesisBank:
     def _continue_contact(self, step: Step, path: Array) -> bool:
         """Take the next frame of a contact in all hypotheses, whose poses in the window are `path` (B, N, 3)."""
         window, is_measured = self._in_window(), self._test_object_poses(step, path)
-        still_going_on = np.array([0.0, _SPREAD / np.sqrt(_BACK)])  # slide [m] by a hand: mean and standard deviation
-        disturbance = np.where(self._rows.disturbed_steps_left[:, None] > 0, still_going_on, 0.0)
-        leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], disturbance, step.from_touch)
+        spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
+        leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], spread, step.from_touch)
         is_found = ~window.is_lost
         self._drop_lost(window)
         if leaving is not None:
@@ -299,10 +300,11 @@ class HypothesisBank:
 
     def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
-        rows = self._rows
+        rows, alarms = self._rows, disturbance_alarms(window, is_suspicion_enough=True)
+        if not alarms.any():
+            return
         is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
-        alarms = is_watched & disturbance_alarms(window, is_suspicion_enough=True)
-        likeliest = [np.flatnonzero(alarms & group)[:1] for group in (rows.is_mirror, ~rows.is_mirror)]
+        likeliest = [np.flatnonzero(alarms & is_watched & group)[:1] for group in (rows.is_mirror, ~rows.is_mirror)]
         for row in np.concatenate(likeliest).tolist():
             self._branch(window, row)
 
@@ -324,21 +326,24 @@ class HypothesisBank:
 
     def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
-        is_mirror, costs = self._rows.is_mirror, window.costs()
-        kept, weights = [], []
-        for group in (np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)):
-            order, weight = np.arange(len(group)), np.ones(len(group))
-            if len(group) > 1:
-                is_sure = self._is_found or is_mirror[group[0]]
-                most = self._most if is_sure else max(self._most, MOST_YOUNG)
-                order, weight = worth_keeping(self._rows.take(group), costs[group], self._settings.priors, most)
-            kept, weights = [*kept, *group[order]], [*weights, *weight]
-        self._take(kept)
+        kept, weights = [0], [1.0]
+        if len(self._rows.age) > 1:
+            is_mirror, costs, kept, weights = self._rows.is_mirror, window.costs(), [], []
+            for group in (np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)):
+                order, weight = np.arange(len(group)), np.ones(len(group))
+                if len(group) > 1:
+                    is_sure = self._is_found or is_mirror[group[0]]
+                    most = self._most if is_sure else max(self._most, MOST_YOUNG)
+                    order, weight = worth_keeping(self._rows.take(group), costs[group], self._settings.priors, most)
+                kept, weights = [*kept, *group[order]], [*weights, *weight]
+            self._take(kept)
         rows = self._rows
         count = np.count_nonzero(rows.is_mirror)
         is_single = np.where(rows.is_mirror, count, len(kept) - count) == 1
         rows.weight, rows.log_prior = np.array(weights), np.where(is_single, 0.0, rows.log_prior)
         window.count_all_costs(is_single)
+        if rows.displacement[rows.is_mirror][:1].any():
+            self._take(~rows.is_mirror)
         if is_single[0] and not self._is_found:
             self._is_found = not is_rough(rows.belief, self._model)[0]
 
@@ -348,7 +353,7 @@ class HypothesisBank:
         They are mirrored only if one pose is left, since if several are needed something else is wrong.
         """
         is_mirror = self._rows.is_mirror
-        detected, is_disturbed = disturbance_alarms(window), window.costs()[..., 2].any(axis=1)
+        detected, is_disturbed = disturbance_alarms(window), np.asarray(window.costs()[..., 2].any(axis=1))
         groups = np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)
         best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
         self._contradicted = self._contradicted | detected[best]
@@ -380,6 +385,12 @@ class HypothesisBank:
 
     def _drop_lost(self, window: Window) -> None:
         """Drop hypotheses without a solution; raises EstimationError if none with images as they are has one."""
-        if window.is_lost[~self._rows.is_mirror].all():
-            raise EstimationError("the linear system of the window is indeterminate")
-        self._take(~window.is_lost)
+        is_lost = window.is_lost
+        if is_lost.any():
+            if is_lost[~self._rows.is_mirror].all():
+                raise EstimationError("the linear system of the window is indeterminate")
+            self._take(~is_lost)
+
+
+def _vector(number: complex) -> Array:
+    return np.array([number.real, number.imag])

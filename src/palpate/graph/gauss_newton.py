@@ -326,8 +326,8 @@ def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
 
 
 @compiled
-def begin_step(steps: Records, window: Place, sensor_pose: Array, disturbance: Array) -> None:
-    """Begin the last step of a window: measured sensor pose (3,) and what may disturb it (B, 2).
+def begin_step(steps: Records, window: Place, sensor_pose: Array, spread: Array) -> None:
+    """Begin the last step of a window: measured sensor pose (3,) and `STEP.spread` (B,).
 
     The sensor pose in the object is that of constant motion from the two steps before.
     """
@@ -337,7 +337,7 @@ def begin_step(steps: Records, window: Place, sensor_pose: Array, disturbance: A
         for i in range(3):
             now.e[i] = now.measured[i] = sensor_pose[i]
         now.moved = abs(position(now.measured) - position(before.measured))
-        now.slide, now.spread = disturbance[b, 0], disturbance[b, 1]
+        now.slide, now.spread = 0.0, spread[b]
         now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
         between(steps[b, max(last - 3, first)].g, before.g, now.g)
         ahead = position(before.g) + rotation(before.g[2]) * position(now.g)

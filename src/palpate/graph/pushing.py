@@ -70,10 +70,10 @@ def _put_by_poses(lever: complex, motion: Motion, jacobian: Array) -> None:
 def force_angle(steps: Records, k: int, row: Records, settings: Records) -> float:
     """Return the angle of the pushing force at step k, from the outline's inward normal, counter-clockwise [rad].
 
-    The motion is taken over some steps before and after, since over one step it is mostly noise. 0 at the first step.
+    The motion is taken over some steps before and after, since over one step it is mostly noise. NaN at the first step.
     """
     if k == 0:
-        return 0.0
+        return math.nan
     center, now = _center(row, settings), steps[k]
     last, first = steps[min(k + REACH, len(steps)) - 1], steps[max(k - REACH, 0)]
     moved = _in_world(last, center) - _in_world(first, center)

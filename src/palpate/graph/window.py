@@ -82,13 +82,13 @@ class Window:
         sensor_pose: Array,
         measurements: Sequence[Measurement] = (),
         time: float = 0.0,
-        disturbance: Array | None = None,
+        spread: Array | None = None,
         from_touch: int = 0,
     ) -> Array | None:
         """Add the next frame, and return the object poses (B, 3) of the step that leaves the window, if any does.
 
-        `disturbance` (B, 2) [m] is the slide over the sensor by which something else may move the object in this step,
-        mean and standard deviation; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
+        `spread` (B,) [m] is the standard deviation of the slide over the sensor by which something else may move the
+        object in this step; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
         """
         times, leaving = [*self._times, time], None
         terms, own = terms_of(measurements, from_touch, times, self._left + len(self._times))  # may raise
@@ -98,8 +98,8 @@ class Window:
         self._times = times
         if self._first + len(times) > self._steps.shape[1]:
             self._make_room()
-        disturbance = np.zeros((self.rows, 2)) if disturbance is None else disturbance
-        begin_step(self._steps, self._place, sensor_pose, disturbance)
+        spread = np.zeros(self.rows) if spread is None else spread
+        begin_step(self._steps, self._place, sensor_pose, spread)
         self._join(terms, own)
         self._solve(np.ones(self.rows, np.bool_))
         return leaving
@@ -148,17 +148,13 @@ class Window:
         pose, values = self._window["object"][:, -1], self._rows["shared"][:, CONTACT_SIZE:]
         return Belief(pose.copy(), values.copy(), self._rows["covariance"].copy())
 
-    def touch(self, row: int) -> np.void:
-        """Return the CONTACT_GEOMETRY of a row at the last step."""
-        return self._window[row, -1]["touch"]
+    def last(self, row: int) -> np.void:
+        """Return the last step of a row; see `factors.STEP`."""
+        return self._steps[row, self._first + len(self._times) - 1]
 
     def object_path(self) -> Array:
         """Return the object poses of all steps in the window, (B, N, 3)."""
         return self._window["object"].copy()
-
-    def force_angle(self, row: int) -> float:
-        """Return the angle of the pushing force from the outline's inward normal [rad]; NaN at the first step."""
-        return float(self._window["force_angle"][row, -1]) if len(self._times) > 1 else math.nan
 
     @property
     def recent(self) -> Array:
