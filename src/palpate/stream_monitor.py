@@ -16,6 +16,7 @@ from palpate.checks import other_time_unit
 from palpate.errors import FrameError
 
 Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
 
 _LONGEST_GAP = 60.0  # [s] between frames; a clock that jumps farther is accepted at its second frame
 _AGREE = 3  # implausible poses in a row that agree with each other are accepted
@@ -23,7 +24,7 @@ _HISTORY = 9  # poses kept, 0.3 s at 30 Hz
 
 # Largest acceleration [m/s^2, rad/s^2] and speed [m/s, rad/s] of a robot arm, and error of a measured pose [m, rad]. A
 # pusher at 0.25 m/s deviates from constant velocity by at most 3 mm a frame at 30 Hz; 16 mm are allowed.
-_ACCELERATION, _SPEED, _ERROR = np.array([10.0, 100.0]), np.array([2.0, 20.0]), np.array([5e-3, 0.1])
+_ACCELERATION, _SPEED, _ERROR = (10.0, 100.0), (2.0, 20.0), (5e-3, 0.1)
 _METRES = 10.0  # [m] from the origin, farther than most robots reach: coordinates beyond may be millimetres
 
 # A pose is frozen if it repeats this often, begins to from more than this share of its speed, and hides this much [m].
@@ -37,11 +38,11 @@ class PoseMonitor:
     def __init__(self, rate: float) -> None:
         """Take the sensor's frame rate [Hz]."""
         self._rate = rate
-        self._last: tuple[float, Array] | None = None  # time [s] and pose
-        self._different: deque[tuple[float, Array]] = deque(maxlen=_HISTORY)  # the last ones that differ
+        self._last: tuple[float, Pose] | None = None  # time [s] and pose
+        self._different: deque[tuple[float, Pose]] = deque(maxlen=_HISTORY)  # the last ones that differ
         self._repeats = 0  # identical poses in a row
         self._stands_exactly = False  # this robot has stood at one exact pose and moved on from there
-        self._elsewhere: list[tuple[float, Array]] = []  # implausible poses in a row that agree with each other
+        self._elsewhere: list[tuple[float, Pose]] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
         self.hidden = 0.0
@@ -62,14 +63,16 @@ class PoseMonitor:
                 f"that follows it is taken{unit and '; '}{unit}"
             )
 
-    def check_pose(self, time: float, pose: Array, in_contact: bool) -> bool:
+    def check_pose(self, time: float, measured: Array, in_contact: bool) -> bool:
         """Take a pose (3,) [m, m, rad], and return True if the sensor cannot have moved here within the same contact.
 
         Raises FrameError on a jump in a contact; between contacts it does no harm.
         """
+        x, y, yaw = measured.tolist()
+        pose = x, y, yaw
         last_time, last = self._last or (time, pose)
-        interval, step = time - last_time, float(_apart(last, pose)[0])
-        repeats, goes_on = self._last is not None and np.array_equal(last, pose), in_contact and self._in_contact
+        interval, step = time - last_time, _apart(last, pose)[0]
+        repeats, goes_on = self._last is not None and last == pose, in_contact and self._in_contact
         self._stands_exactly |= not repeats and self._repeats >= 3 and step < _FIRST_STEP
         # After a release within the interval, the object was pushed at most at the speed before.
         moving = self._repeats == 1 and len(self._different) > 1
@@ -84,8 +87,8 @@ class PoseMonitor:
             self._different.clear()
             self.drawn_back = 0.0
         elif goes_on:
-            self.drawn_back -= float((pose - last)[:2] @ (math.cos(pose[2]), math.sin(pose[2])))
-            self.drawn_back = max(self.drawn_back, 0.0)
+            ahead = (x - last[0]) * math.cos(yaw) + (y - last[1]) * math.sin(yaw)
+            self.drawn_back = max(self.drawn_back - ahead, 0.0)
         if not self._different or (goes_on and not repeats):
             self._different.append((time, pose))
         self._repeats = self._repeats + 1 if repeats and not is_elsewhere else 1
@@ -95,7 +98,7 @@ class PoseMonitor:
     def _speed(self, count: int) -> float:
         """Return the mean speed [m/s] over the last different poses."""
         (first_time, first), (time, last) = self._different[-count], self._different[-1]
-        return float(_apart(first, last)[0]) / (time - first_time)
+        return _apart(first, last)[0] / (time - first_time)
 
     def _frozen(self, time: float) -> float:
         """Return the distance that the sensor may have moved while its pose was frozen [m], 0 if it is not.
@@ -109,39 +112,45 @@ class PoseMonitor:
         distance = before * (time - self._different[-1][0])
         return distance if speed > _SUDDEN * before and distance > _HIDDEN else 0.0
 
-    def _is_plausible(self, interval: float, last: Array, pose: Array) -> bool:
+    def _is_plausible(self, interval: float, last: Pose, pose: Pose) -> bool:
         """Compare with the motion so far: at constant velocity, up to the largest acceleration."""
         if len(self._different) < 2:
-            return bool((_apart(last, pose) <= _ERROR + _SPEED * interval).all())
+            return _is_within(last, pose, _SPEED, interval)
         if self._repeats == 1:
             (first_time, first), (second_time, second) = self._different[-2], self._different[-1]
-            change = second - first
-            change[2] = math.remainder(change[2], math.tau)
-            last = last + min(interval / (second_time - first_time), 2.0) * change
+            share = min(interval / (second_time - first_time), 2.0)
+            yaw = last[2] + share * math.remainder(second[2] - first[2], math.tau)
+            last = last[0] + share * (second[0] - first[0]), last[1] + share * (second[1] - first[1]), yaw
         usual = max(interval, 1.0 / self._rate)  # times may jitter
-        return bool((_apart(last, pose) <= _ERROR + _ACCELERATION * usual**2).all())
+        return _is_within(last, pose, _ACCELERATION, usual**2)
 
-    def _refuse_unless_confirmed(self, time: float, pose: Array, interval: float, last: Array) -> None:
+    def _refuse_unless_confirmed(self, time: float, pose: Pose, interval: float, last: Pose) -> None:
         before, there = self._elsewhere[-1] if self._elsewhere else (time, pose)
-        if (_apart(there, pose) > _ERROR + _SPEED * (time - before)).any():
+        if not _is_within(there, pose, _SPEED, time - before):
             self._elsewhere = []
         self._elsewhere.append((time, pose))
         if len(self._elsewhere) >= _AGREE:
             return
-        (step, turn), (farthest, most) = _apart(last, pose), _ERROR + _SPEED * interval
-        unit = "; are these millimetres?" if np.abs(pose[:2]).max() > _METRES else ""
-        unit = "; is theta in degrees?" if step < farthest and turn > most else unit
+        step, turn = _apart(last, pose)
+        unit = "; are these millimetres?" if max(abs(pose[0]), abs(pose[1])) > _METRES else ""
+        if step < _ERROR[0] + _SPEED[0] * interval and turn > _ERROR[1] + _SPEED[1] * interval:
+            unit = "; is theta in degrees?"
         raise FrameError(
-            f"frame at {time:.3f} s has the sensor {step:.3g} m and {np.degrees(turn):.0f} degrees from where it "
+            f"frame at {time:.3f} s has the sensor {step:.3g} m and {math.degrees(turn):.0f} degrees from where it "
             f"was {interval:.3g} s before, in one contact, faster than any arm; {_AGREE} in a row that agree are "
             f"believed{unit}"
         )
 
 
-def _apart(one: Array, other: Array) -> Array:
-    """Return the distance [m] and angle [rad] between two poses, (2,)."""
-    x, y, turn = (other - one).tolist()
-    return np.array([math.hypot(x, y), abs(math.remainder(turn, math.tau))])
+def _apart(one: Pose, other: Pose) -> tuple[float, float]:
+    """Return the distance [m] and angle [rad] between two poses."""
+    return math.hypot(other[0] - one[0], other[1] - one[1]), abs(math.remainder(other[2] - one[2], math.tau))
+
+
+def _is_within(one: Pose, other: Pose, rate: tuple[float, float], factor: float) -> bool:
+    """Return True if poses are as near as a motion of this rate times a factor lets them be, and errors of poses."""
+    step, turn = _apart(one, other)
+    return step <= _ERROR[0] + rate[0] * factor and turn <= _ERROR[1] + rate[1] * factor
 
 
 _LATELY = 15  # frames, half a second at 30 Hz
@@ -163,8 +172,12 @@ class StreamQuality:
         self._noise: deque[float] = deque(maxlen=_LATELY)  # [m]
         self._in_contact = False
         self._pushed = 0j  # [m] motion in contact, sensor frame
-        self.interval = 1.0 / rate
+        self._median = 1.0 / rate  # of the last intervals [s]
+
+    @property
+    def interval(self) -> float:
         """Median of the last intervals [s], at least the nominal one."""
+        return max(1.0 / self._rate, self._median)
 
     def add(self, time: float, pose: Array, light: Array, in_contact: bool) -> str:
         """Take a frame's time [s], pose (3,), relative brightness of each channel (3,) and contact as the image shows.
@@ -176,7 +189,7 @@ class StreamQuality:
         if self._last:
             before, place = self._last[-1]
             self._intervals.append(time - before)
-            self.interval = max(1.0 / self._rate, median(self._intervals))
+            self._median = median(self._intervals)
             if in_contact and self._in_contact:
                 self._pushed += (complex(x, y) - place) * cmath.rect(1.0, -theta)
         self._last.append((time, complex(x, y)))
@@ -191,7 +204,7 @@ class StreamQuality:
             rate = len(self._intervals) / sum(self._intervals)
             advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
             return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
-        return too_often(1.0 / median(self._intervals)) if len(relative) == _LATELY else ""
+        return too_often(1.0 / self._median) if len(relative) == _LATELY else ""
 
     def _of_noise(self) -> str:
         noise = median(self._noise) / _RAYLEIGH_MEDIAN if len(self._noise) == _LATELY else 0.0
@@ -209,10 +222,11 @@ class StreamQuality:
 
 
 def _of_light(light: Array) -> str:
-    if np.abs(light - 1.0).max() < _OTHER_LIGHT:
+    red, green, blue = light.tolist()
+    if max(abs(red - 1.0), abs(green - 1.0), abs(blue - 1.0)) < _OTHER_LIGHT:
         return ""
-    red, green, blue = 100.0 * light
-    return f"red, green and blue light are at {red:.0f}, {green:.0f} and {blue:.0f} % of the untouched gel's"
+    percent = f"{100.0 * red:.0f}, {100.0 * green:.0f} and {100.0 * blue:.0f} %"
+    return f"red, green and blue light are at {percent} of the untouched gel's"
 
 
 def too_often(rate: float) -> str:
