@@ -16,7 +16,6 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.cli.console import complain
@@ -43,7 +42,7 @@ from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
 from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
-from palpate.types.space import STEEPEST, Placed, Plane, always, into_plane, plane_across, poses_in_time
+from palpate.types.space import GelPoses
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""
@@ -178,11 +177,8 @@ class Topics(MessageSink):
         `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published,
         such as a flange.
         """
-        self._node, self._normal = node, np.asarray(normal, np.float64)
-        numbers = np.reshape((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0) if sensor_T_gel is None else sensor_T_gel, (1, 7))
-        self._gel = always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), numbers), 1)
+        self._node, self._place = node, GelPoses(sensor_T_gel, normal)
         self.clock = Ros2Clock(node)
-        self._plane: Plane | None = None
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
             for topic, type_ in TOPICS.items()
@@ -228,30 +224,17 @@ class Topics(MessageSink):
 
     def _pose(self, message: Any) -> TimedPose | Refused:
         (pose,) = poses_of(message)
-        position, rotation = np.array([pose.numbers[:3]]), np.array([pose.numbers[3:]])
-        if not np.isfinite(position).all() or not abs(math.hypot(*pose.numbers[3:]) - 1.0) < 1e-2:
-            return Refused(f"{list(pose.numbers)}; allowed are a finite position and a quaternion of length 1")
-        gel = Placed(position, rotation, np.ones(1, np.bool_)) @ self._gel
-        if self._plane is None:
-            self._plane = plane_across(pose.frame, self._normal, gel.position)
-        if pose.frame != self._plane.frame:
-            return Refused(f"it is given in frame {pose.frame!r}, the first was in {self._plane.frame!r}")
-        placed, height, angle = into_plane(self._plane, gel.position, gel.rotation)
-        if abs(off := height[0] - self._plane.height) > 0.01:
-            return Refused(f"it is {off * 1e3:.1f} mm off the plane of the first, allowed are 10 mm")
-        if abs(angle[0]) > STEEPEST:
-            found = f"its x axis is {np.degrees(angle[0]):.1f} degrees out of the plane"
-            return Refused(f"{found}, allowed are {np.degrees(STEEPEST):.0f}")
-        return checked_pose(self.clock.time_of(message), placed[0], self.clock.now())
+        return checked_pose(self.clock.time_of(message), pose.numbers, self.clock.now(), self._place, pose.frame)
 
     def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | LiveEstimate) -> None:
         """Publish an estimate, with the session's counts in its diagnostics."""
         if not isinstance(item, LiveEstimate):
             return
-        assert self._plane is not None
+        plane = self._place.plane
+        assert plane is not None
         stamp = self.clock.stamp(item.estimate.time)
         words = {name.replace("_", " "): str(count) for name, count in counts.items()}
-        add_live_estimate(self, self._plane, stamp, item, words)
+        add_live_estimate(self, plane, stamp, item, words)
 
     def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
         """Publish a message."""

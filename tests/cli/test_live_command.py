@@ -252,12 +252,14 @@ def test_camera_and_poses_are_lost_and_come_back(camera, run_palpate):
     assert found["images"] == found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"]
 
 
-@pytest.mark.parametrize("size", [(240, 320), (480, 640)])
-def test_images_as_a_digit_gives_them_are_turned_scaled_and_late(size, camera, run_palpate):
-    """Landscape, where digit-interface turns them counter-clockwise, and 0.2 s late."""
+@pytest.mark.parametrize(("size", "orientation"), [((240, 320), ""), ((480, 640), ""), ((480, 640), "270")])
+def test_images_as_a_digit_gives_them_are_turned_scaled_and_late(size, orientation, camera, run_palpate):
+    """Landscape, where digit-interface turns them counter-clockwise, and 0.2 s late; poses are those of a flange."""
     camera.size, camera.corner, port = size, 100, free_port()
     words = (*camera_words(f"udp:{port}"), "--record", "live.mcap", "--seconds", "2", "--time-offset", "-0.2")
-    with sending(lambda n: pose_packet((0.1 + 0.01 * (time.time() % 1000.0), 0.05, 0.0)), port):
+    words += ("--orientation", orientation) if orientation else ()
+    words += ("--sensor-T-gel", *map(str, (0.1, 0.05, 0.1, 1.0, 0.0, 0.0, 0.0)))
+    with sending(lambda n: pose_packet((0.01 * (time.time() % 1000.0), 0.1, 0.2, 1.0, 0.0, 0.0, 0.0)), port):
         code, out, _ = run_palpate(*words, "--json")
     found = json.loads(out)
     assert code == 0 and found["tracked"] > 10 and found["latency_ms"]["p50"] > 200.0
@@ -265,8 +267,9 @@ def test_images_as_a_digit_gives_them_are_turned_scaled_and_late(size, camera, r
     image = recorded[10].image
     assert image is not None and image.shape == (320, 240, 3)
     corners = [image[row, column, 1] for row, column in ((5, 5), (5, -5), (-5, 5), (-5, -5))]
-    assert int(np.argmax(corners)) == 2 and max(corners) > 90  # the top left corner is at the bottom left
+    assert int(np.argmax(corners)) == (1 if orientation else 2) and max(corners) > 90  # the camera's top left corner
     assert np.allclose(recorded.sensor_pose[:, 0], 0.1 + 0.01 * (recorded.time % 1000.0), atol=1e-4)
+    assert np.allclose(recorded.sensor_pose[:, 1:], (0.05, 0.0))
 
 
 @pytest.mark.parametrize("kind", ["folder", "video"])
@@ -328,7 +331,7 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
     assert "either --camera with --poses, or --replay" in fails("live")
     assert "either --camera with --poses, or --replay" in fails("live", "--camera", "0")
     assert "X Y THETA or --first-pose-unknown" in fails("live", "--camera", "0", "--poses", "udp:9")
-    assert "only --shape, --shape-unit, --time-offset" in fails(*camera_words("udp:9"), "--plane", "fit")
+    assert "only --shape, --shape-unit, --orientation" in fails(*camera_words("udp:9"), "--plane", "fit")
     assert "allowed are -1 to 1 s" in fails(*camera_words("udp:9"), "--time-offset", "-40")
     assert "'udp:x'; allowed are ports" in fails(*camera_words("udp:x"))
     assert "allowed are udp:PORT or an entry point of palpate.poses" in fails(*camera_words("other"))

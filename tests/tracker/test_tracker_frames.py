@@ -43,6 +43,10 @@ BAD: dict[str, tuple[Any, str]] = {
     "no pose": ({"sensor_pose": None}, "sensor pose None; it must be three finite numbers"),
     "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),
     "pose 20 km off": ({"sensor_pose": [0.0, 2e4, 1.0]}, "x and y up to 10000"),
+    "pose that leans": (
+        {"sensor_pose": (0.0, 0.0, 0.1, 0.0, 0.6, 0.0, 0.8)},
+        "x axis is -73.7 degrees out of the plane",
+    ),
     "neither": ({"image": None, "contact": None}, "neither an image nor a contact flag"),
     "contact of text": ({"contact": "yes"}, "contact 'yes'; it must be True, False or None"),
     "encoded image": ({"image": b"\xff\xd8\xff"}, "image of type bytes.*decode encoded images first"),
@@ -52,6 +56,18 @@ BAD: dict[str, tuple[Any, str]] = {
     "pose as measurement": ({"measurements": [np.zeros(3)]}, "measurement of type ndarray; allowed are"),
     "measurement of nothing": ({"measurements": [OfNothing()]}, "variable 'detph' is not known; known are"),
 }
+
+
+def test_poses_in_space_are_those_in_the_plane():
+    matrix, seen = np.eye(4), []
+    matrix[:2, :2], matrix[:3, 3] = [[0.8, -0.6], [0.6, 0.8]], (-0.3, 0.1, 0.25)
+    half = np.sqrt([0.1, 0.9])  # sine and cosine of half the yaw
+    for pose in ((-0.3, 0.1, np.arctan2(0.6, 0.8)), (-0.3, 0.1, 0.25, 0.0, 0.0, *half), matrix):
+        tracker = Tracker(SHAPES["rectangle"], DIGIT, np.zeros(3))
+        tracker.update(Frame(1.0, np.asarray(pose), contact=False, object_pose=np.asarray(pose)))
+        seen.append((tracker.frame.sensor_pose, tracker.frame.object_pose))
+    for other in seen[1:]:
+        np.testing.assert_allclose(other, seen[0], atol=1e-12)
 
 
 ANYWHERE = [name for name in BAD if name not in ("no frame", "time before", "turned image")]

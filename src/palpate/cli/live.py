@@ -56,6 +56,7 @@ def live(
     from palpate.tracker import Tracker
     from palpate.types.recording import Recording
     from palpate.types.sensor import DIGIT
+    from palpate.types.space import GelPoses
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
@@ -77,13 +78,17 @@ def live(
         if camera and poses:
             if bag.shape is None or first is None:
                 raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
-            if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit, time_offset=bag.time_offset):
-                raise SettingError("--camera: of the options for bags, only --shape, --shape-unit, --time-offset apply")
+            taken = ("shape", "shape_unit", "orientation", "sensor_T_gel", "time_offset", "plane")
+            if bag.plane == "fit" or bag != Bag(**{name: getattr(bag, name) for name in taken}):
+                words = ", ".join(f"--{name.replace('_', '-')}" for name in taken)
+                raise SettingError(f"--camera: of the options for bags, only {words} X Y Z apply")
             if not abs(bag.time_offset) <= 1.0:
                 raise SettingError(f"--time-offset is {bag.time_offset:g}; allowed are -1 to 1 s")
             name, shape = f"camera {camera}", load_shape(bag.shape, bag.shape_unit)
+            place = GelPoses(bag.sensor_T_gel, bag.plane)
+            opened = camera_sources(camera, poses, DIGIT, unit, place, bag.orientation, bag.time_offset)
             with progress_bar("looking for images and poses"):
-                sources = stack.enter_context(camera_sources(camera, poses, DIGIT, unit, bag.time_offset))
+                sources = stack.enter_context(opened)
             scene = Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",))
         else:
             assert replay is not None

@@ -14,7 +14,9 @@ import numpy as np
 from palpate.errors import SettingError
 from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, in_time, pose_source
 from palpate.touch.calibration import Calibration, turned_as
+from palpate.types.images import CameraView, camera_view, scaled
 from palpate.types.sensor import SensorProfile
+from palpate.types.space import GelPoses
 
 BY_ID = Path("/dev/v4l/by-id")
 """Folder in which Linux lists cameras by serial."""
@@ -23,9 +25,9 @@ BY_ID = Path("/dev/v4l/by-id")
 class Camera:
     """A camera read through V4L2 by OpenCV, that survives being unplugged and plugged in again."""
 
-    def __init__(self, path: Path, sensor: SensorProfile, clock: Clock) -> None:
+    def __init__(self, path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> None:
         """Open the camera and measure its rate. Raises SettingError if it cannot be opened or gives no images."""
-        self._path, self._sensor, self._clock = path, sensor, clock
+        self._path, self._sensor, self._clock, self._orientation = path, sensor, clock, orientation
         self._capture: Any = None
         images = self._open()
         if not images:
@@ -87,11 +89,11 @@ class Camera:
             time = self._clock.now()
             is_whole, pixels = self._capture.retrieve()
             if is_whole and pixels is not None and pixels.ndim == 3:
-                return TouchImage(time, upright(pixels, self._sensor))
+                return TouchImage(time, upright(pixels, self._sensor, self._orientation))
         return None
 
 
-def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, ImageSource]:
+def film(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> tuple[float, ImageSource]:
     """Return rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
 
     Raises SettingError if there are none.
@@ -100,7 +102,8 @@ def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, ImageS
 
     if path.is_dir():
         files = sorted(str(file) for file in path.iterdir() if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
-        is_film, rate, pixels = bool(files), sensor.rate, map(cv2.imread, files)
+        is_film, rate = bool(files), sensor.rate
+        pixels = (cv2.imread(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) for file in files)
     else:
         video = cv2.VideoCapture(str(path))
         is_film, rate = video.isOpened(), video.get(cv2.CAP_PROP_FPS) or sensor.rate
@@ -112,44 +115,48 @@ def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, ImageS
         begin = clock.now()
         due = in_time((begin + index / rate for index in count()), clock, stop)
         for time, image in zip(due, pixels, strict=False):
-            yield "an image is damaged" if image is None else TouchImage(time, upright(image, sensor))
+            yield "an image is damaged" if image is None else TouchImage(time, upright(image, sensor, orientation))
 
     return rate, images
 
 
-def upright(pixels: Any, sensor: SensorProfile) -> Image:
-    """Return an image of OpenCV as RGB in a sensor's size: landscape ones are turned as digit-interface turns them.
+def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
+    """Return an image of OpenCV as RGB in a sensor's size; other sizes than multiples of it stay.
 
-    Exact multiples of the size are scaled down; other sizes stay.
+    Without words on how they lie, landscape images are turned as digit-interface turns them.
     """
     import cv2
 
-    height, width = sensor.image_height, sensor.image_width
-    if (pixels.shape[0] < pixels.shape[1]) != (height < width):
-        pixels = np.rot90(pixels)
-    scale = pixels.shape[0] // height
-    if scale > 1 and pixels.shape[:2] == (scale * height, scale * width):
-        pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), cv2.COLOR_BGR2RGB), np.uint8)
+    size, view = (sensor.image_height, sensor.image_width), camera_view(orientation)
+    if not orientation and (pixels.shape[0] < pixels.shape[1]) != (size[0] < size[1]):
+        view = CameraView(1)
+    return scaled(view.of(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)), size)
 
 
 @contextmanager
 def camera_sources(
-    name: str, poses: str, sensor: SensorProfile, calibration: Calibration | None, time_offset: float = 0.0
+    name: str,
+    poses: str,
+    sensor: SensorProfile,
+    calibration: Calibration | None,
+    place: GelPoses,
+    orientation: str = "",
+    time_offset: float = 0.0,
 ) -> Iterator[Sources]:
     """Open a camera (number, path or serial), or a video or folder in its place, and a source of poses.
 
-    `time_offset` [s] is added to the times of images. Raises SettingError if camera or source are missing.
+    `place` takes the poses, `orientation` says how images lie, and `time_offset` [s] is added to their times. Raises
+    SettingError if camera or source are missing.
     """
     arriving, clock = turned_as(sensor, calibration), Clock()
     path = Path(name)
     with ExitStack() as stack:
         if path.is_dir() or path.is_file():
-            rate, images = film(path, arriving, clock)
+            rate, images = film(path, arriving, clock, orientation)
         else:
-            camera = stack.enter_context(closing(Camera(camera_path(name), arriving, clock)))
+            camera = stack.enter_context(closing(Camera(camera_path(name), arriving, clock, orientation)))
             rate, images = camera.rate, camera.images
-        source = stack.enter_context(pose_source(poses, clock))
+        source = stack.enter_context(pose_source(poses, clock, place))
         yield Sources(images, source, clock, replace(arriving, rate=rate), time_offset)
 
 

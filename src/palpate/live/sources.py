@@ -26,6 +26,7 @@ from palpate.geometry import se2
 from palpate.types.images import Codec, decode_image, encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
+from palpate.types.space import GelPoses
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -177,11 +178,11 @@ def replayed(recording: Recording) -> Sources:
 
 
 @contextmanager
-def pose_source(name: str, clock: Clock) -> Iterator[PoseSource]:
+def pose_source(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
     """Open the source udp:PORT or an entry point of OWN_POSES while the block runs. Raises SettingError."""
     kind, _, port = name.partition(":")
     if kind != "udp":
-        yield partial(_own_poses, _entry_point(name), clock)
+        yield partial(_own_poses, _entry_point(name), clock, place)
         return
     if not (port.isdecimal() and 0 < int(port) < 65536):
         raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
@@ -190,11 +191,16 @@ def pose_source(name: str, clock: Clock) -> Iterator[PoseSource]:
             listening.bind(("127.0.0.1", int(port)))
         except OSError as error:
             raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
-        yield partial(_udp_poses, listening, clock)
+        yield partial(_udp_poses, listening, clock, place)
 
 
-def _udp_poses(listening: socket.socket, clock: Clock, stop: threading.Event) -> Iterator[TimedPose | Refused]:
-    """Yield poses as JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, at that of their arrival."""
+def _udp_poses(
+    listening: socket.socket, clock: Clock, place: GelPoses, stop: threading.Event
+) -> Iterator[TimedPose | Refused]:
+    """Yield poses as JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, at that of their arrival.
+
+    A pose may also be x, y, z and a quaternion x, y, z, w, or a 4x4 matrix.
+    """
     listening.setblocking(False)
     with suppress(BlockingIOError):
         while True:  # drop what arrived before the session
@@ -202,14 +208,14 @@ def _udp_poses(listening: socket.socket, clock: Clock, stop: threading.Event) ->
     listening.settimeout(0.1)
     while not stop.is_set():
         with suppress(TimeoutError):
-            yield _pose_in_packet(listening.recv(65536), clock.now())
+            yield _pose_in_packet(listening.recv(65536), clock.now(), place)
 
 
-def _pose_in_packet(data: bytes, now: float) -> TimedPose | Refused:
+def _pose_in_packet(data: bytes, now: float, place: GelPoses) -> TimedPose | Refused:
     shown = ascii(data[:60].decode("utf-8", errors="replace")) + ("..." if len(data) > 60 else "")
     try:
         content = json.loads(data)
-        return checked_pose(content.get("time", now), content["pose"], now)
+        return checked_pose(content.get("time", now), content["pose"], now, place)
     except (ValueError, RecursionError, AttributeError, KeyError):
         return Refused(f"{shown} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
@@ -224,7 +230,9 @@ def _entry_point(name: str) -> EntryPoint:
     return found[name]
 
 
-def _own_poses(entry: EntryPoint, clock: Clock, stop: threading.Event) -> Iterator[TimedPose | Refused]:
+def _own_poses(
+    entry: EntryPoint, clock: Clock, place: GelPoses, stop: threading.Event
+) -> Iterator[TimedPose | Refused]:
     """Yield the poses of a user's function. Raises SettingError if it cannot be loaded or fails."""
     try:
         for item in entry.load()():
@@ -232,7 +240,7 @@ def _own_poses(entry: EntryPoint, clock: Clock, stop: threading.Event) -> Iterat
                 return
             if isinstance(item, Iterable):
                 when, *numbers = item
-                yield checked_pose(when, numbers, clock.now())
+                yield checked_pose(when, numbers, clock.now(), place)
             else:
                 yield Refused(f"{item!r} is not time, x, y, theta")
     except Exception as error:
@@ -240,13 +248,15 @@ def _own_poses(entry: EntryPoint, clock: Clock, stop: threading.Event) -> Iterat
         raise SettingError(f"entry point {entry.name} of {OWN_POSES}, {entry.value}, ended with {fault}") from error
 
 
-def checked_pose(time: Any, numbers: Any, now: float) -> TimedPose | Refused:
-    """Return the pose x [m], y [m], theta [rad] at a time [s], or the reason why it is refused at the time `now`."""
+def checked_pose(time: Any, numbers: Any, now: float, place: GelPoses, frame: str = "world") -> TimedPose | Refused:
+    """Return the gel's pose at a time [s] from that of the part that carries it, or the reason to refuse it."""
     try:
-        when, pose = float(time), np.array(numbers, np.float64)
+        when, pose = float(time), place(numbers, frame)
+    except FileError as error:
+        return Refused(str(error))
     except (TypeError, ValueError, OverflowError):
         return Refused(f"time {time!r} and pose {numbers!r} are not numbers")
-    if pose.shape != (3,) or not np.isfinite(pose).all() or not math.isfinite(when):
+    if not np.isfinite(pose).all() or not math.isfinite(when):
         return Refused(f"time {time!r}, pose {numbers!r}; allowed are finite numbers: time, and x, y, theta")
     if abs(when - now) > 1.0:  # its sender has another clock
         return Refused(f"its time {when:.3f} s is {when - now:+.1f} s off this computer's clock")

@@ -142,6 +142,33 @@ def on_the_gel(sensor: Placed, sensor_T_gel: ArrayLike | None) -> Placed:
     return sensor @ always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), gel), len(sensor.known))
 
 
+class GelPoses:
+    """Poses of a part of a robot, one after the other, as those of its gel in the plane through the first of them."""
+
+    def __init__(self, sensor_T_gel: ArrayLike | None = None, normal: ArrayLike = (0.0, 0.0, 1.0)) -> None:
+        """Take the gel's pose on the part, None for that of the part itself, and the plane's normal."""
+        self._gel, self._normal = sensor_T_gel, np.asarray(normal, np.float64)
+        self.plane: Plane | None = None
+        """The plane, known from the first pose in space on."""
+
+    def __call__(self, pose: ArrayLike, frame: str = "world") -> Array:
+        """Return the gel's pose in the plane (3,). Raises FileError if a pose is none, or leaves frame or plane."""
+        if self._gel is None and np.shape(pose) == (3,):
+            return np.array(pose, np.float64)
+        placed = poses_in_time("pose", frame, np.zeros(1, np.int64), pose_numbers("pose", [pose]))
+        gel = on_the_gel(always(placed, 1), self._gel)
+        self.plane = plane = self.plane or plane_across(frame, self._normal, gel.position)
+        if frame != plane.frame:
+            raise FileError(f"pose: it is given in frame {frame!r}, the first was in {plane.frame!r}")
+        (found,), height, angle = into_plane(plane, gel.position, gel.rotation)
+        if abs(off := height[0] - plane.height) > 0.01:
+            raise FileError(f"pose: it is {off * 1e3:.1f} mm off the plane of the first, allowed are 10 mm")
+        if abs(angle[0]) > STEEPEST:
+            degrees, most = np.degrees((angle[0], STEEPEST))
+            raise FileError(f"pose: the gel's x axis is {degrees:.1f} degrees out of the plane, allowed are {most:.0f}")
+        return found
+
+
 def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """Return the gel's pose in the plane of the push (3,) [m, m, rad] from that of the part of a robot that carries it.
 
@@ -150,15 +177,7 @@ def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: Arra
       out of it, z up. None if `pose` is the gel's own.
     - plane: normal of the plane of the push. Raises FileError for a gel whose x axis is far out of it.
     """
-    placed = poses_in_time("pose", "world", np.zeros(1, np.int64), pose_numbers("pose", [pose]))
-    gel = on_the_gel(always(placed, 1), sensor_T_gel)
-    found, _, angle = into_plane(
-        plane_across("world", np.asarray(plane, np.float64), gel.position), gel.position, gel.rotation
-    )
-    if abs(angle[0]) > STEEPEST:
-        degrees, most = np.degrees((angle[0], STEEPEST))
-        raise FileError(f"pose: the gel's x axis is {degrees:.1f} degrees out of the plane, allowed are {most:.0f}")
-    return found[0]
+    return GelPoses(sensor_T_gel, plane)(pose)
 
 
 def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
