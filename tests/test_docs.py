@@ -35,6 +35,14 @@ def test_links_pictures_and_examples_of_a_page(page):
                 assert hasattr(palpate, node.attr), node.attr
 
 
+@pytest.mark.parametrize("page", ["own_data", "outlines", "own_sensor", "estimate", "status", "other_measurements"])
+def test_the_examples_of_a_page_run(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    examples = EXAMPLE.findall((ROOT / f"docs/guide/{page}.md").read_text(encoding="utf-8"))
+    assert examples
+    exec(compile("\n".join(examples), page, "exec"), {})
+
+
 def test_every_number_is_that_of_its_file(numbers):
     assert [complaint for page in numbers.pages(numbers.PAGES) for complaint in numbers.complaints(page)] == []
 

@@ -4,14 +4,16 @@ import re
 import runpy
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 from recording_samples import pushed
-from test_package import EXAMPLES
 from view_samples import imaged_push
 
-from palpate import TouchModel, write_recording
+from palpate import TouchModel, load_recording, write_recording
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture
@@ -37,6 +39,22 @@ def test_track_a_recording(example, tmp_path):
     assert [line.split()[:3] for line in said][:2] == [["0.00", "s:", "resting"], ["0.17", "s:", "tracking"]]
     assert len(numbers(pose)) == len(numbers(sigma)) == 3
     assert off == f"{numbers(off)[0]:.1f} mm from the ground truth"
+
+
+def test_own_arrays(example, tmp_path):
+    frames, moved = example("02_own_arrays.py", tmp_path)
+    assert frames == "95 frames, 49 in contact"
+    found, true = numbers(moved)
+    assert true > 30.0 and abs(found - true) < 1.5
+    assert len(load_recording(tmp_path / "push.mcap")) == 95
+
+
+def test_own_outline(example, tmp_path):
+    drawn, typed, scanned, box = (line.split(": ")[1] for line in example("04_own_outline.py", tmp_path))
+    assert drawn == "34.75 cm2, centroid at x 0.0 mm, y 0.0 mm"
+    assert typed == "34.75 cm2, centroid at x 35.3 mm, y 23.1 mm"
+    assert abs(numbers(scanned)[0] - 34.75) < 0.1 and box.startswith("54.00 cm2")
+    assert (tmp_path / "outlines.png").stat().st_size > 0
 
 
 def test_a_live_loop(example, tmp_path):

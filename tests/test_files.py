@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import FileError
-from palpate.files import held_folder, whole_file, whole_folder
+from palpate.files import held_folder, whole_file
 
 # Holds something until it is killed.
 CHILD = """
@@ -38,21 +38,6 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     with whole_file(path, overwrite=True) as part:
         part.write_text("new")
     assert names(tmp_path) == ["a.txt"] and path.read_text() == "new"
-
-
-def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
-    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "run") as part:
-        (part / "it").touch()
-        raise ZeroDivisionError
-    assert names(tmp_path) == []
-    for content in ("old", "new"):
-        with whole_folder(tmp_path / "run") as part:
-            (part / "it").write_text(content)
-    with pytest.raises(FileError, match="no space"), whole_folder(tmp_path / "run") as part:
-        raise OSError("no space")
-    assert names(tmp_path) == ["run", "run/it"] and (tmp_path / "run/it").read_text() == "new"
-    with pytest.raises(FileError, match="is not the name of a new folder"), whole_folder(Path("/")):
-        pass
 
 
 @pytest.mark.parametrize("words", [("study",), (".", "noise.json")])

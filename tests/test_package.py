@@ -2,25 +2,18 @@
 
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 import palpate
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-
-
-def python(*words: str) -> str:
-    """What a Python of its own prints; it must say nothing else."""
-    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=120)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
 
 def test_importing_palpate_imports_nothing_that_is_slow():
-    loaded = python("-c", "import sys, palpate; print(*sys.modules)").split()
+    words = [sys.executable, "-c", "import sys, palpate; print(*sys.modules)"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    loaded = done.stdout.split()
     assert "palpate" in loaded
     assert {"numba", "scipy", "gtsam", "numpy", "palpate.tracker"}.isdisjoint(loaded)
 

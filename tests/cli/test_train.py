@@ -10,9 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from pin_samples import draw_dome, press
 from recording_samples import pushed
-from training_samples import DISC, SENSOR, pushes, write_pushes
+from training_samples import DISC, SENSOR, image, pushes, write_pushes
 
 import palpate
 
@@ -102,21 +101,20 @@ def test_missing_extras_are_named(name, recordings, fails, monkeypatch):
 
 
 def test_a_model_of_directions_from_grey_presses(tmp_path, run_palpate, fails):
-    rng = np.random.default_rng(0)
-    dome, angles = draw_dome(0), rng.uniform(-0.7, 0.7, 60)
-    still, images = press(dome, None, rng), [press(dome, angle, rng) for angle in angles]
-    for k, image in enumerate([*images, still]):
-        cv2.imwrite(str(tmp_path / f"{k}.png"), image[..., 0])
+    angles = np.random.default_rng(0).uniform(-0.7, 0.7, 60)
+    for k, place in enumerate([*(angles / 0.7), None]):
+        colours = np.frombuffer(image(place, k), np.uint8)
+        cv2.imwrite(str(tmp_path / f"{k}.png"), cv2.imdecode(colours, cv2.IMREAD_GRAYSCALE))
     table = tmp_path / "presses.csv"
     table.write_text("\n".join(["file,angle_deg", *(f"{k}.png,{np.degrees(a)}" for k, a in enumerate(angles))]))
     given = ["train", table, "--untouched", tmp_path / "60.png", "--out", tmp_path / "model", "--steps", "2"]
     assert "presses (.csv) take --untouched and --sensor" in fails(*given)
-    given += ["--sensor", "pin dome"]
+    given += ["--sensor", "dome"]
     assert "presses (.csv) take" in fails(*given, "--calibration", "no.npz")
     code, out, _ = run_palpate(*given, "--json")
     assert code == 0 and json.loads(out)["held_out"] == 9
     settings = palpate.TouchModel(tmp_path / "model").settings
-    assert settings.sensor == "pin dome" and list(settings.spread) == ["direction"]
+    assert settings.sensor == "dome" and list(settings.spread) == ["direction"]
     few = tmp_path / "few.csv"
     few.write_text("\n".join(table.read_text().splitlines()[:11]))
     assert "found 10 presses; at least 50" in fails("train", few, *given[2:5], tmp_path / "few", *given[-2:])

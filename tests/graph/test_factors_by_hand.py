@@ -6,17 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from push_samples import (
-    RADIUS,
-    SHAPES,
-    Shared,
-    model_of,
-    pushing_angles,
-    pushing_residuals,
-    rows_of,
-    sensor,
-    values_at,
-)
+from push_samples import RADIUS, SHAPES, Shared, model_of, pushing_angles, pushing_residuals, rows_of, sensor, values_at
 
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField

@@ -33,13 +33,7 @@ from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.lab.train.samples import presses_of
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, CameraView, DirectionCorrection, views
-from palpate.touch.press_calibration import (
-    Presses,
-    PressFit,
-    learn_from_presses,
-    read_image,
-    read_presses,
-)
+from palpate.touch.press_calibration import Presses, PressFit, learn_from_presses, read_image, read_presses
 from palpate.touch.touch_model import shipped_model
 
 Array = np.ndarray
