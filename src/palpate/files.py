@@ -149,7 +149,7 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
-        raise FileError(f"{path}: is not a text file") from error
+        raise FileError(f"{path}: is not a text file in UTF-8 or UTF-16") from error
     if len(data) > most:
         raise FileError(f"{path}: is a text of more than {most / 1e6:g} MB")
     return text
@@ -180,7 +180,7 @@ def table_rows(text: str, path: Path | str) -> list[tuple[int, list[str]]]:
     Semicolons, tabs, commas or blanks are between columns; numbers may have decimal commas unless these are.
     """
     separator = next((mark for mark in ";\t," if mark in text), " ")
-    lines = (line.strip() for line in text.splitlines()) if separator == " " else io.StringIO(text)
+    lines = (line.strip(" ") for line in text.splitlines(keepends=True))
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]

@@ -31,6 +31,7 @@ from palpate.io.ros_messages import (
     POSE_WITH_COVARIANCE,
     MessageSink,
     compressed_image,
+    image_of,
     poses_of,
     raw_image,
     stamp_of,
@@ -40,6 +41,7 @@ from palpate.live.session import LiveEstimate, LiveSession, stop_on_signals
 from palpate.live.sources import Clock, Refused, Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
+from palpate.types.images import AS_IT_IS, camera_view, decode_image
 from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
 from palpate.types.space import GelPoses
@@ -86,7 +88,7 @@ def run(node: Any, stop: threading.Event) -> LiveSession:
     gel, offset = _numbers(node, "sensor_T_gel", 7), _parameter(node, "time_offset") or 0.0
     if not isinstance(offset, float) or not abs(offset) <= 1.0:
         raise SettingError(f"parameter time_offset is {offset!r}; allowed are -1.0 to 1.0 s")
-    topics = Topics(node, normal or (0.0, 0.0, 1.0), gel)
+    topics = Topics(node, normal or (0.0, 0.0, 1.0), gel, str(_parameter(node, "orientation") or ""))
     sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration), offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.say(f"tracking: images of {node.resolve_topic_name(IMAGES)}")
@@ -171,13 +173,16 @@ class Topics(MessageSink):
     node, under any name of it.
     """
 
-    def __init__(self, node: Any, normal: ArrayLike, sensor_T_gel: ArrayLike | None = None) -> None:
-        """Take the node and the plane's normal (3,) in the frame of the poses.
+    def __init__(
+        self, node: Any, normal: ArrayLike, sensor_T_gel: ArrayLike | None = None, orientation: str = ""
+    ) -> None:
+        """Take the node, the plane's normal (3,) in the frame of the poses, and words on how images lie.
 
         `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published,
         such as a flange.
         """
         self._node, self._place = node, GelPoses(sensor_T_gel, normal)
+        self._view = camera_view(orientation)
         self.clock = Ros2Clock(node)
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
@@ -218,6 +223,8 @@ class Topics(MessageSink):
 
     def _image(self, message: Any) -> TouchImage:
         time = self.clock.time_of(message)
+        if self._view != AS_IT_IS:
+            return TouchImage(time, self._view.of(decode_image(image_of(message)[0])))
         if hasattr(message, "format"):
             return TouchImage(time, *compressed_image(message))
         return TouchImage(time, raw_image(message))

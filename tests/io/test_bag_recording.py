@@ -379,6 +379,7 @@ def test_contact_flags_in_place_of_images(tmp_path):
     path = write_bag(tmp_path / "bag", "mcap", sorted([*flags, *poses()], key=lambda message: message.log_time))
     found = read_bag(path, SHAPE, sensor=POINT).recording
     assert found.image is None and found.contact is not None
+    assert (read_bag(path, SHAPE).recording.contact == found.contact).all()  # of a DIGIT without images
     assert np.diff(found.time) == pytest.approx(1 / POINT.rate, abs=1e-6)
     since = found.time - START * 1e-9
     assert (found.contact == ((since > 0.42) & (since < 1.04))).all() and len(found) > 30

@@ -159,7 +159,7 @@ class Bag:
     """Unit of the numbers in --shape."""
     sensor: Sensor = "digit"
     images: Annotated[str | None, arg("TOPIC|FOLDER", "the only image topic")] = None
-    """Touch images, or contact flags for --sensor point; with --image-times, a folder of images."""
+    """Touch images, or contact flags of a bag without images; with --image-times, a folder of images."""
     image_times: Annotated[Path | None, arg("FILE.csv", "none; the bag has images")] = None
     """Images in a folder: a table with the columns time [s, or whole ns] and file."""
     orientation: Orientation = ""

@@ -41,6 +41,7 @@ from palpate.types.space import (
     checked_choices,
     in_plane,
     on_the_gel,
+    pose_numbers,
     poses_in_time,
 )
 
@@ -54,7 +55,7 @@ class BagChoices:
     """Settings for reading a bag; what is None is found where there is only one."""
 
     images: str | None = None
-    """Topic of the touch images or, for a sensor without images, of contact flags; with `image_times`, a folder."""
+    """Topic of the touch images or, without images, of contact flags (std_msgs/Bool); with `image_times`, a folder."""
     image_times: Path | str | None = None
     """Table of images in a folder, not in the bag: columns time, seconds or whole nanoseconds, and file."""
     orientation: str = ""
@@ -78,6 +79,9 @@ class BagChoices:
         if self.clock not in ("header", "log"):
             raise SettingError(f"clock is {self.clock!r}; allowed are header, log")
         camera_view(self.orientation)
+        if self.sensor_T_gel is not None:
+            gel = pose_numbers("sensor_T_gel", [self.sensor_T_gel])[0]
+            object.__setattr__(self, "sensor_T_gel", tuple(gel.tolist()))  # so that choices compare
         object.__setattr__(self, "plane", checked_choices(self.plane, self.off_plane, self.time_offset))
 
 
@@ -122,10 +126,10 @@ def read_bag(
     """Read a bag as a recording of an object of this shape.
 
     Frames are the images, at their times by the chosen clock, with the sensor's poses interpolated between those of the
-    bag; a warning says how many are left out because no pose is known at their time. Of a sensor without images, such
-    as `POINT`, frames come at its rate, with the latest contact flag (std_msgs/Bool). A damaged image is a frame that
-    tracking skips; ground truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks
-    differ, or poses leave the plane.
+    bag; a warning says how many are left out because no pose is known at their time. Without images, frames come at the
+    sensor's rate, with the latest contact flag (std_msgs/Bool). A damaged image is a frame that tracking skips; ground
+    truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
+    the plane.
     """
     choices, found = choices or BagChoices(), contents(Path(path))
     return read_contents(found, mapping(found, choices, sensor), choices, shape, sensor)
@@ -169,9 +173,9 @@ def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile | None) 
     def named(types: tuple[str, ...]) -> list[str]:
         return [topic.channel.topic for topic in readable if topic.channel.type in types]
 
-    types, what = (
-        (IMAGE_TYPES, "image topic") if sensor and sensor.image_height else ((BOOL,), "topic of contact flags")
-    )
+    types, what = IMAGE_TYPES, "image topic"
+    if sensor and not (sensor.image_height and (named(IMAGE_TYPES) or not named((BOOL,)))):
+        types, what = (BOOL,), "topic of contact flags"
     has_topic = sensor is not None and choices.image_times is None
     images = _only(found, what, named(types), choices.images, "--images TOPIC") if has_topic else ""
     poses = named(POSE_TYPES)

@@ -366,7 +366,8 @@ def _planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: flo
     if abs(angle[steepest]) > STEEPEST:
         raise FileError(
             f"{what} has its x axis {degrees:.1f} degrees out of the plane at {time[steepest] * 1e-9:.3f} s, allowed "
-            f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane"
+            f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane; "
+            "sensor_T_gel (--sensor-T-gel) takes the gel's pose on a flange"
         )
     if abs(degrees) > 2.0:
         logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(degrees))
