@@ -22,10 +22,9 @@ class TagPosition(OwnMeasurement):
     def __init__(self, seen: np.ndarray) -> None:
         self.seen = seen  # (2,) [m], in the world
 
-    def linearise(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the tag should be less where it is seen, and how that changes with the object's pose."""
-        by_pose = se2.rotation(pose[2]) @ [[1.0, 0.0, -TAG[1]], [0.0, 1.0, TAG[0]]]
-        return (se2.transform(pose, TAG) - self.seen) / CAMERA, by_pose / CAMERA
+    def residual(self, pose: np.ndarray) -> np.ndarray:
+        """Return where the tag should be less where it is seen [standard deviations]."""
+        return (se2.transform(pose, TAG) - self.seen) / CAMERA
 
 
 # The truth: the object rests, then it is pushed 40 mm along its length, straight through its centre.

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, one_line
 
 # The kinds of NumPy types a field may have, and their name in an error.
 NUMBERS = ("fiu", "numbers")
@@ -24,10 +24,7 @@ _SECONDS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:
     """Return `value` as an array of the given kind and shape, "N" for any length. Raises FileError."""
     kinds, words = kind
-    try:
-        array = np.asarray(value)
-    except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes
-        raise FileError(f"{name}: rows have different lengths, expected shape {_written(shape)}") from error
+    array = as_array(name, value)
     fits = array.ndim == len(shape) and all(want in ("N", size) for size, want in zip(array.shape, shape, strict=True))
     if array.dtype.kind in "SU":
         raise FileError(f"{name}: found text, expected {words}")
@@ -36,6 +33,23 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
     if array.dtype.kind not in kinds:
         raise FileError(f"{name}: found values of type {array.dtype}, expected {words}")
     return array
+
+
+def as_array(name: str, value: Any) -> NDArray[Any]:
+    """Return a value that NumPy or PyTorch can read as an array. Raises FileError."""
+    try:
+        return np.asarray(without_gradient(value))
+    except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes
+        raise FileError(f"{name}: rows have different lengths, expected those of an array") from error
+    except (TypeError, RuntimeError) as error:  # tensors in a list, or of another library
+        raise FileError(f"{name}: is no array of NumPy, nor can it be made one ({one_line(error)})") from error
+
+
+def without_gradient(value: Any) -> Any:
+    """Return a tensor of PyTorch as NumPy reads it: without gradient, on the CPU. Other values stay as they are."""
+    for step in ("detach", "cpu"):
+        value = getattr(value, step)() if hasattr(value, step) else value
+    return value
 
 
 def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool_], allowed: str) -> None:

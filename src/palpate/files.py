@@ -174,12 +174,13 @@ def numbers_of(words: Iterable[str]) -> list[float] | None:
     return numbers if all(map(math.isfinite, numbers)) else None
 
 
-def table_rows(text: str, path: Path | str) -> list[tuple[int, list[str]]]:
+def table_rows(text: str, path: Path | str, sample: str = "") -> list[tuple[int, list[str]]]:
     """Return the rows of a table that are not blank, each with its line; errors name `path`. Raises FileError.
 
-    Semicolons, tabs, commas or blanks are between columns; numbers may have decimal commas unless these are.
+    Semicolons, tabs, commas or blanks are between columns, as the text or a sample of it shows; numbers may have
+    decimal commas unless these are.
     """
-    separator = next((mark for mark in ";\t," if mark in text), " ")
+    separator = next((mark for mark in ";\t," if mark in (sample or text)), " ")
     lines = (line.strip(" ") for line in text.splitlines(keepends=True))
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
@@ -201,7 +202,8 @@ def read_table(path: Path | str, needed: Sequence[str], optional: str = "") -> l
 
     Raises FileError where one is missing, and where another may be meant by an optional one that is not there.
     """
-    (_, header), *rows = table_rows(read_text(path), path) or [(1, [])]
+    text = read_text(path)
+    (_, header), *rows = table_rows(text, path, text.strip().partition("\n")[0]) or [(1, [])]
     names, wanted = [column_name(cell) for cell in header], [*needed, *filter(None, [optional])]
     missing = [name for name in wanted if name not in names]
     others = [cell for cell, name in zip(header, names, strict=True) if name not in wanted]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST
+from palpate.checks import FARTHEST, without_gradient
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import PoseMonitor, StreamQuality
@@ -26,6 +26,7 @@ from palpate.types.measurements import (
     Measurement,
     OwnMeasurement,
     Turn,
+    finite_number,
     finite_numbers,
 )
 from palpate.types.sensor import SensorProfile
@@ -158,9 +159,10 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
     """
     if not isinstance(frame, Frame):
         raise FrameError(f"found {type(frame).__name__} in place of a frame; allowed is palpate.Frame(time, ...)")
-    if isinstance(frame.time, bool) or finite_numbers(frame.time, ()) is None:
+    time = None if isinstance(frame.time, bool) else finite_number(frame.time)
+    if time is None:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
-    when, image = f"frame at {frame.time:.3f} s", frame.image
+    when, image = f"frame at {time:.3f} s", frame.image
     pose, object_pose = _planar(when, frame.sensor_pose), _planar(when, frame.object_pose)
     if frame.contact is None and image is None:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
@@ -175,10 +177,10 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         found = f"{image.dtype} {image.shape}" if is_array else f"type {type(image).__name__}"
         allowed = "an array of uint8 (height, width, 3): rows, columns, red green blue; decode encoded images first"
         raise FrameError(f"{when} has an image of {found}; it must be {allowed}")
-    added = (checked_measurements(frame.time, each, tips) for each in (frame.measurements, measurements))
+    added = (checked_measurements(time, each, tips) for each in (frame.measurements, measurements))
     return replace(
         frame,
-        time=float(frame.time),
+        time=time,
         sensor_pose=pose,
         contact=None if frame.contact is None else bool(frame.contact),
         object_pose=object_pose,  # NaN where motion capture loses the object
@@ -188,8 +190,10 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
 
 def _planar(when: str, pose: Any) -> NDArray[np.float64] | None:
     """Return a pose in the plane, or one in space (7,) or (4, 4) as one; None if it is neither."""
-    if np.shape(pose) not in ((7,), (4, 4)) or finite_numbers(pose, np.shape(pose)) is None:
-        return finite_numbers(pose, (3,))
+    pose = without_gradient(pose)
+    found = finite_numbers(pose, (3,))
+    if found is not None or all(finite_numbers(pose, shape) is None for shape in ((7,), (4, 4))):
+        return found
     try:
         return gel_pose(pose)
     except FileError as error:

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import SPAN, TURNS
 from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
-from palpate.errors import EstimationError, SettingError
+from palpate.errors import EstimationError, SettingError, one_line
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry.shapes import Disc, Shape, check_outline
 from palpate.graph import gauss_newton
@@ -86,6 +87,17 @@ class Tracker:
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
         self._begin()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how a copy or a pickle is made, which goes on as this tracker would; the two share nothing.
+
+        Raises EstimationError if a touch or measurement of the user's own cannot be pickled.
+        """
+        try:
+            return _restored, (type(self), pickle.dumps(vars(self)))
+        except Exception as error:
+            found = one_line(error)
+            raise EstimationError(f"the tracker cannot be copied, since a part of it cannot be ({found})") from error
+
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
 
@@ -150,6 +162,11 @@ class Tracker:
         return self._touch.reason
 
     @property
+    def mirrored(self) -> bool:
+        """True once touch images are taken as turned by half a turn or mirrored, as only so they fit the push."""
+        return self._bank.is_mirrored
+
+    @property
     def frame(self) -> Frame:
         """The last frame as it was used, its image in the profile's view; EstimationError before the first one."""
         if self._gate.last is None:
@@ -198,6 +215,12 @@ class Tracker:
         if (status, reason) != (estimate.status, estimate.reason):
             return replace(estimate, status=status, reason=reason)
         return estimate
+
+
+def _restored(kind: type[Tracker], state: bytes) -> Tracker:
+    tracker = object.__new__(kind)
+    vars(tracker).update(pickle.loads(state))
+    return tracker
 
 
 @cache

@@ -24,7 +24,9 @@ def read(path: str) -> Any:
 
 
 def table(path: str) -> Any:
-    return np.genfromtxt(path, delimiter=",", names=True)
+    """The columns of numbers in a table, without the words at its end."""
+    columns = len(np.loadtxt(path, str, delimiter=",", max_rows=1)) - 2 * ("estimates" in path)
+    return np.genfromtxt(path, delimiter=",", names=True, usecols=range(columns))
 
 
 def words(line: str) -> str:

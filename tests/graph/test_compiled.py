@@ -2,6 +2,7 @@
 
 import importlib.util
 import pickle
+import subprocess
 import sys
 from pathlib import Path
 
@@ -29,6 +30,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     found = folder_of(loaded(tmp_path))
     assert found is not None and found.is_relative_to(tmp_path / "cache")
     return found
+
+
+def test_code_of_a_user_without_a_home_is_kept_in_a_temporary_place(tmp_path):
+    code = """
+import pwd, sys
+def nobody(*_): raise KeyError
+pwd.getpwuid = nobody
+import palpate.graph.compiled
+from numba import config
+sys.exit(config.CACHE_DIR)
+"""
+    words = [sys.executable, "-c", code]
+    environment = {"TMPDIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)}
+    done = subprocess.run(words, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert done.stderr.startswith(f"{tmp_path}/palpate-") and not (tmp_path / "~").exists()
 
 
 def loaded(folder: Path):

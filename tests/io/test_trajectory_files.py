@@ -1,5 +1,7 @@
 """Trajectories on disk: TUM and estimates.csv."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recording_samples import pushed, trajectory
@@ -8,7 +10,7 @@ from palpate import POINT, Disc, FileError, Recording, Trajectory
 from palpate import io as formats
 from palpate.io.trajectories import read_estimates_csv, write_estimates_csv, write_tum
 
-COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"
+COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"  # and reason, since it was added
 
 
 def test_tum_lines_are_as_the_format_has_them(tmp_path):
@@ -31,6 +33,7 @@ def test_tum_of_a_recording_is_its_truth(tmp_path):
 
 def test_csv_round_trip_is_exact(tmp_path):
     path, made = tmp_path / "a.csv", trajectory()
+    made = replace(made, reason=('frozen; it may have moved, "or not"', *[""] * (len(made) - 1)))
     write_estimates_csv(made, path)
     found = read_estimates_csv(path)
     for name in ("time", "pose", "contact"):
@@ -38,7 +41,7 @@ def test_csv_round_trip_is_exact(tmp_path):
     # Six terms are kept; the two triangles of the product above differ in the last bit.
     upper = np.triu(made.covariance)
     np.testing.assert_array_equal(found.covariance, upper + np.triu(upper, 1).transpose(0, 2, 1))
-    assert found.status == made.status
+    assert (found.status, found.reason) == (made.status, made.reason)
 
 
 def test_csv_header_and_terms(tmp_path):
@@ -46,8 +49,7 @@ def test_csv_header_and_terms(tmp_path):
     terms = np.array([[[1, 2, 3], [2, 4, 5], [3, 5, 6.0]]])
     made = Trajectory(np.array([0.1]), np.array([[7, 8, 9.0]]), terms, np.array([True]), ("ok",))
     write_estimates_csv(made, path)
-    header = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"
-    assert path.read_text() == f"{header}\n0.1,7.0,8.0,9.0,1.0,2.0,3.0,4.0,5.0,6.0,1,ok\n"
+    assert path.read_text() == f"{COLUMNS},reason\n0.1,7.0,8.0,9.0,1.0,2.0,3.0,4.0,5.0,6.0,1,ok,\n"
 
 
 GOOD = "0,0,0,0,1,0,0,1,0,1,1,ok"

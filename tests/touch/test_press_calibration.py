@@ -289,5 +289,5 @@ def test_the_command_takes_a_recording_of_presses(tmp_path, unit, run_palpate):
     calibration = load_calibration(out)
     assert not calibration.view.keeps_left_and_right
     assert np.abs(calibration.background.mean - calibration.view.of(still)).mean() < 2.0
-    with pytest.raises(FileError, match="the recording: has no object_pose; presses need them"):
+    with pytest.raises(FileError, match="the recording: has no object_pose; learning needs them"):
         presses_of(dataclasses.replace(recording, object_pose=None))

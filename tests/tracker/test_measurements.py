@@ -28,6 +28,7 @@ from palpate import (
     ContactPlace,
     EstimationError,
     Frame,
+    FrameError,
     Measurement,
     ObjectPose,
     OwnMeasurement,
@@ -57,6 +58,26 @@ class OwnPose(OwnMeasurement):
         deviation, changes = np.sqrt(np.diag(CAMERA)), 1e-6 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
         off = planar.log(planar.between(self.pose, planar.compose(values[0], planar.exp(changes)))) / deviation
         return off[0], (off[1:4] - off[4:]).T / 2e-6
+
+
+class Alone(OwnMeasurement):
+    """The same by the residual alone."""
+
+    on = ("object_pose",)
+
+    def __init__(self, pose: Array) -> None:
+        self.pose = pose
+
+    def residual(self, pose: Array) -> Array:
+        return OwnPose(self.pose).linearise(pose)[0]
+
+
+class WrongSign(OwnPose):
+    """The same with a Jacobian of the wrong sign in one column."""
+
+    def linearise(self, *values: Array) -> tuple[Array, Array]:
+        residual, jacobian = super().linearise(*values)
+        return residual, jacobian * [1.0, -1.0, 1.0]
 
 
 def pushed_or_resting(contact: bool, steps: int) -> tuple[Array, Array]:
@@ -106,14 +127,36 @@ def test_a_wrong_pose_is_put_right_in_contact(smoother):
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 @pytest.mark.parametrize("contact", [False, True])
-def test_an_own_residual_is_worth_as_much(contact, smoother):
+@pytest.mark.parametrize("kind", [OwnPose, Alone, WrongSign])
+def test_an_own_residual_is_worth_as_much(kind, contact, smoother, caplog):
     o, e = pushed_or_resting(contact, 30)
     how, first, given = settings("none", smoother, LOOSE), planar.compose(o[0], WRONG), frames(o, e, contact)
-    _, found = track("rectangle", with_measurements(given, [OwnPose(pose) for pose in o]), first, how)
+    _, found = track("rectangle", with_measurements(given, [kind(pose) for pose in o]), first, how)
+    said = [text for text in caplog.messages if "WrongSign returns a Jacobian that is not the derivative" in text]
+    assert len(said) == len(caplog.messages) == (kind == WrongSign)
     _, wanted = track("rectangle", with_measurements(given, [seen(pose) for pose in o]), first, how)
-    np.testing.assert_allclose(poses(found), poses(wanted), atol=1e-9)
+    np.testing.assert_allclose(poses(found), poses(wanted), atol=1e-9 if kind == OwnPose else 1e-7)
     for a, b in zip(found, wanted, strict=True):
-        np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-14)
+        np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_a_residual_with_a_kink_may_have_either_slope(caplog):
+    class Beyond(OwnMeasurement):
+        on = ("object_pose",)
+
+        def linearise(self, pose: Array) -> tuple[float, Array]:
+            return max(0.0, pose[0]) / 1e-3, np.array([1e3, 0.0, 0.0])
+
+    disc_tracker().update(small_frame(), [Beyond()])
+    assert not caplog.messages
+
+
+def test_a_measurement_without_a_residual_is_refused():
+    class Empty(OwnMeasurement):
+        on = ("object_pose",)
+
+    with pytest.raises(FrameError, match=r"measurement Empty has no method residual"):
+        disc_tracker().update(small_frame(), [Empty()])
 
 
 @pytest.mark.parametrize("own", [False, True])
@@ -227,6 +270,16 @@ def test_an_object_pose_is_checked_where_it_is_made():
     for covariance in (np.eye(2), np.diag([1.0, -1.0, 1.0]), np.tri(3), np.full((3, 3), np.nan), "sure"):
         with pytest.raises(EstimationError, match=r"^object pose has covariance .*; it must be"):
             ObjectPose(np.zeros(3), covariance)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("kind", [ContactDirection, Turn, lambda angle, _: ObjectPose(np.array([0, 0, angle]), CAMERA)])
+def test_angles_in_degrees_are_asked_about(kind):
+    with pytest.raises(EstimationError, match=r"100.* are these degrees\?"):
+        kind(100.0, 1.0)
+
+
+def test_numbers_may_be_arrays_of_one():
+    assert ContactPlace(np.array([0.1]), np.array([2.0])) == ContactPlace(0.1, 2.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", [ContactDirection, ContactPlace, Turn])

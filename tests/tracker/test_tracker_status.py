@@ -159,23 +159,29 @@ def test_a_knock_in_contact_strains(smoother):
 
 
 class Breaking(OwnMeasurement):
-    """A measurement that leaves the graph without a solution: the first time that it is asked, or each time."""
+    """A measurement that leaves the graph without a solution when it is asked the first times."""
 
     on = ("object_pose",)
 
-    def __init__(self, always: bool = False) -> None:
-        self._breaks, self._always = True, always
+    def __init__(self, times: float) -> None:
+        self._left = times
 
     def linearise(self, *_: Array) -> tuple[Array, Array]:
-        size, self._breaks = 1e11 * self._breaks, self._always
+        size, self._left = 1e11 * (self._left > 0), self._left - 1
         return np.full(3, size), np.full((3, 3), size)
+
+
+def ending(given: list[Frame], times: float) -> list[Frame]:
+    """Frames the last of which breaks the graph; the one before has such a measurement too, which does not yet."""
+    last = zip(given[-2:], (0, times), strict=True)
+    return [*given[:-2], *(dataclasses.replace(one, measurements=(Breaking(n),)) for one, n in last)]
 
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_an_indeterminate_system_starts_anew(smoother, caplog):
     o, e = pushed("rectangle", 60)
     seen = frames(o, e)
-    seen[25] = dataclasses.replace(seen[25], measurements=(Breaking(),))
+    seen[:26] = ending(seen[:26], times=1)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
     with caplog.at_level(logging.WARNING):
         found = [tracker.update(frame) for frame in seen]
@@ -194,12 +200,13 @@ def test_a_system_that_stays_indeterminate_names_frame_and_reason_and_costs_one_
     o, e = pushed("rectangle", 30)
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("oracle", smoother))
     seen = frames(o, e)
+    seen[:26] = ending(seen[:26], times=math.inf)
     for frame in seen[:25]:
         tracker.update(frame)
     with pytest.raises(
         EstimationError, match=r"frame at 0\.833 s: .* indeterminate; the likely reason is a motion that"
     ):
-        tracker.update(seen[25], [Breaking(always=True)])
+        tracker.update(seen[25])
     assert len(tracker.smoothed()) == 25
     found = [tracker.update(frame) for frame in seen[26:]]
     assert set(statuses(found)[1:]) == {"tracking"}

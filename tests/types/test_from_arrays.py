@@ -9,7 +9,18 @@ import pytest
 from recording_samples import TINY_CAMERA, encoded, tiny_images
 from scipy.spatial.transform import Rotation
 
-from palpate import POINT, BagChoices, Disc, FileError, PalpateError, Recording, SettingError
+from palpate import (
+    POINT,
+    BagChoices,
+    Disc,
+    FileError,
+    Frame,
+    FrameError,
+    PalpateError,
+    Recording,
+    SettingError,
+    Tracker,
+)
 
 IMAGE_TIME = 0.02 + np.arange(20) / 30
 POSE_TIME = np.arange(50) / 50
@@ -66,6 +77,31 @@ def test_poses_in_space(way):
     recording = made(poses=way(true_pose(POSE_TIME)))
     same(recording.sensor_pose, true_pose(IMAGE_TIME))
     assert "0.0 degrees off its xy plane at 250.0 mm" in recording.frames["sensor_pose"]
+
+
+class Tensor:
+    """Poses as PyTorch has them where a gradient is computed."""
+
+    def __init__(self, values: Any) -> None:
+        self.values = values
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+    def detach(self) -> Any:
+        return self.values
+
+
+def test_tensors_with_a_gradient_are_arrays():
+    poses = true_pose(POSE_TIME)
+    given = {"poses": Tensor(poses), "object_poses": Tensor(poses), "images": map(Tensor, tiny_images(20))}
+    same(made(**given).object_pose, true_pose(IMAGE_TIME))
+    with pytest.raises(FileError, match=r"poses: is no array of NumPy, nor can it be made one .*requires grad"):
+        made(poses=list(map(Tensor, poses)))
+    tracker = Tracker(Disc(0.05), POINT, Tensor([0.1, 0.0, 0.0]))  # type: ignore[arg-type]
+    tracker.update(Frame(0.0, Tensor([0.0, 0.0, 0.0]), contact=False))  # type: ignore[arg-type]
+    with pytest.raises(FrameError, match="three finite numbers"):
+        tracker.update(Frame(0.1, [Tensor(0.0)] * 3, contact=False))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("scale", [1e9, 1])

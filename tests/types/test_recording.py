@@ -87,6 +87,20 @@ def test_fields_that_do_not_fit_are_refused(changes, message):
         tiny_recording(**changes)
 
 
+def test_the_first_pose_is_stated_or_that_of_ground_truth():
+    truth = pushed().object_pose.copy()
+    truth[0] = np.nan
+    derived: Any = replace(pushed(), object_pose=truth)
+    assert derived.first_pose_derived and derived.first_pose.tolist() == truth[1].tolist()
+    assert derived.first_pose_sigma.tolist() == [5e-4, 5e-4, 5e-3]
+    moved: Any = replace(derived, object_pose=truth + 0.1)
+    assert moved.first_pose.tolist() == (truth[1] + 0.1).tolist()
+    assert replace(derived, object_pose=None).first_pose is None
+    stated: Any = replace(derived, first_pose=(0.1, 0.0, 0.3))
+    assert stated.first_pose_sigma is None and not stated.first_pose_derived
+    assert replace(stated, object_pose=None).first_pose.tolist() == [0.1, 0.0, 0.3]
+
+
 def test_a_sensor_may_be_named():
     recording = pushed()
     assert replace(recording, sensor="digit").sensor == DIGIT

@@ -25,6 +25,7 @@ from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import make_factors, place_in_time
+from palpate.graph.own_measurements import CheckedMeasurements
 from palpate.graph.variables import GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
@@ -64,8 +65,10 @@ class HypothesisBank:
         self._model, self._settings, self._most = model, settings, most
         self._factors = make_factors(settings, model)
         self._lag = LAG if smoother == "fixed-lag" else 2**62
-        self._monitor = ConsistencyMonitor(model, settings)
-        self._may_be_mirrored, self._is_mirrored = may_be_mirrored, False
+        self._monitor, self._own = ConsistencyMonitor(model, settings), CheckedMeasurements()
+        self._may_be_mirrored = may_be_mirrored
+        self.is_mirrored = False
+        """True if touch images are taken as turned by half a turn or mirrored."""
         outline_places(model)  # computed now, not when a contact begins
         self.begin(first_pose, first_covariance)
 
@@ -75,7 +78,7 @@ class HypothesisBank:
         joint = np.diag(np.concatenate([np.zeros(3), np.square(priors.deviation)]))
         joint[:3, :3] = covariance
         belief = Belief(pose[None], priors.mean[None], joint[None])
-        self._rows = single(belief, sign=-1.0 if self._is_mirrored else 1.0)
+        self._rows = single(belief, sign=-1.0 if self.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
         self._history: list[NDArray] = []  # poses (B, N, 3) up to the current window, and rows (B,) that were taken
         self._sensor_pose: Array | None = None  # at the last frame
@@ -142,7 +145,7 @@ class HypothesisBank:
             covariance=covariance,
             contact=window is not None,
             status=status,
-            reason=reason or REASONS[status] or (_MIRRORED if self._is_mirrored else ""),
+            reason=reason or REASONS[status] or (_MIRRORED if self.is_mirrored else ""),
             answers=tuple(Answer(*each) for each in every if each[2]),
             friction=(friction, spread),
             contact_point=point,
@@ -157,6 +160,7 @@ class HypothesisBank:
         Raises EstimationError, with nothing changed, if measurements leave no solution.
         """
         since = time if self._resting_since is None else self._resting_since
+        measurements = self._checked(measurements, sensor_pose, time)
         if measurements:
             self._rows, is_found = measured_at_rest(self._rows, measurements, (since, time), self._monitor)
             self._touched = None if is_found else self._touched
@@ -173,6 +177,7 @@ class HypothesisBank:
         If the graph has no solution, another one begins with this frame from the best last pose. Raises EstimationError
         if a graph has none at its first frame; the next frame then begins another.
         """
+        measurements = self._checked(measurements, sensor_pose, time)
         step = Step(sensor_pose, measurements, from_touch, [*self._times, time])
         if self._window is not None and self._rows.is_mirror.any():
             self._decide_mirrored(self._window, time)
@@ -364,10 +369,14 @@ class HypothesisBank:
             is_sure = np.count_nonzero(is_mirror) == 1
             if time - self._contradicted_since <= _UNDECIDED or not (is_sure or mirrored):
                 return
-        self._may_be_mirrored, self._is_mirrored = False, as_is and not mirrored
-        self._take(is_mirror == self._is_mirrored)
-        if self._is_mirrored:
+        self._may_be_mirrored, self.is_mirrored = False, as_is and not mirrored
+        self._take(is_mirror == self.is_mirrored)
+        if self.is_mirrored:
             logger.warning("frame at %.3f s: %s", time, _MIRRORED)
+
+    def _checked(self, measurements: Sequence[Measurement], sensor_pose: Array, time: float) -> Sequence[Measurement]:
+        belief = self._rows.belief
+        return self._own.of(measurements, belief.pose[0], belief.values[0], sensor_pose, time)
 
     def _in_window(self) -> Window:
         assert self._window is not None

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from numba.core import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numpy.typing import NDArray
 
@@ -26,6 +27,11 @@ Flags = NDArray[np.bool_]
 Records = Any
 """An array of a structured type, or one element of it, whose fields compiled code reads and sets by name."""
 F = TypeVar("F", bound=Callable[..., object])
+if not {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"} & set(os.environ):
+    try:
+        Path.home()
+    except RuntimeError:  # the user has none, and Numba would make a folder "~" where palpate is run
+        config.CACHE_DIR = str(Path(tempfile.gettempdir()) / f"palpate-{os.getuid()}")  # pyright: ignore
 
 
 def kernel(function: F) -> F:
@@ -107,8 +113,8 @@ def _is_safe(folder: Path) -> bool:
     place, found = Path(tempfile.gettempdir()).resolve(), folder.resolve()
     if os.name != "posix" or place not in found.parents:
         return True
-    status = found.stat()
-    if status.st_uid == os.geteuid() and not status.st_mode & 0o022:
+    of_place = [folder.stat() for folder in (found, *found.parents) if place in folder.parents]
+    if all(status.st_uid == os.geteuid() and not status.st_mode & 0o022 for status in of_place):
         return True
     logger.warning("compiled code is not kept in %s, since other users can write to it", folder)
     return False

@@ -56,7 +56,8 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     known = ~np.isnan(truth[:, 0])
     placed, object_turn = out_of_plane(plane, np.nan_to_num(truth))
-    first = {name: getattr(recording, name) for name in ("first_pose", "first_pose_sigma")}
+    stated = () if recording.first_pose_derived else ("first_pose", "first_pose_sigma")
+    first = {name: getattr(recording, name) for name in stated}
     about = {
         "source": recording.source,
         "codec": recording.codec,

@@ -1,4 +1,4 @@
-"""Trajectories as text: TUM files, and `estimates.csv` with covariance and status.
+"""Trajectories as text: TUM files, and `estimates.csv` with covariance, status and its reason.
 
 TUM has lines `t x y z qx qy qz qw` [s, m], here of poses in the plane. `estimates.csv` has one estimate a row in full
 double precision, SI units and radians; the covariance is that of the tangent vector at the estimate (right, body
@@ -34,19 +34,20 @@ def write_tum(data: Recording | Trajectory, path: Path, overwrite: bool = False)
 
 
 def write_estimates_csv(data: Trajectory, path: Path) -> None:
-    """Write estimates with covariance, contact and status. Raises FileError if the file exists."""
+    """Write estimates with covariance, contact, status and reason. Raises FileError if the file exists."""
     assert data.covariance is not None and data.contact is not None and data.status is not None
+    reasons = data.reason or ("",) * len(data)
     table = np.column_stack([data.time, data.pose, data.covariance[:, UPPER[0], UPPER[1]]])
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for row, contact, status in zip(table.tolist(), data.contact, data.status, strict=True):
-            writer.writerow([*map(repr, row), int(contact), status])
+        writer.writerow([*COLUMNS, "reason"])
+        for row, contact, *words in zip(table.tolist(), data.contact, data.status, reasons, strict=True):
+            writer.writerow([*map(repr, row), int(contact), *words])
 
 
 def read_estimates_csv(path: Path) -> Trajectory:
     """Read estimates. Raises FileError that names the line."""
-    lines, rows = read_table(path, COLUMNS), []
+    lines, rows = read_table(path, COLUMNS, optional="reason"), []
     if not lines:
         raise FileError(f"{path}: holds no estimates")
     for number, line in lines:
@@ -59,6 +60,5 @@ def read_estimates_csv(path: Path) -> Trajectory:
     table, covariance = np.array(rows), np.zeros((len(rows), 3, 3))
     covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:10]
     with in_file(path):
-        return Trajectory(
-            table[:, 0], table[:, 1:4], covariance, table[:, 10] == 1, tuple(line[11] for _, line in lines)
-        )
+        status, reason = zip(*(line[11:] for _, line in lines), strict=True)
+        return Trajectory(table[:, 0], table[:, 1:4], covariance, table[:, 10] == 1, status, reason)

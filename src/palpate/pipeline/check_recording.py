@@ -15,7 +15,7 @@ from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import wrong_width
-from palpate.pipeline.truth import flag_runs, knocked_frames, trusted_truth
+from palpate.pipeline.truth import flag_runs, knocked_frames
 from palpate.stream_monitor import too_often
 from palpate.types.recording import Recording, spikes
 
@@ -122,7 +122,7 @@ def _faults_of_truth(time: Array, truth: Array) -> Iterator[Finding]:
 
 def _faults_of_motion(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
     """Find motion that pushing does not explain, and a sensor that is not where it touches."""
-    time, trusted, outline = recording.time, trusted_truth(recording), recording.shape.outline(40)
+    time, trusted, outline = recording.time, recording.trusted_truth, recording.shape.outline(40)
     known = np.flatnonzero(trusted)
     for first, last in flag_runs(knocked_frames(recording)):
         around = known[(known >= first - 1) & (known <= last + 1)]

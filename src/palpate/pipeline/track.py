@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import without_gradient
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import summarise
-from palpate.pipeline.truth import knocked_frames, known_truth, trusted_truth
+from palpate.pipeline.truth import knocked_frames, known_truth
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
@@ -106,7 +107,7 @@ def track(
         smoother=settings.smoother,
         wall_s=time.perf_counter() - begin,
     )
-    summary |= {"final_reason": estimates[-1].reason, "warnings": warnings}
+    summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
     if release:
         summary["untouched_from_s"] = release.time
     if tracker.tactile_reason:
@@ -158,6 +159,7 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]
         covariance=np.array([estimate.covariance for estimate in estimates]),
         contact=np.array([estimate.contact for estimate in estimates]),
         status=tuple(estimate.status for estimate in estimates),
+        reason=tuple(estimate.reason for estimate in estimates),
     )
     answers = tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
     return online, answers, np.array([estimate.friction for estimate in estimates])
@@ -171,23 +173,21 @@ def first_pose_of(
     Raises SettingError where there is none of them.
     """
     deviation: ArrayLike = noise.first_pose.deviation
+    name, first = recording.file or "the recording", recording.first_pose
     if given is not None:
-        first = np.asarray(given, np.float64)
-    elif recording.first_pose is not None:
-        first = recording.first_pose
-        deviation = deviation if recording.first_pose_sigma is None else recording.first_pose_sigma
-    else:
-        known, name = trusted_truth(recording), recording.file or "the recording"
-        if recording.object_pose is None or not known.any():
-            raise SettingError(
-                f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
-                "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
-            )
-        frame = int(np.argmax(known))
-        first, deviation = recording.object_pose[frame], noise.first_pose.truth
+        first = np.asarray(without_gradient(given), np.float64)
+    elif first is None:
+        raise SettingError(
+            f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
+            "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
+        )
+    elif recording.first_pose_derived:
+        deviation, frame = noise.first_pose.truth, int(np.argmax(recording.trusted_truth))
         if recording.contact is not None and recording.contact[:frame].any():
             logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, frame)
-    return first, np.array(deviation if sigma is None else sigma, np.float64)
+    elif recording.first_pose_sigma is not None:
+        deviation = recording.first_pose_sigma
+    return first, np.array(deviation if sigma is None else without_gradient(sigma), np.float64)
 
 
 @contextmanager

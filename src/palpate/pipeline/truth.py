@@ -11,24 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.types.recording import Recording, spikes
+from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-def trusted_truth(recording: Recording) -> Flags:
-    """Return True at frames (N,) whose ground truth is known and does not jump away and back."""
-    if recording.object_pose is None:
-        return np.zeros(len(recording), np.bool_)
-    return np.isfinite(recording.object_pose[:, 0]) & ~spikes(recording.object_pose)
 
 
 def known_truth(recording: Recording) -> Array | None:
     """Return ground truth (N, 3) where it can be trusted, NaN elsewhere; None if there is none."""
     if recording.object_pose is None:
         return None
-    return np.where(trusted_truth(recording)[:, None], recording.object_pose, np.nan)
+    return np.where(recording.trusted_truth[:, None], recording.object_pose, np.nan)
 
 
 def flag_runs(flags: Flags) -> list[tuple[int, int]]:
@@ -47,7 +40,7 @@ def knocked_frames(recording: Recording) -> Flags:
     if simulated is not None and simulated.shape == recording.time.shape:
         return simulated > 0
     knocked = np.zeros(len(recording), np.bool_)
-    known = np.flatnonzero(trusted_truth(recording))
+    known = np.flatnonzero(recording.trusted_truth)
     if len(known) < 2 or recording.contact is None or recording.object_pose is None:
         return knocked
     # Speeds are means over 0.1 s, as long as a hand acts and three frames of noise at 30 Hz; where that holds too few

@@ -126,6 +126,10 @@ class TouchModel:
         self.settings = _settings(path, written["settings"])
         self._session: Any = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles hold: they open the network themselves."""
+        return {**vars(self), "_session": None}
+
     def read(self, difference: Difference) -> TouchReading:
         """Return the reading of a difference (ROWS, COLUMNS, 3); opens the network at the first call."""
         batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])

@@ -131,6 +131,8 @@ class Trajectory:
     """(N,) true while the sensor touched the object."""
     status: tuple[str, ...] | None = None
     """(N,) status of each estimate."""
+    reason: tuple[str, ...] | None = None
+    """(N,) reason of each status, empty if there is none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", checked_times(self.time, "a trajectory"))
@@ -142,10 +144,11 @@ class Trajectory:
             object.__setattr__(self, "covariance", covariance)
         if self.contact is not None:
             object.__setattr__(self, "contact", checked_array("contact", self.contact, FLAGS, (n,)))
-        if self.status is not None:
-            object.__setattr__(self, "status", tuple(self.status))
-            if len(self.status) != n:
-                raise FileError(f"status: found {len(self.status)} words for {n} times, expected one for each")
+        for name in ("status", "reason"):
+            if (words := getattr(self, name)) is not None:
+                object.__setattr__(self, name, tuple(words))
+                if len(words) != n:
+                    raise FileError(f"{name}: found {len(words)} words for {n} times, expected one for each")
 
     def __len__(self) -> int:
         return len(self.time)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import NUMBERS, check_rows, checked_array, other_time_unit
+from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types.images import Codec, camera_view, codec_of, decode_image, encode_image, fitted, turned_image
@@ -62,7 +62,7 @@ def encoded_images(
             image = existing_file(image).read_bytes()
         with in_file(f"images: image {index}"):
             if not isinstance(image, bytes):
-                pixels = np.asarray(image)
+                pixels = as_array("pixels", image)
                 if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
                     found = f"is {pixels.dtype} of shape {pixels.shape}"
                     raise FileError(

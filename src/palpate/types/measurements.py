@@ -1,13 +1,15 @@
 """One instant of a sensor, and measurements of object and sensor at it: by touch, a camera, or a source of your own."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from palpate.checks import TURNS, without_gradient
 from palpate.errors import EstimationError
 
 Array = NDArray[np.float64]
@@ -21,13 +23,18 @@ class Measurement:
 
 
 class _OneNumber(Measurement):
-    """Base of measurements of one number with its variance."""
+    """Base of measurements of one number with its variance; arrays of one number are taken."""
 
     def __post_init__(self) -> None:
-        (name, value), (_, variance) = vars(self).items()
-        if finite_numbers((value, variance), (2,)) is None or not variance > 0.0:
-            found = f"{type(self).__name__} has {name} {value!r} and variance {variance!r}"
+        (name, given), (_, given_variance) = vars(self).items()
+        value, variance = finite_number(given), finite_number(given_variance)
+        found = f"{type(self).__name__} has {name} {given!r} and variance {given_variance!r}"
+        if value is None or variance is None or not variance > 0.0:
             raise EstimationError(f"{found}; they must be finite, the variance above 0")
+        if name == "angle" and abs(value) > TURNS:
+            raise EstimationError(f"{found}; the angle must be in radians, up to two turns: are these degrees?")
+        object.__setattr__(self, name, value)
+        object.__setattr__(self, "variance", variance)
 
 
 @dataclass(frozen=True)
@@ -77,8 +84,9 @@ class ObjectPose(Measurement):
     def __post_init__(self) -> None:
         check_time("ObjectPose", self.time)
         pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
-        if pose is None:
-            found, allowed = f"is {self.pose}", "three finite numbers x [m], y [m], theta [rad]"
+        if pose is None or abs(pose[2]) > TURNS:
+            question = "" if pose is None else " up to two turns: are these degrees?"
+            found, allowed = f"is {self.pose}", f"three finite numbers x [m], y [m], theta [rad]{question}"
         elif covariance is None or not _is_covariance(covariance):
             found = f"has covariance {self.covariance}"
             allowed = "a symmetric and positive definite (3, 3), deviations above 1 nm"
@@ -97,13 +105,19 @@ class OwnMeasurement(Measurement):
     time: float | None = None
     """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 
-    linearise: Callable[..., tuple[Array, Array]]
-    """Your method that takes the values of these unknowns, in this order, and returns the residual (R,) and its
-    Jacobian (R, C).
+    residual: Callable[..., ArrayLike]
+    """Your method that takes the values of these unknowns, in this order, and returns the residual (R,), divided by the
+    standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad]).
 
-    Both are divided by the standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad]) and
-    has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. A measurement
-    whose method raises or returns something else is named in a warning and left out.
+    Its derivative is taken by finite differences. A measurement whose method raises or returns something else is named
+    in a warning and left out.
+    """
+    linearise: Callable[..., tuple[ArrayLike, ArrayLike]]
+    """Your method in place of `residual`, if speed counts, that returns the Jacobian (R, C) as well.
+
+    A pose has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. When a
+    tracker first gets a measurement of a class, its Jacobian is compared with finite differences. If it differs, a
+    warning names the class, and differences are used in its place.
     """
 
 
@@ -135,12 +149,22 @@ def check_time(what: str, time: object) -> None:
 def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
     """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
     try:
-        if np.asarray(given).dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
+        array = np.asarray(without_gradient(given))
+        if array.dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
             return None
-        numbers = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+        numbers = np.array(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
         return None
     return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
+
+
+def finite_number(given: object) -> float | None:
+    """Return a finite number, alone or in an array (1,); None if it is none."""
+    if isinstance(given, float):
+        return float(given) if math.isfinite(given) else None
+    numbers = finite_numbers(given, ())
+    numbers = finite_numbers(given, (1,)) if numbers is None else numbers
+    return None if numbers is None else numbers.item()
 
 
 def _is_covariance(given: Array) -> bool:

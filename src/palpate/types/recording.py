@@ -13,12 +13,14 @@ from palpate.checks import (
     FLAGS,
     INTEGERS,
     NUMBERS,
+    as_array,
     check_rows,
     checked_array,
     checked_poses,
     checked_times,
     is_near,
 )
+from palpate.config import FirstPoseSettings
 from palpate.errors import FileError, SettingError
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.images import AS_IT_IS, Codec, SpooledImages, camera_view, check_codec, decode_image, turned_image
@@ -65,16 +67,23 @@ class Recording:
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: Array | None = None
-    """world_T_object at the start (3,) [m, m, rad] as the object was placed; None takes it from ground truth"""
+    """world_T_object at the start (3,) [m, m, rad] as the object was placed, by default that of ground truth; None
+    where neither is known"""
     first_pose_sigma: Array | None = None
     """its standard deviations (3,) [m, m, rad] in the object's frame"""
     file: Path | None = None
     """the file it was read from; errors name it"""
+    _derived: tuple[Array, Array] | None = field(default=None, repr=False)
+    """first pose and its sigma by ground truth, where they are not stated"""
 
     def __post_init__(self) -> None:
         def settle(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
+        # A copy with other ground truth derives them anew, one with another first pose states it.
+        for name, derived in zip(("first_pose", "first_pose_sigma"), self._derived or (), strict=False):
+            if getattr(self, name) is derived:
+                settle(name, None)
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
         settle("sensor", known_sensor(self.sensor))
@@ -92,6 +101,11 @@ class Recording:
                 settle(name, numbers)
         if (sigma := self.first_pose_sigma) is not None and (self.first_pose is None or not (sigma > 0.0).all()):
             raise FileError(f"first_pose_sigma: found {sigma.tolist()}, allowed is above 0, with a first_pose")
+        settle("_derived", None)
+        if self.first_pose is None and self.object_pose is not None and (known := self.trusted_truth).any():
+            settle("first_pose", self.object_pose[np.argmax(known)].copy())
+            settle("first_pose_sigma", np.array(FirstPoseSettings().truth))
+            settle("_derived", (self.first_pose, self.first_pose_sigma))
         if self.contact is not None:
             settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))
         if self.episode is not None:
@@ -173,8 +187,9 @@ class Recording:
         time = time + round(time_offset * 1e9)
         placed, truth = placed_poses("poses", "pose_time", (pose_time, poses), time), None
         placed = on_the_gel(placed, sensor_T_gel)
-        if object_poses is not None and not np.isnan(np.asarray(object_poses, np.float64)).all():
-            seen = (pose_time if object_time is None else object_time, object_poses)
+        known = as_array("object_poses", np.nan if object_poses is None else object_poses)
+        if known.dtype.kind != "f" or not np.isnan(known).all():
+            seen = (pose_time if object_time is None else object_time, known)
             truth = "the object (object_poses)", placed_poses("object_poses", "object_time", seen, time, True)
         motion = in_plane("from_arrays", "world", time, ("the sensor (poses)", placed), truth, plane, off_plane, flags)
         check_upright(placed[motion.keep], motion.plane)
@@ -202,6 +217,18 @@ class Recording:
         if self.image is None or view == AS_IT_IS:
             return self
         return replace(self, image=tuple(turned_image(each, size, view) for each in self.image))
+
+    @property
+    def first_pose_derived(self) -> bool:
+        """True if the first pose is that of ground truth, not stated."""
+        return self._derived is not None
+
+    @property
+    def trusted_truth(self) -> Flags:
+        """True at frames (N,) whose ground truth is known and does not jump away and back."""
+        if self.object_pose is None:
+            return np.zeros(len(self), np.bool_)
+        return np.isfinite(self.object_pose[:, 0]) & ~spikes(self.object_pose)
 
     @property
     def is_simulated(self) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import LONGEST, NUMBERS, TURNS, check_metres, check_rows, checked_array, is_near
+from palpate.checks import LONGEST, NUMBERS, TURNS, as_array, check_metres, check_rows, checked_array, is_near
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.measurements import finite_numbers
@@ -182,10 +182,7 @@ def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: Arra
 
 def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Return poses of any kind as positions and quaternions x, y, z, w (N, 7); rows that hold NaN become NaN."""
-    try:
-        given = np.asarray(poses)
-    except ValueError as error:
-        raise FileError(f"{name}: rows have different lengths") from error
+    given = as_array(name, poses)
     given = checked_array(name, given, NUMBERS, given.shape).astype(np.float64)
     if given.shape[1:] not in ((3,), (7,), (4, 4)):
         allowed = "(N, 3) of x, y, theta, (N, 7) of x, y, z, qx, qy, qz, qw, or (N, 4, 4)"

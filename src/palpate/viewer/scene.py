@@ -75,8 +75,8 @@ def load_scene(path: Path) -> Scene:
             "which is another recording now; track it again"
         )
     answers = read_answers(path / "answers.csv", online.time)
-    columns = online.time, online.pose, online.covariance, online.contact, online.status, repeat(""), answers
-    estimates = tuple(map(Estimate, *columns))
+    columns = online.time, online.pose, online.covariance, online.contact, online.status
+    estimates = tuple(map(Estimate, *columns, online.reason or repeat(""), answers))
     calibration = None
     if unit := settings.get("calibration"):
         calibration = load_calibration(str(unit))

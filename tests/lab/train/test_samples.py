@@ -100,6 +100,18 @@ def test_frames_and_contacts():
     assert len(found) == 11
 
 
+@pytest.mark.parametrize("shown", ["by images", "by truth and outline"])
+def test_contacts_without_flags_are(shown):
+    touched, path = np.arange(60) >= 30, on_left_side(np.zeros(60), 0.0)
+    if shown == "by images":
+        given = recording(path, touched)
+    else:  # images that show nothing
+        given = recording(np.where(touched[:, None], path, path - [0.01, 0.0, 0.0]), np.zeros(60))
+    found = samples_of(dataclasses.replace(given, contact=None))
+    assert found.episode.tolist() == [0] * 26
+    np.testing.assert_allclose(found.direction, 0.0, atol=2e-3)
+
+
 def test_a_gap_in_the_ground_truth_parts_a_contact():
     given = recording(on_left_side(np.zeros(30), 0.0), np.arange(30) >= 2)
     pose: Any = given.object_pose
@@ -138,7 +150,7 @@ def test_a_background_takes_few_of_many_frames(monkeypatch):
     [
         (["image"], "the recording: has no image; learning needs them"),
         (["object_pose"], "has no object_pose;"),
-        (["contact", "image"], "has no image and no contact;"),
+        (["object_pose", "image"], "has no image and no object_pose;"),
     ],
 )
 def test_a_recording_that_lacks_something(missing, message):

@@ -8,19 +8,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.polygon import sharp_corners
 from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
+from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, Calibration, misfit, turned_as
 from palpate.touch.cells import Image
+from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.press_calibration import Presses
 from palpate.touch.touch_model import KINDS, difference, reduced
-from palpate.types.recording import Recording
+from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
@@ -100,8 +102,7 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     A simulated recording states the angles at which its images show contacts.
     """
     name = recording.file or "the recording"
-    if lacks := lacking(recording):
-        raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
+    recording = with_contact(recording, calibration)
     assert recording.object_pose is not None and recording.contact is not None
     view = calibration.view if calibration else AS_IT_IS
 
@@ -136,9 +137,34 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     )
 
 
-def lacking(recording: Recording) -> list[str]:
-    """Return which of images, poses of the object and contact flags a recording has not."""
-    return [field for field in ("image", "object_pose", "contact") if getattr(recording, field) is None]
+def with_contact(recording: Recording, calibration: Calibration | None = None) -> Recording:
+    """Return a recording with contact flags: its own, else those that its images show, else by truth and outline.
+
+    Raises FileError if it has no images or no poses of the object.
+    """
+    name = recording.file or "the recording"
+    if lacks := [field for field in ("image", "object_pose") if getattr(recording, field) is None]:
+        raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
+    if recording.contact is not None:
+        return recording
+    if calibration is None and recording.first_pose is not None and recording.first_pose_sigma is not None:
+        release = release_after_start(recording, recording.first_pose, recording.first_pose_sigma, "learnt")
+        calibration = release and release.calibration
+    detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
+    contact = np.array([_is_touched(detector, recording, index) for index in range(len(recording))])
+    if not contact.any():
+        truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
+        gap = recording.sensor.gaps(recording.sensor_pose, truth, recording.shape)
+        contact = contact_flags(gap, touch=1.5e-3, release=2e-3)  # [m] as robot and motion capture agree
+    return replace(recording, contact=contact)
+
+
+def _is_touched(detector: ContactDetector, recording: Recording, index: int) -> bool:
+    try:
+        image = recording[index].image
+        return image is not None and detector.update(detector.read(image))
+    except (FileError, SettingError):  # damaged, or without any gel
+        return False
 
 
 def _at_rest(
@@ -224,11 +250,10 @@ def presses_of(recording: Recording) -> Presses:
     """Return one press of each contact of a recording: its middle frame, at the angle that the outline says.
 
     That is a robot which presses its sensor on a fixed object, or any pushes with ground truth. Raises FileError where
-    the recording has no images, contact flags or poses of the object, and of a sensor with several tips.
+    the recording has no images or poses of the object, and of a sensor with several tips.
     """
     name = recording.file or "the recording"
-    if lacks := lacking(recording):
-        raise FileError(f"{name}: has no {' and no '.join(lacks)}; presses need them")
+    recording = with_contact(recording)
     if len(recording.sensor.tips) > 1:
         raise FileError(f"{name}: sensor {recording.sensor.name!r} has several tips; presses are of one")
     assert recording.object_pose is not None and recording.contact is not None

@@ -17,7 +17,6 @@ from palpate.io import load_recording
 from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
-from palpate.pipeline.truth import trusted_truth
 from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, turned_as
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
@@ -85,7 +84,7 @@ def record_touch(
     FileError on images that cannot be used.
     """
     name = recording.file or "the recording"
-    known = trusted_truth(recording)
+    known = recording.trusted_truth
     if tactile == "auto":
         tactile = "oracle" if recording.image is None else "learnt"
     is_learnt = tactile.startswith("learnt")
