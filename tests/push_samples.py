@@ -9,9 +9,9 @@ import numpy as np
 from limit_surface import Steering, push
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.config import NoiseSettings
+import palpate
+from palpate import Disc, Ellipse, Frame, Measurement, NoiseSettings, Polygon, Rectangle, SensorProfile, Shape
 from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.graph.compiled import compiled
 from palpate.graph.contact_geometry import ContactModel, Surface, contact_model, put_touch
 from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, make_factors, terms_of
@@ -19,8 +19,6 @@ from palpate.graph.gauss_newton import of_step, of_term
 from palpate.graph.pushing import force_angle
 from palpate.graph.se2_kernels import position, rotation
 from palpate.graph.variables import GRIP, IN_SHARED, OBJECT_SIZE, Variable
-from palpate.types.measurements import ContactDirection, Frame, Measurement
-from palpate.types.sensor import SensorProfile
 
 Array = np.ndarray
 Shared = Mapping[Variable, ArrayLike]
@@ -133,7 +131,7 @@ def gaps(g: Array, model: ContactModel) -> Array:
 
 def contact_directions(g: Array, model: ContactModel) -> Array:
     """Where the tip is touched (...) [rad] at sensor poses g (..., 3) in the object frame."""
-    rows = rows_of("direction", values_at(model, np.reshape(g, (-1, 1, 3))), [ContactDirection(0.0, 1.0)])
+    rows = rows_of("direction", values_at(model, np.reshape(g, (-1, 1, 3))), [palpate.ContactDirection(0.0, 1.0)])
     return rows.residual[:, 0, 0].reshape(np.shape(g)[:-1])
 
 

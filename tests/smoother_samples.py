@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from push_samples import contact_directions, distance_at, model_of, noisy, pushed, sensor, with_settings
 from scipy.optimize import least_squares
 
-from palpate.config import NoiseSettings, Priors
+from palpate import ContactDirection, Measurement, NoiseSettings, Turn
+from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
@@ -28,7 +29,6 @@ from palpate.graph.variables import (
     TURN_OFFSET,
 )
 from palpate.graph.window import Window
-from palpate.types.measurements import ContactDirection, Measurement, Turn
 
 Array = np.ndarray
 ROBUST = with_settings(
@@ -135,8 +135,6 @@ def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Beli
 
 @dataclass(frozen=True)
 class Solved:
-    """A contact solved at once."""
-
     poses: Array  # g and e, (N, 2, 3)
     values: Array  # (OBJECT_SIZE,)
     offset: float  # of the turns

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.errors import FileError
+from palpate import FileError
 from palpate.files import held_folder, whole_file
 
 # Holds something until it is killed.

@@ -104,7 +104,7 @@ def test_a_model_of_directions_from_grey_presses(tmp_path, run_palpate, fails):
     angles = np.random.default_rng(0).uniform(-0.7, 0.7, 60)
     for k, place in enumerate([*(angles / 0.7), None]):
         colours = np.frombuffer(image(place, k), np.uint8)
-        cv2.imwrite(str(tmp_path / f"{k}.png"), cv2.imdecode(colours, cv2.IMREAD_GRAYSCALE))
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.asarray(cv2.imdecode(colours, cv2.IMREAD_GRAYSCALE)))
     table = tmp_path / "presses.csv"
     table.write_text("\n".join(["file,angle_deg", *(f"{k}.png,{np.degrees(a)}" for k, a in enumerate(angles))]))
     given = ["train", table, "--untouched", tmp_path / "60.png", "--out", tmp_path / "model", "--steps", "2"]

@@ -13,7 +13,7 @@ from push_samples import contact_directions, draw_residuals, model_of, noisy, to
 from scipy.stats import chi2
 from smoother_samples import FELT, PLAIN, belief_at
 
-from palpate.config import NoiseSettings
+from palpate import ContactDirection, NoiseSettings, Turn
 from palpate.geometry import se2
 from palpate.graph.factors import make_factors
 from palpate.graph.variables import (
@@ -27,7 +27,6 @@ from palpate.graph.variables import (
     OUTLINE_SCALE,
 )
 from palpate.graph.window import Window
-from palpate.types.measurements import ContactDirection, Turn
 
 Array = np.ndarray
 STEPS, LAG = 16, 13  # the last steps marginalise

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from push_samples import SHAPES, rows_of, sensor, touching, values_at, with_settings
 
-from palpate.config import NoiseSettings
+from palpate import ContactDirection, NoiseSettings, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import GRIP
-from palpate.types.measurements import ContactDirection, Turn
 
 ONE_TIP = contact_model(SHAPES["rectangle"], sensor(), 0.06)
 EDGE = np.arctan(0.4)  # half angle of the friction cone at a grip of 0.4

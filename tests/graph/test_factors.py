@@ -19,6 +19,7 @@ from push_samples import (
     values_at,
 )
 
+from palpate import ContactDirection, Measurement, ObjectPose, OwnMeasurement, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.own_measurements import evaluated
@@ -35,7 +36,6 @@ from palpate.graph.variables import (
     TURN_OFFSET,
     WIDTH,
 )
-from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement, Turn
 
 Array = np.ndarray
 STATES = 100

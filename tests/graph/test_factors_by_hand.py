@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from push_samples import RADIUS, SHAPES, Shared, model_of, pushing_angles, pushing_residuals, rows_of, sensor, values_at
 
+from palpate import ContactDirection, Disc, Rectangle
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.shapes import Disc, Rectangle
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.variables import (
     DEPTH,
@@ -24,7 +24,6 @@ from palpate.graph.variables import (
     column,
 )
 from palpate.types import measurements as said
-from palpate.types.measurements import ContactDirection
 
 Array = np.ndarray
 ANY = model_of("disc")

@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 from push_samples import rows_of, values_at, with_settings
 
-from palpate.config import NoiseSettings
-from palpate.errors import EstimationError
+from palpate import GELSIGHT_MINI, ContactPlace, Disc, Ellipse, EstimationError, NoiseSettings, Rectangle, SensorProfile
 from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Ellipse, Rectangle
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.factors import make_factors
 from palpate.graph.variables import IN_OBJECT, PLACE_BIAS, column
 from palpate.graph.window import Window
-from palpate.types.measurements import ContactPlace
-from palpate.types.sensor import GELSIGHT_MINI, SensorProfile
 
 SQUARE = contact_model(Rectangle(0.09, 0.09), GELSIGHT_MINI)
 DISC = contact_model(Disc(0.05), GELSIGHT_MINI)

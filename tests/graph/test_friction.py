@@ -33,7 +33,6 @@ HOLDING = with_settings(ROBUST, priors={"grip": (0.8, 0.12)})  # so well that it
 
 
 def directions(g: Array, seed: int) -> list[ContactDirection]:
-    """Contact directions as touch measures them."""
     angle = contact_directions(g, MODEL) + np.random.default_rng(seed).normal(0.0, FELT, len(g))
     return [ContactDirection(one, FELT**2) for one in angle]
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scaled_difference, settled, window_of
 
-from palpate.errors import EstimationError
+from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.factors import DIRECTION, make_factors
 from palpate.graph.window import Window
-from palpate.types.measurements import ContactDirection, ObjectPose, Turn
 
 ENDLESS = 10**6
 

@@ -74,7 +74,6 @@ def test_a_database_without_its_folder(tmp_path, topics):
 
 
 def write_poses(path: Path, encoding: str = "cdr", count: int = 60, data: bytes | None = None, **settings: Any) -> None:
-    """Write an MCAP of poses."""
     type_ = "geometry_msgs/msg/PoseStamped"
     with path.open("wb") as file:
         writer = Writer(file, **settings)

@@ -34,7 +34,6 @@ SHAPE = Disc(0.05)
 
 
 def read(tmp_path: Any, messages: list[Message], container: str = "mcap", **choices: Any) -> Any:
-    """The recording in a bag of these messages."""
     path = write_bag(tmp_path / "bag", container, sorted(messages, key=lambda message: message.log_time))
     return read_bag(path, SHAPE, BagChoices(**choices)).recording
 

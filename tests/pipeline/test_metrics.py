@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate import Trajectory
 from palpate.geometry import se2
 from palpate.pipeline import metrics
-from palpate.types.estimate import Trajectory
 
 TRUTH = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
 POSE = np.array([[0.003, 0.004, 0.1], [0.0, 0.0, -0.1], [0.0, 0.012, 0.2], [9.0, 9.0, 1.0]])

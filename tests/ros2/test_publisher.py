@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import Estimate, ros2
-from palpate.errors import SettingError
+from palpate import Estimate, SettingError, ros2
 from palpate.io.ros_messages import POSE, ros_types
 from palpate.live.session import LiveEstimate
 from palpate.live.sources import Refused, TimedPose

@@ -12,21 +12,8 @@ import numpy as np
 import pytest
 from recording_samples import encoded
 
-from palpate import (
-    DIGIT,
-    GELSIGHT_MINI,
-    Calibration,
-    Disc,
-    FileError,
-    Frame,
-    Recording,
-    Rectangle,
-    SensorProfile,
-    Tracker,
-    TrackerSettings,
-    load_calibration,
-    write_recording,
-)
+import palpate
+from palpate import DIGIT, Disc, FileError, Frame, Recording, Rectangle, Tracker, load_calibration, write_recording
 from palpate.geometry import se2
 from palpate.lab.simulate.gel import ball_overlap, render, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
@@ -149,8 +136,8 @@ def test_other_images_are_refused(unit, presses):
     ):
         with pytest.raises(FileError, match=words):
             learn_from_presses(presses, untouched, DIGIT, reader)
-    dome = SensorProfile("my finger", radius=0.02, image_height=320, image_width=240)
-    for sensor in (GELSIGHT_MINI, dome):
+    dome = palpate.SensorProfile("my finger", radius=0.02, image_height=320, image_width=240)
+    for sensor in (palpate.GELSIGHT_MINI, dome):
         with pytest.raises(FileError, match=f"are of round gels of known width, and '{sensor.name}' has none"):
             learn_from_presses(of_camera(presses, AS_IT_IS, True), [unit.no_contact], sensor, reader)
     blank = unit.no_contact.copy()
@@ -172,8 +159,8 @@ def test_a_real_gel_finds_its_view(shared_data):
 def test_a_tracker_reads_images_in_the_calibrations_view(unit, presses):
     view, correction, estimates = CameraView(1, True), DirectionCorrection(0.02, 0.9, 0.004), []
     for mounted in (AS_IT_IS, view):
-        calibration = Calibration(background_of([unit.no_contact] * 2), mounted, correction)
-        how = TrackerSettings(tactile="learnt-direction", hypotheses=1)
+        calibration = palpate.Calibration(background_of([unit.no_contact] * 2), mounted, correction)
+        how = palpate.TrackerSettings(tactile="learnt-direction", hypotheses=1)
         tracker = Tracker(Rectangle(0.1, 0.1), DIGIT, (0.05, 0.0, 0.0), how, calibration=calibration)
         images = unit.no_contact, presses.images[2], presses.images[3]
         seen = [Frame(k / 30.0, np.zeros(3), image=as_camera(image, mounted)) for k, image in enumerate(images)]

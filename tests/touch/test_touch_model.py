@@ -7,23 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import (
-    DIGIT,
-    GELSIGHT_MINI,
-    POINT,
-    Background,
-    Calibration,
-    ContactDirection,
-    ContactPlace,
-    Disc,
-    EstimationError,
-    FileError,
-    Frame,
-    Rectangle,
-    SettingError,
-    TouchModel,
-    Turn,
-)
+import palpate
+from palpate import GELSIGHT_MINI, POINT, Background, Calibration, ContactDirection, FileError, Frame, TouchModel, Turn
 from palpate.lab.simulate.gel import render
 from palpate.lab.simulate.unit import draw_unit
 from palpate.touch.calibration import DirectionCorrection
@@ -161,7 +146,7 @@ class StandIn(TouchModel):
 
 
 def reader(tactile: Any = "learnt", *outputs: str, calibration: Calibration | None = None) -> TouchReader:
-    return TouchReader(tactile, DIGIT, StandIn(*(outputs or ("direction", "turn"))), calibration)
+    return TouchReader(tactile, palpate.DIGIT, StandIn(*(outputs or ("direction", "turn"))), calibration)
 
 
 def frame(k: float, light: float = 1.0) -> Frame:
@@ -186,10 +171,10 @@ def test_an_image_gives_direction_and_turn_with_corrected_variances(tactile, kin
 
 def test_a_flat_pad_gives_its_place_and_a_model_of_presses_the_direction_alone():
     place = reader("learnt", "direction", "turn", "place").read(frame(7), GEL)[1]
-    assert isinstance(place, ContactPlace)
+    assert isinstance(place, palpate.ContactPlace)
     assert (place.place, place.variance) == pytest.approx((0.21, 0.03 * 0.5 * 4.0), rel=1e-3)
     assert [type(one) for one in reader("learnt", "direction").read(frame(7), GEL)] == [ContactDirection]
-    with pytest.raises(SettingError, match="was trained on presses, which show directions alone"):
+    with pytest.raises(palpate.SettingError, match="was trained on presses, which show directions alone"):
         reader("learnt-turn", "direction")
 
 
@@ -238,9 +223,9 @@ def test_the_oracle_measures_the_true_turn():
 
 
 def test_bad_input_is_named():
-    with pytest.raises(EstimationError, match=r"frame at 0\.100 s has no image"):
+    with pytest.raises(palpate.EstimationError, match=r"frame at 0\.100 s has no image"):
         reader().read(Frame(0.1, np.zeros(3)), None)
-    with pytest.raises(SettingError, match="has images of 240 x 320 px, and the touch model is of 'DIGIT'"):
+    with pytest.raises(palpate.SettingError, match="has images of 240 x 320 px, and the touch model is of 'DIGIT'"):
         TouchReader("learnt", GELSIGHT_MINI, StandIn("direction", "turn"))
 
 
@@ -268,10 +253,10 @@ def test_the_model_of_the_mini_is_chosen_by_its_name_and_reads_places_and_tilts(
     assert shipped_model("my finger").folder == SHIPPED
     chosen = TouchReader("auto", GELSIGHT_MINI)
     bare = MINIS[0].no_contact
-    chosen.choose(bare, Background(np.float32(bare), np.zeros_like(bare, np.float32)))
+    chosen.choose(bare, Background(bare.astype(np.float32), np.zeros_like(bare, np.float32)))
     assert (chosen.tactile, chosen.reason) == ("learnt", "images fit the touch model of the GelSight Mini")
-    places = [mini_readings(Disc(0.05), -0.05, 0.0, y, 5e-4)[1] for y in (-0.005, 0.0, 0.005)]
+    places = [mini_readings(palpate.Disc(0.05), -0.05, 0.0, y, 5e-4)[1] for y in (-0.005, 0.0, 0.005)]
     assert places[0] < places[1] - 0.002 < places[2] - 0.004
-    edge = Rectangle(0.09, 0.2)
+    edge = palpate.Rectangle(0.09, 0.2)
     tilts = [np.degrees(mini_readings(edge, -0.045, np.radians(tilt), 0.0, 6e-4)[0]) for tilt in (-5.0, 0.0, 5.0)]
     assert tilts[0] > tilts[1] + 2.0 and tilts[1] > tilts[2] + 2.0

@@ -23,12 +23,12 @@ from tracker_samples import (
     translation_errors,
 )
 
+import palpate
 from palpate import (
     ContactDirection,
     ContactPlace,
     EstimationError,
     Frame,
-    FrameError,
     Measurement,
     ObjectPose,
     OwnMeasurement,
@@ -155,7 +155,7 @@ def test_a_measurement_without_a_residual_is_refused():
     class Empty(OwnMeasurement):
         on = ("object_pose",)
 
-    with pytest.raises(FrameError, match=r"measurement Empty has no method residual"):
+    with pytest.raises(palpate.FrameError, match=r"measurement Empty has no method residual"):
         disc_tracker().update(small_frame(), [Empty()])
 
 

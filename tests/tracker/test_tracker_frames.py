@@ -9,22 +9,13 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import settings, small_frame
 
-from palpate import (
-    DIGIT,
-    ContactDirection,
-    Frame,
-    FrameError,
-    Measurement,
-    ObjectPose,
-    OwnMeasurement,
-    SensorProfile,
-    Tracker,
-)
+import palpate
+from palpate import DIGIT, ContactDirection, Frame, FrameError, Measurement, ObjectPose, SensorProfile, Tracker
 
 SEEN = ObjectPose(np.zeros(3), 1e-4 * np.eye(3))
 
 
-class Deep(OwnMeasurement):
+class Deep(palpate.OwnMeasurement):
     on: ClassVar[tuple[str, ...]] = ("depth",)
 
     def linearise(self, depth: Any) -> Any:

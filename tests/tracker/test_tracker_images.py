@@ -8,20 +8,8 @@ import planar
 import pytest
 from push_samples import with_settings
 
-from palpate import (
-    Calibration,
-    EstimationError,
-    Frame,
-    FrameError,
-    NoiseSettings,
-    Recording,
-    Run,
-    SettingError,
-    Tracker,
-    TrackerSettings,
-    load_recording,
-    track,
-)
+import palpate
+from palpate import Calibration, Frame, FrameError, Recording, Run, SettingError, Tracker, TrackerSettings, track
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +19,7 @@ def recording(tmp_path_factory, command) -> Recording:
     options = ("--shape", "rectangle", "--count", 1, "--seconds", 6, "--seed", 75, "--ideal")
     assert command("simulate", folder, *options) == 0
     (path,) = folder.iterdir()
-    return load_recording(path)
+    return palpate.load_recording(path)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +114,9 @@ def distance(one: Any, other: Any) -> float:
 @pytest.mark.parametrize("tactile", ["learnt", "learnt-direction", "learnt-turn"])
 def test_every_way_to_feel_tracks(recording, blind, tactile):
     # The default hardly believes turns.
-    run = track(recording, TrackerSettings(tactile=tactile, noise=with_settings(NoiseSettings(), turn={"share": 4.0})))
+    run = track(
+        recording, TrackerSettings(tactile=tactile, noise=with_settings(palpate.NoiseSettings(), turn={"share": 4.0}))
+    )
     # On one short push the blind tracker may be lucky; it does not know that it is.
     assert yaw_deviation(run) < 0.9 * yaw_deviation(blind)
     assert run.summary["rotation_rmse_deg"] < 1.0
@@ -172,7 +162,7 @@ def test_what_learnt_touch_needs(recording):
         Tracker(recording.shape, small, np.zeros(3), TrackerSettings(tactile="learnt"))
     tracker = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings(tactile="learnt"))
     frame = dataclasses.replace(recording[0], image=None, contact=True)
-    with pytest.raises(EstimationError, match="has no image"):
+    with pytest.raises(palpate.EstimationError, match="has no image"):
         tracker.update(frame)
 
 

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from palpate.errors import FileError
+from palpate import FileError
 from palpate.types.images import SpooledImages
 
 SIZE = 900_000

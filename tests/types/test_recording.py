@@ -10,18 +10,8 @@ import pytest
 from recording_samples import encoded, pushed, tiny_images, tiny_recording
 from view_samples import imaged_push
 
-from palpate import (
-    DIGIT,
-    POINT,
-    Disc,
-    FileError,
-    Frame,
-    Recording,
-    SettingError,
-    Trajectory,
-    load_recording,
-    write_recording,
-)
+import palpate
+from palpate import DIGIT, POINT, Disc, FileError, Frame, Recording, SettingError, Trajectory, load_recording
 
 
 def test_frames_come_out_as_they_went_in():
@@ -137,7 +127,7 @@ def test_forked_processes_read_their_own_images(tmp_path):
     assert push.image is not None
     padding = np.random.default_rng(0).bytes
     given = tuple(image + padding(1_500_000) for image in push.image)  # more than is kept in memory
-    write_recording(replace(push, image=given), tmp_path / "push.mcap")
+    palpate.write_recording(replace(push, image=given), tmp_path / "push.mcap")
     found = load_recording(tmp_path / "push.mcap").image
 
     def read(start: int) -> None:

@@ -12,8 +12,7 @@ import psutil
 import pytest
 from view_samples import imaged_push
 
-from palpate import Tracker
-from palpate.errors import SettingError
+from palpate import SettingError, Tracker
 from palpate.live.session import LiveEstimate
 from palpate.types.estimate import Status
 from palpate.viewer.scene import STATUS_COLOURS, touch_images

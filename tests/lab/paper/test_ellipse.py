@@ -3,14 +3,14 @@
 import itertools
 import math
 
+import cv2
 import numpy as np
 import pytest
 
+from palpate import DIGIT, Background
 from palpate.lab.paper.images import ellipse_features, patch_outline
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
-from palpate.touch.background import Background
-from palpate.types.sensor import DIGIT
 
 
 @pytest.fixture(scope="module")
@@ -24,9 +24,6 @@ def untouched(unit: SensorUnit) -> Background:
 
 
 def drawn(column: float, row: float, major: float, minor: float, angle: float) -> tuple[np.ndarray, Background]:
-    """A flat bright ellipse on grey."""
-    import cv2
-
     image = np.full((320, 240, 3), 100, np.uint8)
     axes = (round(major / 2), round(minor / 2))
     cv2.ellipse(image, (round(column), round(row)), axes, math.degrees(angle), 0, 360, (160, 140, 120), -1)
@@ -35,8 +32,6 @@ def drawn(column: float, row: float, major: float, minor: float, angle: float) -
 
 def patch_center(image: np.ndarray, background: Background) -> np.ndarray:
     """The centroid (2,) of the contact patch in pixels (column, row)."""
-    import cv2
-
     outline = patch_outline(image, background)
     assert outline is not None
     moments = cv2.moments(outline)
@@ -53,18 +48,6 @@ def test_features_of_a_drawn_ellipse(angle):
     assert patch_center(image, background) == pytest.approx((100.0, 180.0), abs=1.0)
 
 
-def test_balls_are_found_where_they_press(units):
-    rng = np.random.default_rng(0)
-    places = [(0.0, 0.0), (0.003, 0.004), (-0.004, -0.002)]
-    for unit, (y, z) in [(unit, place) for unit in units for place in places]:
-        image = touch_image(unit, ball_overlap(unit, 0.004, (y, z), 8e-4), rng=rng)
-        away = np.hypot(unit.place[0] - y, unit.place[1] - z)
-        row, column = np.unravel_index(int(away.argmin()), away.shape)
-        center = patch_center(image, untouched(unit))
-        assert np.hypot(*(center - (column, row))) < 0.05 * 240
-        assert ellipse_features(image, untouched(unit))[:2] * (240, 320) == pytest.approx(center, abs=6.0)
-
-
 def test_noise_moves_the_centre_by_less_than_a_pixel_and_is_no_patch(units):
     rng = np.random.default_rng(2)
     for unit in units:
@@ -78,8 +61,6 @@ def test_noise_moves_the_centre_by_less_than_a_pixel_and_is_no_patch(units):
 
 
 def test_a_ring_is_filled_in_images_of_any_size():
-    import cv2
-
     for size in (64, 240, 480):
         image = np.full((size, size, 3), 100, np.uint8)
         place = (round(0.6 * size), round(0.4 * size))
@@ -92,8 +73,6 @@ def test_a_ring_is_filled_in_images_of_any_size():
 
 def agreed(images: list[np.ndarray]) -> np.ndarray:
     """The untouched gel of images touched at different places: at each pixel, what the two say that differ least."""
-    import cv2
-
     smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.0) for image in images]
     pairs = list(itertools.combinations(smooth, 2))
     differ = [cv2.GaussianBlur(np.abs(a - b).sum(axis=-1), (0, 0), 4.0) for a, b in pairs]
@@ -103,8 +82,6 @@ def agreed(images: list[np.ndarray]) -> np.ndarray:
 
 
 def test_real_contacts_within_a_tenth_of_the_width(shared_data):
-    import cv2
-
     folder = shared_data / "digit_contacts"
     images = [np.asarray(cv2.imread(str(folder / f"tile{i}_rgb.png")), np.uint8) for i in range(5)]
     mean = agreed(images)

@@ -11,6 +11,9 @@ from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.paper.transform_network import constant, expanded, fit_linear, reversed_pairs, validation_loss
 
+pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
+from palpate.lab.paper.graph import Deviations, Model, compared_frames, physical_errors, tactile_error, track_episodes
+
 
 def pairs(count=3000, seed=0):
     rng = np.random.default_rng(seed)
@@ -30,9 +33,6 @@ def test_the_linear_network_recovers_weights_by_class():
 
 
 def test_residuals_by_hand():
-    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
-    from palpate.lab.paper.graph import Model, compared_frames
-
     model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
     # The tip touches the left side of the resting object head on, 2 mm deep; then both move by 1 mm along x.
     g = np.array([-0.1 + 0.002, 0.0, 0.0])
@@ -47,9 +47,6 @@ def test_residuals_by_hand():
 
 
 def test_the_oracle_keeps_the_yaw_of_a_push():
-    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
-    from palpate.lab.paper.graph import Deviations, Model, compared_frames, track_episodes
-
     model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
     count = 40
     e = np.column_stack([np.linspace(0.0, 0.04, count), np.zeros(count), np.zeros(count)])
@@ -63,9 +60,6 @@ def test_the_oracle_keeps_the_yaw_of_a_push():
 
 
 def test_deviations_of_factors_follow_from_errors_that_last():
-    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
-    from palpate.lab.paper.graph import Model, physical_errors, tactile_error
-
     # A tip that touches a resting object from -x, 1 mm deep, slides along its side by 0.1 mm a step.
     model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
     e = np.column_stack([np.full(26, -0.1 + 0.001), np.linspace(0.0, 2.5e-3, 26), np.zeros(26)])

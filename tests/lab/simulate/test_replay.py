@@ -50,8 +50,6 @@ def _in_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def replayed(run_palpate):
-    """Return the replay of a recording, through files."""
-
     def run(recording, *words, name="push"):
         if recording is not None:
             write_recording(recording, f"{name}.mcap", overwrite=True)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from palpate import DIGIT, Disc
+from palpate import DIGIT, Disc, track
 from palpate.geometry import se2
 from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.gel import touch_image
@@ -13,7 +13,6 @@ from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
 from palpate.lab.simulate.set_up_errors import Mark, SetUpErrors, Wear, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
-from palpate.pipeline.track import track
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
 

@@ -57,14 +57,6 @@ def test_a_straight_push_takes_the_force_of_friction(shape):
     assert stiffness == pytest.approx(settings.gel_stiffness, rel=0.05)
 
 
-def test_the_object_rests_when_the_sensor_stops():
-    _, motion = pushed(RECTANGLE, drawn(RECTANGLE, 1), y=0.03, pushing=45, resting=35)
-    rest = motion.object_pose[46:]
-    assert np.hypot(*(rest[:, :2] - rest[0, :2]).T).max() < 1e-4
-    assert np.abs(rest[:, 2] - rest[0, 2]).max() < 1e-3
-    assert motion.contact[-1] and motion.object_pose[45, 0] > 0.01
-
-
 def test_a_push_off_the_centre_turns_the_object_and_wide_feet_resist():
     narrow, wide = (
         pushed(RECTANGLE, WorldSettings(feet=ring(radius), gel_friction=0.0), y=0.04)[1].object_pose[-1, 2]

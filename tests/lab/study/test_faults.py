@@ -31,17 +31,14 @@ def stream() -> Stream:
 
 @pytest.fixture
 def faulty(stream) -> Any:
-    """Return the stream with a fault."""
     return lambda fault, **changes: with_fault(replace(stream, **changes), fault, np.random.default_rng(5))
 
 
 def numbers(of: Stream) -> list[int]:
-    """Return the number in each frame's pose."""
     return np.rint(1e3 * of.sensor_pose[:, 0]).astype(int).tolist()
 
 
 def shown(of: Stream, channel: int = 0) -> list[int]:
-    """Return the number in each frame's image."""
     return [int(image[0, 0, channel]) for image in of.images]
 
 

@@ -45,18 +45,6 @@ def test_the_page_holds_tables_and_figures(report):
     assert results["command"] in words and "has no ground truth" in words
 
 
-def test_two_workers_find_what_one_finds(report, run_palpate):
-    words = ("evaluate", report.parent / "recordings", "--tactile", "none", "oracle", "--workers", "2")
-    assert run_palpate(*words, "--out", report.parent / "other")[0] == 3
-    rows = [
-        list(csv.DictReader((report.parent / out / "sequences.csv").read_text().splitlines()))
-        for out in ("new", "other")
-    ]
-    scores = ("recording", "tactile", "final_translation_error_mm", "nees_mean")
-    (one, two) = [[[row[key] for key in scores] for row in some] for some in rows]
-    assert one == two and len(one) == 6
-
-
 def test_groups_are_folders_or_names_without_their_number(tmp_path, run_palpate):
     """And no cell of the table begins a formula."""
     groups = {

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate import DIGIT
 from palpate.lab.train.augment import Augmentation, batch, draw_groups, varied_batch
 from palpate.lab.train.samples import Samples
 from palpate.touch.touch_model import KINDS
-from palpate.types.sensor import DIGIT
 
 LENGTHS = [5, 80, 11, 200, 6]
 NONE = Augmentation((1.0, 1.0), (1.0, 1.0), 0.0, (0.0, 0.0), 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import torch
 from scipy.stats import multivariate_normal, norm
 from torch import nn
 
-from palpate.errors import EstimationError, FileError
+from palpate import EstimationError, FileError
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
 from palpate.lab.train.networks import TouchNetwork, gaussian, imprint, keypoint
 

@@ -10,7 +10,7 @@ import torch
 from scipy.stats import norm
 from test_augment import samples
 
-from palpate.errors import EstimationError
+from palpate import EstimationError
 from palpate.lab.train.networks import WIDTH, TouchNetwork, exported, restore
 from palpate.lab.train.scores import coverage, measure_spread, spread_of, turn_errors
 from palpate.lab.train.train import TrainSettings, split

@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 from training_samples import DISC, RECTANGLE, on_disc, on_left_side, pushes, recording
 
-from palpate.errors import FileError
+from palpate import DIGIT, Background, Calibration, Ellipse, FileError, Polygon, Shape, write_recording
 from palpate.geometry import se2
-from palpate.geometry.shapes import Ellipse, Polygon, Shape
-from palpate.io.recording_mcap import write_recording
 from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
-from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration, CameraView, DirectionCorrection
+from palpate.touch.calibration import CameraView, DirectionCorrection
 from palpate.touch.touch_model import COLUMNS, KINDS, ROWS
 from palpate.types.images import encode_image
-from palpate.types.sensor import DIGIT
 
 RADIUS = DIGIT.radius
 

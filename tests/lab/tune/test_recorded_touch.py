@@ -6,22 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.config import TrackerSettings
+from palpate import Calibration, Recording, Run, TrackerSettings, track
 from palpate.geometry.shapes import SHAPES
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.tune.recorded_touch import RecordedTouch, record_touch, track_recorded
-from palpate.pipeline.track import Run, track
 from palpate.touch.background import background_of
-from palpate.touch.calibration import Calibration, CameraView, DirectionCorrection
+from palpate.touch.calibration import CameraView, DirectionCorrection
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording
 
 Tactile = Any
 
 
 @pytest.fixture(scope="module")
 def seen() -> Recording:
-    """A push with images and wrong flags."""
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
     recording = simulate_recording(SHAPES["disc"], "disc", 3, 4.0)
     return replace(recording, contact=np.zeros(len(recording), np.bool_), episode=None)

@@ -9,8 +9,8 @@ import pytest
 from limit_surface import Steering, push
 from push_samples import SHAPES, contact_directions, draw_residuals, model_of, noisy, sensor, touching, with_settings
 
-from palpate.config import NoiseSettings, Priors, TrackerSettings
-from palpate.errors import EstimationError, SettingError
+from palpate import ContactDirection, EstimationError, NoiseSettings, Recording, SettingError, TrackerSettings, Turn
+from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.lab.tune import tuning
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
@@ -26,8 +26,6 @@ from palpate.lab.tune.tuning import (
     value_of,
     with_value,
 )
-from palpate.types.measurements import ContactDirection, Turn
-from palpate.types.recording import Recording
 
 FELT, STEPS = 0.01, 16
 TRUE = with_settings(
