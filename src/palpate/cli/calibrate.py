@@ -12,10 +12,7 @@ from palpate.cli.recordings import about_calibration
 from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
-    from palpate.touch.calibration import Calibration
-    from palpate.touch.press_calibration import Presses
     from palpate.types.images import Image
-    from palpate.types.sensor import SensorProfile
 
 
 def calibrate(
@@ -51,10 +48,14 @@ def calibrate(
         model: Folder of the touch model that reads the presses.
     """
     from palpate import io as formats
+    from palpate.files import in_file
     from palpate.lab.train.samples import presses_of
     from palpate.touch.background import background_of
     from palpate.touch.calibration import Calibration, misfit, write_calibration
-    from palpate.touch.press_calibration import read_presses, untouched_frames, untouched_images
+    from palpate.touch.cells import is_grey
+    from palpate.touch.pipeline import GREY
+    from palpate.touch.press_calibration import learn_from_presses, read_presses, untouched_frames, untouched_images
+    from palpate.touch.touch_model import TouchModel, shipped_model
     from palpate.types.images import camera_view, read_image, scaled
     from palpate.types.sensor import DIGIT, known_sensor
 
@@ -81,7 +82,17 @@ def calibrate(
     if presses is not None:
         still = [look(each) for each in untouched] if file is None else list(untouched_images(recordings[file]))
         given = read_presses(presses, look, in_order=True) if is_table else presses_of(recordings[presses])
-        calibration, numbers = _by_presses(presses, given, still, profile, model)
+        with in_file(presses):
+            if model is None and any(map(is_grey, (*still, *given.images))):
+                raise FileError(GREY)
+            reader = TouchModel(model) if model else shipped_model(profile.name)
+            fit = learn_from_presses(given, still, profile, reader)
+        calibration = fit.calibration
+        numbers: dict[str, Any] = {
+            "presses": len(given.images),
+            "keeps_left_and_right": calibration.view.keeps_left_and_right,
+            "scatter_deg": math.degrees(fit.scatter),
+        }
     elif file is not None:
         frames = len(untouched_frames(recordings[file]))
         with progress_bar("calibrating", frames) as progress:
@@ -104,29 +115,3 @@ def calibrate(
         if not calibration.view.keeps_left_and_right:
             print_line("Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y.")
     return 0
-
-
-def _by_presses(
-    path: Path,
-    given: "Presses",
-    still: "list[Image]",
-    sensor: "SensorProfile",
-    model: Path | None,
-) -> "tuple[Calibration, dict[str, Any]]":
-    """Return the calibration by presses, of a table or a recording, and numbers about it."""
-    from palpate.files import in_file
-    from palpate.touch.cells import is_grey
-    from palpate.touch.pipeline import GREY
-    from palpate.touch.press_calibration import learn_from_presses
-    from palpate.touch.touch_model import TouchModel, shipped_model
-
-    with in_file(path):
-        if model is None and any(map(is_grey, (*still, *given.images))):
-            raise FileError(GREY)
-        fit = learn_from_presses(given, still, sensor, TouchModel(model) if model else shipped_model(sensor.name))
-    numbers = {
-        "presses": len(given.images),
-        "keeps_left_and_right": fit.calibration.view.keeps_left_and_right,
-        "scatter_deg": math.degrees(fit.scatter),
-    }
-    return fit.calibration, numbers
