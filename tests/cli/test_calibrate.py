@@ -1,7 +1,6 @@
 """`palpate calibrate` without presses (see tests/touch for these), and calibration files."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -126,24 +125,6 @@ def test_a_run_names_its_calibration(succeeds, json_of, folder):
     assert run.calibration and run.calibration.file == Path("unit.npz")
     json_of("track", "rest.mcap", "--tactile", "none", "--first-pose", 0, 0, 0, "--calibration", "unit.npz")
     assert f'"calibration": "{folder / "unit.npz"}"' in Path("runs/rest/settings.json").read_text()
-
-
-def test_images_that_arrive_turned_are_tracked_as_the_calibration_has_them(succeeds):
-    from view_samples import imaged_push
-
-    push = imaged_push()
-    upright: Any = [frame.image for frame in push]
-    for number, image in enumerate(upright[:15]):
-        cv2.imwrite(f"rest-{number}.png", image[..., ::-1])
-    succeeds("calibrate", "--untouched", *(f"rest-{number}.png" for number in range(15)), "--out", "unit.npz")
-    unit = palpate.load_calibration("unit.npz")
-    turned = tuple(encoded(np.ascontiguousarray(np.rot90(image, -1))) for image in upright)
-    wide = replace(push.sensor, image_height=30, image_width=40)
-    view = replace(unit.view, quarter_turns=1)
-    found = palpate.track(replace(push, image=turned, sensor=wide), calibration=replace(unit, view=view))
-    expected = palpate.track(push, calibration=unit)
-    assert found.summary["contact_frames"] > 10
-    assert np.array_equal(found.online.pose, expected.online.pose)
 
 
 WHOLE = {

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -91,13 +90,6 @@ def test_folders_that_cannot_be_learned_from(recordings, tmp_path, fails):
     shipped = Path(palpate.__file__).parent / "data/digit"
     said = fails("train", recordings, "--out", out, "--from", shipped)
     assert "sensor 'DIGIT' with images of 320 x 240 px is not that of the recordings" in said
-
-
-@pytest.mark.parametrize("name", ["torch", "onnxscript"])
-def test_missing_extras_are_named(name, recordings, fails, monkeypatch):
-    monkeypatch.setitem(sys.modules, name, None)
-    said = fails("train", recordings, "--out", "model")
-    assert f"training needs {name}" in said and "palpate[train]" in said
 
 
 def test_a_model_of_directions_from_grey_presses(tmp_path, run_palpate, fails):

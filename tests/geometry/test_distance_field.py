@@ -1,14 +1,13 @@
 """The spline of the distance, as a sharp tip feels it: g = (x, y, 0) is a point, and gap_by_g its gradient."""
 
 import math
-import time
 
 import numpy as np
 import pytest
 
-from palpate import DIGIT, POINT, Disc, Ellipse, Polygon, Rectangle, Shape, Tracker
+from palpate import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.geometry.distance_field import DistanceField
-from palpate.graph.contact_geometry import ContactModel, contact_model
+from palpate.graph.contact_geometry import ContactModel
 
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))
 SHAPES: list[Shape] = [
@@ -138,14 +137,3 @@ def test_a_plane_and_beyond_it_by_hand():
     np.testing.assert_allclose(hessian, np.array([[16, -12], [-12, 9]]) / 125, atol=1e-12)
     # Straight beyond the right edge, the slope along the edge stays that of the plane, -1.
     np.testing.assert_allclose(evaluated(field, [2.0, 1.6])[1], [[1.0, -1.0]], atol=1e-6)
-
-
-def test_a_tracker_of_an_outline_with_many_vertices_is_made_quickly():
-    angle = np.arange(10_000) * (2 * np.pi / 10_000)
-    radius = 0.08 + 0.02 * np.cos(3 * angle) + 0.002 * np.cos(47 * angle)
-    scanned = Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
-    Tracker(Disc(0.05), POINT, None)
-    contact_model(Polygon(L_SHAPE.outline(1000)), DIGIT)
-    start = time.process_time()
-    Tracker(scanned, DIGIT, None)
-    assert time.process_time() - start < 2.0  # 0.3 s; edge by edge it took 20

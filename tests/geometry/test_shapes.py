@@ -138,13 +138,6 @@ def test_area_and_centroid_by_hand():
         np.testing.assert_array_equal(shape.centroid, [0.0, 0.0])
 
 
-def test_area_and_centroid_far_from_the_origin():
-    moved = Polygon(L_SHAPE.corners + 1000.0)
-    assert moved.area == pytest.approx(L_SHAPE.area, rel=1e-9)
-    np.testing.assert_allclose(moved.centroid, L_SHAPE.centroid + 1000.0, atol=1e-9)
-    assert moved.friction_radius("uniform") == pytest.approx(L_SHAPE.friction_radius("uniform"), rel=1e-8)
-
-
 def test_friction_radius_by_hand():
     assert Disc(0.09).friction_radius() == pytest.approx(0.06, rel=1e-12)  # 2 r / 3
     # Square of side s: the mean distance from its centre is s (sqrt 2 + asinh 1) / 6.

@@ -10,7 +10,7 @@ import pytest
 from recording_samples import encoded, pushed
 
 import palpate
-from palpate.pipeline.figures import run_figure, shown_instants
+from palpate.pipeline.figures import run_figure
 
 
 @pytest.fixture(scope="module")
@@ -62,19 +62,6 @@ def test_names_and_lengths_at_the_edge(tracked, tmp_path):
     figure.savefig(tmp_path / "figure.png")  # x^2$ alone would be no formula and raise
     run_figure(palpate.track(pushed(1))).savefig(tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 1000
-
-
-@pytest.mark.parametrize(
-    ("contacts", "instants"),
-    [
-        ([(5, 19), (32, 39)], [12, 35]),
-        ([(2, 9), (12, 19), (22, 22), (24, 31)], [5, 15, 27]),
-        ([(7, 8)], [7]),
-        ([], []),
-    ],
-)
-def test_three_frames_are_shown_one_of_each_long_contact(tracked, contacts, instants):
-    assert shown_instants(at_contacts(tracked, *contacts)) == instants
 
 
 def at_contacts(tracked: palpate.Run, *contacts: tuple[int, int]) -> palpate.Run:

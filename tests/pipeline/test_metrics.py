@@ -159,12 +159,3 @@ def test_without_knocks_and_between_a_knock_and_the_next_touch():
     knocked = np.array([0, 1, 1, 0, 0, 0, 1, 0, 0], np.bool_)
     contact = np.array([1, 1, 0, 0, 1, 1, 1, 1, 0], np.bool_)
     np.testing.assert_array_equal(metrics.before_next_touch(knocked, contact), [0, 0, 1, 1, 0, 0, 0, 0, 0])
-
-
-def test_sigma_is_along_the_axes_of_the_world():
-    # The object looks along +y: 1 mm along its x are 1 mm along the world's y, 3 mm along its y along the world's x.
-    quarter = [0.1, 0.2, np.pi / 2]
-    assert metrics.world_sigma(quarter, np.diag([1e-6, 9e-6, 4e-4])) == pytest.approx([3e-3, 1e-3, 0.02])
-    # Turned by 30 degrees: 1/4 of the one variance and 3/4 of the other.
-    found = metrics.world_sigma([0.0, 0.0, np.pi / 6], np.diag([4e-6, 0.0, 0.0]))
-    assert found == pytest.approx([np.sqrt(3e-6), 1e-3, 0.0])

@@ -78,15 +78,6 @@ def test_an_estimate_that_is_off_shows_doubt(runs):
     assert sum(bool(set(run.online.status[-10:]) & DOUBTFUL) for run in off if run.online.status) >= len(off) - 1
 
 
-def test_every_covariance_is_one_and_no_push_is_indeterminate(runs):
-    for run in runs:
-        assert run.online.status is not None and run.online.covariance is not None
-        assert "indeterminate" not in run.online.status
-        np.testing.assert_array_equal(run.online.covariance, run.online.covariance.transpose(0, 2, 1))
-        assert np.linalg.eigvalsh(run.online.covariance).min() > 0.0
-        assert len(run.smoothed) == len(run.recording)
-
-
 def test_two_fingered_pushes(shared_data):
     paths = sorted((shared_data / "cmu_two_finger").glob("*.txt"))
     for path in (paths[0], paths[-1]):

@@ -126,12 +126,6 @@ def test_light_that_wanders_to_one_side_is_followed_and_hides_no_touch():
     assert camera(touched) and Camera(still())(touched)
 
 
-def test_a_touch_that_rests_goes_on():
-    camera = Camera(still())
-    assert all(camera(marked(20)) for _ in range(200))
-    assert (camera.background.mean == 100.0).all()
-
-
 def line(width: float) -> Array:
     """Return a grey DIGIT image with a dark line across, so many px wide."""
     image = grey(size=(320, 240))

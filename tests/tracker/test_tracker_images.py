@@ -9,7 +9,7 @@ import pytest
 from push_samples import with_settings
 
 import palpate
-from palpate import Calibration, Frame, FrameError, Recording, Run, SettingError, Tracker, TrackerSettings, track
+from palpate import Frame, FrameError, Recording, Run, SettingError, Tracker, TrackerSettings, track
 
 
 @pytest.fixture(scope="module")
@@ -45,16 +45,6 @@ def test_contact_is_what_images_show_whatever_the_flags_say(recording):
         assert found is not None
         assert np.mean(found != touched) < 0.02
         assert not found[~touched].any()
-
-
-def test_a_background_from_calibration_is_used(recording):
-    late, first = late_frames(recording), recording.object_pose[0]
-    before = Tracker(recording.shape, recording.sensor, first)
-    for frame in list(recording)[:20]:
-        before.update(frame)
-    assert before.background is not None
-    told = Tracker(recording.shape, recording.sensor, first, calibration=Calibration(before.background))
-    assert sum(told.update(frame).contact for frame in late[:15]) >= 14
 
 
 def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(recording):

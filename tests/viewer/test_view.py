@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import sys
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -141,12 +140,6 @@ def test_what_cannot_be_viewed(run, fails):
     assert "gone.mcap: no such file" in fails("view", "gone.mcap")
     assert "the folder nowhere does not exist" in fails("view", push, "--save", "nowhere/a.rrd")
     assert [path.name for path in Path().iterdir()] == ["there.rrd"] and Path("there.rrd").read_text() == "mine"
-
-
-def test_without_rerun_a_sentence_says_what_to_install(run, fails, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    monkeypatch.delitem(sys.modules, "palpate.viewer.rerun_view", raising=False)
-    assert "pip install palpate[view]" in fails("view", run)
 
 
 @pytest.mark.parametrize(

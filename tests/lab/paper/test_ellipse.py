@@ -1,6 +1,5 @@
-"""Patch and ellipse: known places and angles on drawn sensors, and real contacts with marked outlines."""
+"""Patch and ellipse: known places and angles on drawn sensors."""
 
-import itertools
 import math
 
 import cv2
@@ -69,25 +68,3 @@ def test_a_ring_is_filled_in_images_of_any_size():
         assert patch_center(image, background) == pytest.approx(place, abs=0.01 * size)
         column, _, major, minor, _, _ = ellipse_features(image, background)
         assert (column, major, minor) == pytest.approx((0.6, 0.44, 0.44), abs=0.04)
-
-
-def agreed(images: list[np.ndarray]) -> np.ndarray:
-    """The untouched gel of images touched at different places: at each pixel, what the two say that differ least."""
-    smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.0) for image in images]
-    pairs = list(itertools.combinations(smooth, 2))
-    differ = [cv2.GaussianBlur(np.abs(a - b).sum(axis=-1), (0, 0), 4.0) for a, b in pairs]
-    best = np.argmin(differ, axis=0)[None, ..., None]
-    middle = np.stack([(a + b) / 2.0 for a, b in pairs])
-    return cv2.GaussianBlur(np.take_along_axis(middle, best, axis=0)[0], (0, 0), 3.0)
-
-
-def test_real_contacts_within_a_tenth_of_the_width(shared_data):
-    folder = shared_data / "digit_contacts"
-    images = [np.asarray(cv2.imread(str(folder / f"tile{i}_rgb.png")), np.uint8) for i in range(5)]
-    mean = agreed(images)
-    background = Background(mean, np.ones_like(mean))
-    for index, image in enumerate(images):
-        mask = np.asarray(cv2.imread(str(folder / f"tile{index}_gt.png"), cv2.IMREAD_GRAYSCALE)) > 127
-        rows, columns = np.nonzero(mask)
-        off = patch_center(image, background) - (columns.mean(), rows.mean())
-        assert np.hypot(*off) < 0.1 * 240

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate import DIGIT, GELSIGHT_MINI, POINT, Disc, Ellipse, Polygon, Rectangle, SettingError
+from palpate import DIGIT, GELSIGHT_MINI, Disc, Ellipse, Polygon, Rectangle
 from palpate.lab.simulate.gel import Side, ball_overlap, gel_height, prism_overlap, render, shading, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 
@@ -208,8 +208,3 @@ def test_flat_units_glow_where_they_are_lit_and_half_of_them_have_markers() -> N
             near = np.hypot(y, z) < 1.5e-3
             assert np.sum((towards[..., None] * unit.colour[0])[near] * ball[near]) > 0.0
             assert np.sum((unit.illumination[0] - unit.illumination[0].mean()) * towards) > 0.0
-
-
-def test_a_sensor_without_images_is_refused() -> None:
-    with pytest.raises(SettingError, match=r"'point' has 0 rows"):
-        draw_unit(POINT, 0)

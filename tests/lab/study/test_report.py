@@ -65,14 +65,6 @@ def test_groups_are_folders_or_names_without_their_number(tmp_path, run_palpate)
     assert "'=a+1.mcap,'=a," in table and not [line for line in table.splitlines() if line.startswith("=")]
 
 
-def test_a_study_in_which_nothing_can_be_read(tmp_path, run_palpate):
-    (tmp_path / "recordings").mkdir()
-    (tmp_path / "recordings/bad.mcap").write_text("bad")
-    assert run_palpate("evaluate", tmp_path / "recordings", "--out", tmp_path / "out")[0] == 3
-    assert json.loads((tmp_path / "out/results.json").read_text())["table"] == {}
-    assert not (tmp_path / "out/report.html").exists()
-
-
 def test_the_page_in_a_browser(report, browser):
     for width, height, mobile in ((1280, 800, False), (390, 844, True)):
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
