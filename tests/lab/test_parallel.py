@@ -65,6 +65,7 @@ def test_workers_that_cannot_start_are_one_sentence(monkeypatch):
     def refuse() -> int:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
+    monkeypatch.delitem(sys.modules, "torch", raising=False)  # workers are forked without it
     monkeypatch.setattr("os.fork", refuse)
     with pytest.raises(SettingError, match=r"worker processes cannot start .*temporarily unavailable"):
         list(spread(finds, ["stranger"], workers=2))
