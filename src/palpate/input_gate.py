@@ -117,7 +117,7 @@ class InputGate:
         if image is not None and has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
             contact = self._may_show_touch = self.touches_since_start = False
-        return replace(frame, image=image, contact=contact)
+        return frame if image is None else replace(frame, image=image, contact=contact)
 
     def _touches_since_start(self, distance: float, deviation: float, in_contact: bool) -> bool:
         if self.touches_since_start:
@@ -163,7 +163,7 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
     if time is None:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
     when, image = f"frame at {time:.3f} s", frame.image
-    pose, object_pose = _planar(when, frame.sensor_pose), _planar(when, frame.object_pose)
+    pose, object_pose = _planar(when, frame.sensor_pose), frame.object_pose
     if frame.contact is None and image is None:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
     if not isinstance(frame.contact, bool | np.bool_ | None):
@@ -178,12 +178,12 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         allowed = "an array of uint8 (height, width, 3): rows, columns, red green blue; decode encoded images first"
         raise FrameError(f"{when} has an image of {found}; it must be {allowed}")
     added = (checked_measurements(time, each, tips) for each in (frame.measurements, measurements))
-    return replace(
-        frame,
+    return Frame(
         time=time,
         sensor_pose=pose,
+        image=image,
         contact=None if frame.contact is None else bool(frame.contact),
-        object_pose=object_pose,  # NaN where motion capture loses the object
+        object_pose=None if object_pose is None else _planar(when, object_pose),  # NaN where a camera loses the object
         measurements=tuple(chain.from_iterable(added)),
     )
 

@@ -46,9 +46,9 @@ _SUSPICIONS[1, DIRECTION] = 0.025
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
-_FOUND = np.array([0.005, 0.005, 0.1])  # [m, m, rad] standard deviations at which a displaced object is found again
+_FOUND = np.square([0.005, 0.005, 0.1])  # [m^2, m^2, rad^2] variances at which a displaced object is found again
 _ALONG = np.linspace(-1.0, 1.0, 7)  # places along the outline where directions are compared, over the likely length
-_UNCERTAIN = np.array([0.02, 0.02, 0.2])  # [m, m, rad] standard deviations too large to be reliable
+_UNCERTAIN = np.square([0.02, 0.02, 0.2])  # [m^2, m^2, rad^2] variances too large to be reliable
 _APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad] distance between ambiguous poses
 _CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
 _SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
@@ -66,8 +66,9 @@ def disturbance_alarms(window: Window, is_suspicion_enough: bool = False) -> Fla
 
 def test_innovations(rows: Hypotheses, inconsistency: Array) -> None:
     """Inflate the covariance where errors of pushing are large; see `Window.inconsistency`, (B,)."""
-    inflated = np.where(inconsistency > _INCONSISTENT, inconsistency / _TYPICAL, 1.0)
-    rows.inconsistency = np.maximum(rows.inconsistency, inflated)
+    if (is_large := inconsistency > _INCONSISTENT).any():
+        inflated = np.where(is_large, inconsistency / _TYPICAL, 1.0)
+        rows.inconsistency = np.maximum(rows.inconsistency, inflated)
 
 
 class ConsistencyMonitor:
@@ -150,7 +151,7 @@ class ConsistencyMonitor:
         elif by_outline:
             reason = f"measured object poses put the outline up to {by_outline:.0f} mm from where the sensor touches it"
             status = "strained"
-        elif rows.displacement[0] and ((np.diagonal(known[0]) > _FOUND**2).any() or not in_contact):
+        elif rows.displacement[0] and ((known[0].diagonal() > _FOUND).any() or not in_contact):
             status = "displaced"
         elif is_uncertain(covariance[0]):
             status = "uncertain"
@@ -213,7 +214,7 @@ def _variance(by_belief: Array, belief: Belief) -> Array:
 
 def is_uncertain(covariance: Array) -> Flags:
     """Return True (...) where covariances (..., 3, 3) of the object's pose are too large to be reliable."""
-    return np.asarray(np.any(np.diagonal(covariance, axis1=-2, axis2=-1) > _UNCERTAIN**2, axis=-1))
+    return np.asarray((covariance.diagonal(axis1=-2, axis2=-1) > _UNCERTAIN).any(axis=-1))
 
 
 def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:

@@ -108,7 +108,7 @@ ROW = _record(
 """
 LINEAR = _record(
     {"residual": f"{MOST_ROWS}f8", "jacobian": f"({MOST_ROWS},{WIDTH})f8"}
-    | {"information": f"{MOST_ROWS}f8", "weight": f"{MOST_ROWS}f8", "columns": f"{WIDTH}i8"}
+    | {"information": f"{MOST_ROWS}f8", "weight": f"{MOST_ROWS}f8"}
     | {"error": "3f8", "by_pose": "(3,3)f8", "adjoint": "(3,3)f8"}
 )
 """Linearised rows of a factor.
@@ -116,7 +116,7 @@ LINEAR = _record(
 - jacobian: by right (body-frame) perturbations of g and e of the step before and of this step, and by the shared
   variables; 0 before a kernel writes to it.
 - information, weight: inverse variances, without and with the weight that the robust kernel leaves.
-- columns, error, by_pose, adjoint: room for computing.
+- error, by_pose, adjoint: room for computing.
 """
 WORK = _record(
     {"linear": LINEAR, "system": f"({WIDTH},{WIDTH})f8", "gradient": f"{WIDTH}f8", "change": f"{WIDTH}f8"}

@@ -203,19 +203,15 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
     several rows under one kernel add up to this.
     """
     for r in range(count):
-        row, weight, residual, used = out.jacobian[r], out.weight[r], out.residual[r], 0
+        row, weight, residual = out.jacobian[r], out.weight[r], out.residual[r]
         for i in range(WIDTH):
             if row[i] != 0.0:
-                out.columns[used] = i
-                used += 1
-        for a in range(used):
-            i = out.columns[a]
-            pull = weight * row[i]
-            gradient[i] -= pull * residual
-            for b in range(a, used):
-                system[i, out.columns[b]] += pull * row[out.columns[b]]
-        for a in range(used):
-            row[out.columns[a]] = 0.0
+                pull = weight * row[i]
+                gradient[i] -= pull * residual
+                for j in range(i, WIDTH):
+                    system[i, j] += pull * row[j]
+        for i in range(WIDTH):
+            row[i] = 0.0
         square = out.information[r] * residual**2
         now.squares[kind] += square
         if kind == FIRST_POSE or not out.information[r] > 0.0:  # a belief from before is no evidence

@@ -198,8 +198,9 @@ class Window:
 
     def _join(self, arrived: Array, own: list[OwnMeasurement | None]) -> None:
         """Take the terms that arrive with the last step."""
-        arrived[arrived[:, 1] == OWN, 2] += len(self._own)
-        self._own += own
+        if own:
+            arrived[arrived[:, 1] == OWN, 2] += len(self._own)
+            self._own += own
         self._terms = terms = np.concatenate([self._terms, arrived])
         is_late = len(arrived) and arrived[0, 0] < self._left + len(self._times) - 1
         if is_late:  # that of a late measurement may have left the window
