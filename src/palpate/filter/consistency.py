@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.config import NoiseSettings
 from palpate.filter.hypotheses import LIKELY, Hypotheses, Step
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, overlap
-from palpate.graph.contact_geometry import ContactModel, reaches
+from palpate.graph.belief import Belief, clearances
+from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import DIRECTION, NAMES, STICKING, TURN
-from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 from palpate.graph.window import Window
 from palpate.types.estimate import Status
 from palpate.types.measurements import ObjectPose
@@ -83,19 +82,19 @@ class ConsistencyMonitor:
 
         The inconsistency is not included: it concerns pushing, not the last contact.
         """
-        gap, by_belief = self._gap(belief, sensor_pose[None])
-        return gap[:, 0], np.sqrt(_variance(by_belief[:, 0], belief) + self._contact_deviation**2)
+        gap, variance = clearances(belief, self._model, sensor_pose[None])
+        return gap[:, 0], np.sqrt(variance[:, 0] + self._contact_deviation**2)
 
     def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array, ago: float) -> None:
         """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
         `touched` is its last pose in contact (3,), so many seconds `ago`.
         """
-        gap, by_belief = self._gap(rows.belief, np.stack([sensor_pose, touched]))
+        gap, variance = clearances(rows.belief, self._model, np.stack([sensor_pose, touched]))
         now, before = gap.T
-        deviation = np.sqrt(_variance(by_belief[:, 0], rows.belief) + self._contact_deviation**2)
+        deviation = np.sqrt(variance[:, 0] + self._contact_deviation**2)
         rows.displace(np.where(now < -_SURPRISE * deviation, -now, 0.0))
-        deviation = np.sqrt(rows.inconsistency * _variance(by_belief[:, 0] - by_belief[:, 1], rows.belief) + _STILL**2)
+        deviation = np.sqrt(rows.inconsistency * variance[:, 1] + _STILL**2)
         by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * ago)
         rows.displace(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
 
@@ -190,26 +189,6 @@ class ConsistencyMonitor:
         off = np.abs(np.angle(-normals * np.exp(-1j * (angles + g[:, 2]))[:, None])).min(axis=1)
         deviation = np.sqrt(covariance[:, 2, 2] + self._calibration[2, 2] + variance)
         return np.where(off > _SURPRISE * deviation, off, 0.0)
-
-    def _gap(self, belief: Belief, sensor_poses: Array) -> tuple[Array, Array]:
-        """Return distances between sensor and object (B, P) [m] at poses (P, 3) of the sensor, and their derivatives.
-
-        These are by the belief, (B, P, 3 + OBJECT_SIZE).
-        """
-        g = se2.between(belief.pose[:, None], sensor_poses)
-        nearest = self._model.touching(g)
-        gap, normal = nearest["gap"], nearest["normal"]
-        reach = reaches(self._model, nearest["point"] - gap * normal, normal)
-        by_belief = np.zeros((*gap.shape, 3 + OBJECT_SIZE))
-        by_belief[..., None, :3] = -(nearest["gap_by_g"][..., None, :] @ se2.adjoint(se2.inverse(g)))
-        by_belief[..., 3 + IN_OBJECT[DEPTH].start] = 1.0
-        by_belief[..., 3 + IN_OBJECT[OUTLINE_SCALE].start] = -reach
-        return gap + overlap(belief, reach), by_belief
-
-
-def _variance(by_belief: Array, belief: Belief) -> Array:
-    """Return the variance (B,) of a quantity with these derivatives (B, 3 + OBJECT_SIZE)."""
-    return np.einsum("bi,bij,bj->b", by_belief, belief.covariance, by_belief)
 
 
 def is_uncertain(covariance: Array) -> Flags:

@@ -7,10 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import Priors
-from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE, Variable
+from palpate.graph.compiled import Records, compiled
+from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surface, put_touch
+from palpate.graph.se2_kernels import between, cross, dot, position, rotation
+from palpate.graph.variables import (
+    DEPTH,
+    DIRECTION_BIAS,
+    DIRECTION_SCALE,
+    IN_OBJECT,
+    OBJECT_SIZE,
+    OUTLINE_SCALE,
+    Variable,
+)
 from palpate.types.measurements import ContactDirection
 
 Array = NDArray[np.float64]
+_DEPTH, _SIZE, _NUMBERS = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start, 3 + OBJECT_SIZE
 Indices = NDArray[np.int64] | NDArray[np.bool_] | list[int] | slice
 R = TypeVar("R", bound="RowArrays")
 
@@ -91,3 +103,50 @@ def true_angle(measured: ContactDirection, belief: Belief, sign: Array) -> Array
     `sign` (B,) is -1 where touch images are taken as mirrored.
     """
     return (1.0 - belief[DIRECTION_SCALE][:, 0]) * (sign * measured.angle) - belief[DIRECTION_BIAS][:, 0]
+
+
+def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:
+    """Return the distances [m] of sensor poses (P, 3) from the object and their variances [m^2], (B, P) each.
+
+    From the second pose on, the variance is that of the difference from the first distance.
+    """
+    gaps, variances = np.empty((2, len(belief), len(sensor_poses)))
+    pose, values, covariance = map(np.ascontiguousarray, (belief.pose, belief.values, belief.covariance))
+    touch, room = np.empty(1, CONTACT_GEOMETRY), (np.empty(3), np.zeros((2, _NUMBERS)))
+    _put_clearances(
+        pose, values, covariance, sensor_poses, model.surface, model.friction_center, touch, room, gaps, variances
+    )
+    return gaps, variances
+
+
+@compiled
+def _put_clearances(
+    poses: Array,
+    values: Array,
+    covariances: Array,
+    sensor_poses: Array,
+    surface: Surface,
+    center: complex,
+    touch: Records,
+    room: tuple[Array, Array],
+    gaps: Array,
+    variances: Array,
+) -> None:
+    g, derivatives = room
+    near = touch[0]
+    for b in range(gaps.shape[0]):
+        for p in range(gaps.shape[1]):
+            between(poses[b], sensor_poses[p], g)
+            put_touch(position(g), rotation(g[2]), surface, near)
+            reach = dot(near.normal, near.point - center) - near.gap * dot(near.normal, near.normal)
+            gaps[b, p] = near.gap + values[b, _DEPTH] - values[b, _SIZE] * reach
+            # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
+            force, by = rotation(g[2]) * complex(near.gap_by_g[0], near.gap_by_g[1]), derivatives[min(p, 1)]
+            by[0], by[1], by[2] = -force.real, -force.imag, -near.gap_by_g[2] - cross(position(g), force)
+            by[3 + _DEPTH], by[3 + _SIZE] = 1.0, -reach
+            variances[b, p] = 0.0
+            for i in range(_NUMBERS):
+                by[i] -= derivatives[0, i] if p > 0 else 0.0
+            for i in range(_NUMBERS):
+                for j in range(_NUMBERS):
+                    variances[b, p] += by[i] * covariances[b, i, j] * by[j]
