@@ -73,7 +73,7 @@ def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belie
         window.add(seen[k], [told[k]], k / 30)
     belief = window.belief()
     error = se2.log(se2.between(belief.pose[0], o[-1]))
-    along = window.sensor_in_object[0, 1] - se2.between(o[-1], e[-1])[1]
+    along = window.last(0)["g"][1] - se2.between(o[-1], e[-1])[1]
     return belief, float(along), float(error @ np.linalg.solve(belief.pose_covariance[0], error))
 
 

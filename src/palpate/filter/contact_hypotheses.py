@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.filter.consistency import is_uncertain
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, Step, are_near
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, overlap
-from palpate.graph.contact_geometry import ContactModel, reaches
+from palpate.graph.belief import Belief
+from palpate.graph.contact_geometry import ContactModel
+from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -163,7 +164,9 @@ def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> 
     Places of B beliefs are (B, P, 1), with Y yaws of the sensor in the object frame (B, 1 or P, Y).
     """
     center, normal = outline_places(model)
-    center = center - overlap(belief, reaches(model, center - model.radius * normal, normal)) * normal
+    arm = center - model.radius * normal - model.friction_center
+    indentation = belief[DEPTH] - belief[OUTLINE_SCALE] * (normal.conjugate() * arm).real
+    center = center - indentation * normal
     normal = np.broadcast_to(normal, center.shape)
     directions, around = step.directions(belief, sign), _PLACE
     yaw = (step.sensor_pose[2] - belief.pose[:, 2])[:, None, None]

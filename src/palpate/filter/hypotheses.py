@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from palpate.config import Priors
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, RowArrays, true_angle
+from palpate.graph.belief import Belief, RowArrays
+from palpate.graph.variables import DIRECTION_BIAS, DIRECTION_SCALE
 from palpate.types.measurements import ContactDirection, Measurement
 
 Array = NDArray[np.float64]
@@ -50,15 +51,17 @@ class Step:
     """Times of the last steps, this one last [s]."""
 
     def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
-        """Return the contact directions, each as true angles (B,) [rad] and a variance [rad^2].
+        """Return the contact directions, each as angles (B,) [rad], given bias and scale, and a variance [rad^2].
 
         `sign` (B,) is -1 where touch images are taken as mirrored.
         """
-        return [
-            (true_angle(one, belief, sign if index < self.from_touch else np.ones_like(sign)), one.variance)
-            for index, one in enumerate(self.measurements)
-            if isinstance(one, ContactDirection)
-        ]
+        bias, scale = belief[DIRECTION_BIAS][:, 0], belief[DIRECTION_SCALE][:, 0]
+        found = []
+        for index, one in enumerate(self.measurements):
+            if isinstance(one, ContactDirection):
+                angle = one.angle * (sign if index < self.from_touch else np.ones_like(sign))
+                found.append(((1.0 - scale) * angle - bias, one.variance))
+        return found
 
 
 @dataclass(eq=False)

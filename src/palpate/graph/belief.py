@@ -1,7 +1,7 @@
 """Gaussian beliefs about the object, one a row: its pose and the variables that belong to it."""
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +10,7 @@ from palpate.config import Priors
 from palpate.graph.compiled import Records, compiled
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surface, put_touch
 from palpate.graph.se2_kernels import between, cross, dot, position, rotation
-from palpate.graph.variables import (
-    DEPTH,
-    DIRECTION_BIAS,
-    DIRECTION_SCALE,
-    IN_OBJECT,
-    OBJECT_SIZE,
-    OUTLINE_SCALE,
-    Variable,
-)
-from palpate.types.measurements import ContactDirection
+from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE, Variable
 
 Array = NDArray[np.float64]
 _DEPTH, _SIZE, _NUMBERS = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start, 3 + OBJECT_SIZE
@@ -32,21 +23,16 @@ class RowArrays:
 
     def take(self: R, rows: Indices) -> R:
         """Return these rows; a row may be taken several times."""
-        taken = ((name, _taken(value, rows)) for name, value in vars(self).items())
-        return type(self)(**dict(taken))
+        every = vars(self).items()
+        return type(self)(**{name: one[rows] if isinstance(one, np.ndarray) else one.take(rows) for name, one in every})
 
     def joined(self: R, other: R) -> R:
         """Return the rows of both, one after the other."""
-        pairs = zip(vars(self).items(), vars(other).values(), strict=True)
-        return type(self)(**{name: _joined(one, two) for (name, one), two in pairs})
-
-
-def _taken(value: Any, rows: Indices) -> Any:
-    return value[rows] if isinstance(value, np.ndarray) else value.take(rows)
-
-
-def _joined(one: Any, two: Any) -> Any:
-    return np.concatenate([one, two]) if isinstance(one, np.ndarray) else one.joined(two)
+        both = {}
+        for name, one in vars(self).items():
+            two = getattr(other, name)
+            both[name] = np.concatenate([one, two]) if isinstance(one, np.ndarray) else one.joined(two)
+        return type(self)(**both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,19 +76,6 @@ class Belief(RowArrays):
         joint = self.covariance * np.outer(left, left)
         joint[:, 3:, 3:] += np.diag(changes)
         return Belief(self.pose, priors.mean + keeps * (self.values - priors.mean), joint)
-
-
-def overlap(belief: Belief, reach: Array) -> Array:
-    """Return the believed overlap (B, P) [m] of tip and outline in contact, where the outline has these reaches [m]."""
-    return belief[DEPTH] - belief[OUTLINE_SCALE] * reach
-
-
-def true_angle(measured: ContactDirection, belief: Belief, sign: Array) -> Array:
-    """Return the true angle (B,) [rad] of a measured direction, given the believed bias and scale.
-
-    `sign` (B,) is -1 where touch images are taken as mirrored.
-    """
-    return (1.0 - belief[DIRECTION_SCALE][:, 0]) * (sign * measured.angle) - belief[DIRECTION_BIAS][:, 0]
 
 
 def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:

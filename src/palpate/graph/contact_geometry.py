@@ -118,11 +118,6 @@ def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "
     return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span)
 
 
-def reaches(model: ContactModel, points: Complex, normals: Complex) -> Array:
-    """Return the distance (N,) [m] of outline points (N,) from the centroid along their outward normals (N,)."""
-    return (normals.conjugate() * (points - model.friction_center)).real
-
-
 @compiled
 def _touching(g: Array, surface: Surface, out: Records) -> None:
     for b in range(g.shape[0]):

@@ -138,11 +138,6 @@ class Window:
         """True where the graph has no solution (B,)."""
         return self._rows["is_lost"]
 
-    @property
-    def sensor_in_object(self) -> Array:
-        """Sensor pose in the object frame at the last step, (B, 3)."""
-        return self._window["g"][:, -1]
-
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
         pose, values = self._window["object"][:, -1], self._rows["shared"][:, CONTACT_SIZE:]
