@@ -88,7 +88,7 @@ class Tracker:
         self._begin()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how a copy or a pickle is made, which goes on as this tracker would; the two share nothing.
+        """Return the parts of a copy or a pickle, which goes on as this tracker would; the two share nothing.
 
         Raises EstimationError if a touch or measurement of the user's own cannot be pickled.
         """

@@ -187,7 +187,7 @@ def terms_of(
 
 
 def make_factors(settings: NoiseSettings, model: ContactModel) -> NDArray[np.void]:
-    """Return what kernels need (1,): groups of settings, and friction radius and centre and span of the model."""
+    """Return the input of kernels (1,): groups of settings, and friction radius and centre and span of the model."""
     groups = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name != "priors"}
     parts: list[Any] = [("friction_radius", np.float64), ("friction_center", np.complex128), ("span", np.float64)]
     values: list[Any] = [model.friction_radius, model.friction_center, model.span]

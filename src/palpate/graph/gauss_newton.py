@@ -69,31 +69,54 @@ def improve(
     own: Array,
     model: Model,
     changing: Flags,
+    is_alone: bool,
     iterations: int,
+    is_new: bool,
 ) -> bool:
-    """Take Gauss-Newton steps of each row that is `changing` (B,) until it converges; False if all are lost.
+    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge; False if all are lost.
 
-    Steps (B, N) are STEP, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is `own_measurements.evaluated`.
+    Steps (B, N) are STEP, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is `own_measurements.evaluated`. A row
+    `is_alone`, or goes on until all rows of its sign have converged, but for so many iterations at most. The last step
+    `is_new` in the first call after it was added.
     """
     first, last, left = window
     settings, drift, surface, work = model
+    is_changed = changing.copy()
+    for _ in range(iterations):
+        for b in range(len(rows)):
+            if changing[b]:
+                row, its = rows[b], steps[b, first:last]
+                for k in range(len(its)):
+                    _put_touch(its[k], surface)
+                is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
+                if not (is_found and _move(its, row, work[0].change)):
+                    row.is_lost, row.change = True, 0.0
+        if not _drop_converged(rows, is_alone, changing):
+            break
     is_any = False
     for b in range(len(rows)):
-        row, its, taken = rows[b], steps[b, first:last], 0
-        while changing[b] and taken < iterations:
-            for k in range(len(its)):
-                _put_touch(its[k], surface)
-            is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
-            if not (is_found and _move(its, row, work[0].change)):
-                row.is_lost, row.change = True, 0.0
-            changing[b] = row.change >= _CONVERGED
-            taken += 1
-        if taken > 0 and not row.is_lost:
+        row, its = rows[b], steps[b, first:last]
+        if is_changed[b] and not row.is_lost:
             _put_touch(steps[b, last - 1], surface)
-            _conclude(its, row, settings[0], work[0])
+            _conclude(its, row, settings[0], is_new, work[0])
             _put_recent(its, left, row, terms)
         is_any = is_any or not row.is_lost
     return is_any
+
+
+@kernel
+def _drop_converged(rows: Records, is_alone: bool, changing: Flags) -> bool:
+    """Clear the flags of rows whose group has converged; False if all have."""
+    goes_on = False
+    for b in range(len(rows)):
+        if changing[b]:
+            largest = 0.0
+            for c in range(len(rows)):
+                if c == b if is_alone else rows[c].sign == rows[b].sign:
+                    largest = max(largest, rows[c].change)
+            changing[b] = largest >= _CONVERGED
+            goes_on = goes_on or changing[b]
+    return goes_on
 
 
 @kernel
@@ -249,7 +272,7 @@ def _move(steps: Records, row: Records, change: Array) -> bool:
 
 
 @kernel
-def _conclude(steps: Records, row: Records, settings: Records, work: Records) -> None:
+def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, work: Records) -> None:
     """Write what the moved values say at the last step: angle of the force, errors of pushing, and the object."""
     last, out = len(steps) - 1, work.linear
     now, before = steps[last], steps[max(last - 1, 0)]
@@ -257,9 +280,10 @@ def _conclude(steps: Records, row: Records, settings: Records, work: Records) ->
         steps[k].turn_g, steps[k].turn_e = rotation(steps[k].g[2]), rotation(steps[k].e[2])
     now.force_angle = pushing.force_angle(steps, last, row, settings)
     if last > 0 and now.spread == 0.0:
-        for i in range(LONG - 1):
-            for r in range(3):
-                row.errors[i, r] = row.errors[i + 1, r]
+        if is_new:
+            for i in range(LONG - 1):
+                for r in range(3):
+                    row.errors[i, r] = row.errors[i + 1, r]
         for kind in (STICKING, BALANCE):  # sticking has two rows, balance one
             for r in range(of_step(kind, before, now, row, settings, out)):
                 row.errors[LONG - 1, 2 * kind + r] = out.residual[r] ** 2 * out.information[r]

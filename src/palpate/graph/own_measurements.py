@@ -158,7 +158,7 @@ class CheckedMeasurements:
 
 
 def _wrong_derivative(measurement: OwnMeasurement, values: dict[Variable, Array]) -> str:
-    """Return where the Jacobian of a measurement is not the derivative of its residual, in words, or "".
+    """Return the place at which the Jacobian of a measurement is not the derivative of its residual, in words, or "".
 
     At a kink, such as that of a distance that is 0, any value between the slopes at both sides is right.
     """

@@ -33,7 +33,7 @@ def rotation(theta: float) -> complex:
 
 @kernel
 def position(pose: Array) -> complex:
-    """Return where a pose (3,) is, as a complex number [m]."""
+    """Return the position of a pose (3,) as a complex number [m]."""
     return complex(pose[0], pose[1])
 
 

@@ -75,7 +75,7 @@ class Window:
         self._own: list[OwnMeasurement | None] = []  # in the order of their terms
         self._times = [time]
         self._join(*terms_of(measurements, from_touch, self._times, 0))
-        self._solve(np.ones(self.rows, np.bool_))
+        self._solve(np.ones(self.rows, np.bool_), is_alone=True)
 
     def add(
         self,
@@ -101,7 +101,7 @@ class Window:
         spread = np.zeros(self.rows) if spread is None else spread
         begin_step(self._steps, self._place, sensor_pose, spread)
         self._join(terms, own)
-        self._solve(np.ones(self.rows, np.bool_))
+        self._solve(np.ones(self.rows, np.bool_), is_alone=False)
         return leaving
 
     def take(self, rows: Indices) -> None:
@@ -126,7 +126,7 @@ class Window:
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
         self._window[rows, first:] = disturbed
         self._rows["errors"][rows] = self._rows["inconsistency"][rows] = 0.0
-        self._solve(changing)
+        self._solve(changing, is_alone=True)
 
     @property
     def rows(self) -> int:
@@ -212,19 +212,21 @@ class Window:
             offset = se2.wrap(self._window["g"][:, -1, 2] - angle)
             self._rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
-    def _solve(self, changing: Flags) -> None:
+    def _solve(self, changing: Flags, is_alone: bool) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); see `improve`.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
         terms, own, iterations, is_any = self._terms.view(TERM)[:, 0], np.empty((self.rows, 0, 0, 0)), _ITERATIONS, True
-        for _ in range(_ITERATIONS if self._own else 1):
+        for call in range(_ITERATIONS if self._own else 1):
             if self._own:
                 steps = self._window
                 own_steps = [int(step) - self._left for step in self._terms[self._terms[:, 1] == OWN, 0]]
                 own = evaluated(self._own, own_steps, steps["g"], steps["e"], self._rows["shared"], self._times[-1])
                 iterations = 1
-            is_any = improve(self._steps, self._place, self._rows, terms, own, self._given, changing, iterations)
+            is_any = improve(
+                self._steps, self._place, self._rows, terms, own, self._given, changing, is_alone, iterations, call == 0
+            )
             if not changing.any():
                 break
         if not is_any:

@@ -127,7 +127,7 @@ class TouchModel:
         self._session: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what copies and pickles hold: they open the network themselves."""
+        """Return the state of copies and pickles, which open the network themselves."""
         return {**vars(self), "_session": None}
 
     def read(self, difference: Difference) -> TouchReading:
