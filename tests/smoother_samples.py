@@ -154,7 +154,8 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     )
     directed, direction = angles_of(given.directions)
     turned, turn = angles_of(given.turns)
-    direction_sigma, turn_sigma = FELT * np.sqrt([noise.direction.share, noise.turn.share])
+    direction_sigma = max(FELT, noise.direction.floor) * np.sqrt(noise.direction.share)
+    turn_sigma = FELT * np.sqrt(noise.turn.share)
     first_offset = start[0, 0, 2] - turn[0] if len(turn) else 0.0
     assert TURN_OFFSET.prior is not None
 

@@ -83,8 +83,11 @@ class ContactSettings:
 class TouchSettings:
     """Contact direction on a round tip, contact place on a flat pad, or turn of the sensor, measured by touch."""
 
+    zero_allowed = ("floor",)
     share: float = 2.0
     """Factor on the variance that the touch model predicts, without the bias and scale that all directions share."""
+    floor: float = 0.0
+    """Least standard deviation of a measurement [rad], of a place [m]: the error of the contact model itself."""
     kernel: Kernel = 3.0
     """Scale of the Cauchy kernel [standard deviations]: a single bad image must not bend the path."""
 
@@ -191,7 +194,9 @@ class NoiseSettings:
     sensor_pose: SensorPoseSettings = SensorPoseSettings()
     first_pose: FirstPoseSettings = FirstPoseSettings()
     contact: ContactSettings = ContactSettings()
-    direction: TouchSettings = TouchSettings()
+    direction: TouchSettings = TouchSettings(floor=0.035)
+    """Errors of pushing are alike from frame to frame, so that nearly exact directions, taken as they are, would
+    override it and raise false alarms. The floor is 2 degrees."""
     place: TouchSettings = TouchSettings()
     turn: TouchSettings = TouchSettings(share=88.0)
     """On round objects turns are some percent off for a whole contact, and these errors add up."""

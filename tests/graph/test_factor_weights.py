@@ -123,7 +123,15 @@ def test_the_weights_of_contact_direction_and_turn(kernel):
     np.testing.assert_allclose(rows.weight[:, 0, 0], [1e6, left * 1e6], rtol=1e-4)
     # The variance is four times what touch says.
     for name, told in (("direction", ContactDirection), ("turn", Turn)):
-        noise = with_settings(NoiseSettings(), **{name: {"share": 4.0, "kernel": kernel}})
+        noise = with_settings(NoiseSettings(), **{name: {"share": 4.0, "floor": 0.0, "kernel": kernel}})
         rows = rows_of(name, values_at(ONE_TIP, [[g]]), [told(0.0, 0.25e-4), told(0.09, 0.25e-4)], noise=noise)
         np.testing.assert_allclose(rows.information[0, :, 0], 1e4)
         np.testing.assert_allclose(rows.weight[0, :, 0], [1e4, left * 1e4], rtol=1e-3)
+
+
+def test_no_direction_counts_as_better_than_the_floor():
+    # Four times the larger of both variances: the floor of 0.02 rad, and what touch says.
+    noise = with_settings(NoiseSettings(), direction={"share": 4.0, "floor": 0.02})
+    measured = [ContactDirection(0.0, sigma**2) for sigma in (0.001, 0.02, 0.03)]
+    rows = rows_of("direction", values_at(ONE_TIP, [[touching(ONE_TIP, 0.02)]]), measured, noise=noise)
+    np.testing.assert_allclose(rows.information[0, :, 0] ** -0.5, [0.04, 0.04, 0.06])

@@ -41,6 +41,12 @@ def _measured(row: Records, term: Records) -> float:
 
 
 @kernel
+def _inverse_variance(term: Records, noise: Records) -> float:
+    """Return the inverse variance of a measurement, which is no better than the contact model."""
+    return 1.0 / (max(term.variance, noise.floor**2) * noise.share)
+
+
+@kernel
 def sensor_pose(now: Records, settings: Records, out: Records) -> int:
     """Measured sensor pose, `Log(measured^-1 e)` (paper Eq. 12)."""
     between(now.measured, now.e, out.error)
@@ -92,7 +98,7 @@ def direction(now: Records, row: Records, term: Records, settings: Records, out:
     jacobian[_G + 2] -= 1.0  # the direction stays while the sensor turns
     jacobian[_BIAS], jacobian[_SCALE] = 1.0, angle
     error = math.atan2(off.imag, off.real)
-    return put_row(out, error, 1.0 / (term.variance * settings.direction.share), settings.direction.kernel)
+    return put_row(out, error, _inverse_variance(term, settings.direction), settings.direction.kernel)
 
 
 @kernel
@@ -108,7 +114,7 @@ def place(now: Records, row: Records, term: Records, settings: Records, out: Rec
         out.jacobian[0, _G + c] = touch.material_by_g[c].imag
     out.jacobian[0, _PLACE] = 1.0
     error = touch.material.imag + row.shared[_PLACE - _SHARED] - _measured(row, term)
-    return put_row(out, error, 1.0 / (term.variance * settings.place.share), settings.place.kernel)
+    return put_row(out, error, _inverse_variance(term, settings.place), settings.place.kernel)
 
 
 @kernel
@@ -119,7 +125,7 @@ def turn(now: Records, row: Records, term: Records, settings: Records, out: Reco
     """
     out.jacobian[0, _G + 2], out.jacobian[0, _OFFSET] = 1.0, -1.0
     error = wrap(now.g[2] - row.shared[_OFFSET - _SHARED] - _measured(row, term))
-    return put_row(out, error, 1.0 / (term.variance * settings.turn.share), settings.turn.kernel)
+    return put_row(out, error, _inverse_variance(term, settings.turn), settings.turn.kernel)
 
 
 @kernel
