@@ -22,7 +22,9 @@ def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
         raise ShapeError(f"polygon vertices are no numbers: {error}") from error
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ShapeError(f"polygon vertices have shape {corners.shape}; they must be (N, 2)")
-    check_near(corners, "polygon vertex")
+    if len(far := np.flatnonzero(~is_near(corners).all(axis=1))):
+        found = tuple(corners[far[0]].tolist())
+        raise ShapeError(f"polygon vertex {far[0]} is {found}; it must be finite, up to {FARTHEST:g} m")
     extent = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
     # Drops repeats, the closing one too, and corners between which no edge has a direction.
     corners = corners[(np.abs(corners - np.roll(corners, -1, axis=0)) > 1e-12 * extent).any(axis=1)]
@@ -38,15 +40,6 @@ def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
     if not polygon.exterior.is_ccw:
         corners = np.roll(corners[::-1], 1, axis=0)  # the first stays first
     return tuple((x, y) for x, y in corners.tolist())
-
-
-def check_near(points: Array, what: str) -> None:
-    """Raise ShapeError unless points (N, 2) [m] are finite and no farther than a length can be."""
-    near = is_near(points).all(axis=1)
-    if not near.all():
-        row = int(np.argmin(near))
-        found = tuple(points[row].tolist())
-        raise ShapeError(f"{what} {row} is {found}; it must be finite, up to {FARTHEST:g} m")
 
 
 def area_and_centroid(corners: Array) -> tuple[float, Array]:

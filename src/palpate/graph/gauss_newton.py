@@ -107,16 +107,13 @@ def improve(
 @kernel
 def _drop_converged(rows: Records, is_alone: bool, changing: Flags) -> bool:
     """Clear the flags of rows whose group has converged; False if all have."""
-    goes_on = False
     for b in range(len(rows)):
-        if changing[b]:
-            largest = 0.0
-            for c in range(len(rows)):
-                if c == b if is_alone else rows[c].sign == rows[b].sign:
-                    largest = max(largest, rows[c].change)
-            changing[b] = largest >= _CONVERGED
-            goes_on = goes_on or changing[b]
-    return goes_on
+        largest = 0.0
+        for c in range(len(rows)):
+            if c == b if is_alone else rows[c].sign == rows[b].sign:
+                largest = max(largest, rows[c].change)
+        changing[b] = changing[b] and largest >= _CONVERGED
+    return bool(changing.any())
 
 
 @kernel

@@ -230,11 +230,6 @@ class Recording:
             return np.zeros(len(self), np.bool_)
         return np.isfinite(self.object_pose[:, 0]) & ~spikes(self.object_pose)
 
-    @property
-    def is_simulated(self) -> bool:
-        """True if palpate rendered its images, as its source then says."""
-        return " by palpate: " in self.source
-
     def __len__(self) -> int:
         return len(self.time)
 
