@@ -158,7 +158,7 @@ def _scores(
 
 
 def _row(fault: str, runs: Sequence[FaultRun], clean: float) -> dict[str, Any]:
-    """Return the scores of a fault; what is noticed within a second is told, and longer silence is silently wrong."""
+    """Return the scores of a fault: the share noticed within a second, and the share that stays silently wrong."""
     finals, frames = [run.final_mm for run in runs], sum(run.frames for run in runs)
     return {
         "fault": fault,
