@@ -11,7 +11,7 @@ from palpate.errors import printable
 if TYPE_CHECKING:
     from rich.table import Table
 
-UNITS = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg"}
+UNITS = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg", "nats": "nats"}
 """Ends of keys, as in `delay_s`, and their units."""
 
 

@@ -132,6 +132,7 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
         method: {
             **{f"{name}_{unit}": row[f"final_{unit}"][name] for unit in ("mm", "deg") for name in ("median", "worst")},
             **{name: row[key] for name, key in shares.items()},
+            "log likelihood_nats": row["nats"],
             "lost": f"{row['lost']} of {row['sequences']}",
             "step_ms": row["step_ms"]["p50"],
         }

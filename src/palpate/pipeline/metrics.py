@@ -61,6 +61,33 @@ def inside_95(nees: ArrayLike) -> Flags:
     return np.asarray(nees) <= 7.814727903251178  # the 95 % point of chi-square with 3 degrees of freedom
 
 
+def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
+    """Return the log density [nats] of true poses under their estimates (N,), from the NEES (N,); NaN where it is.
+
+    A proper score, which neither wide nor narrow regions gain. The density is per m^2 rad.
+    """
+    log_determinant = np.linalg.slogdet(np.asarray(covariance, dtype=np.float64))[1]
+    return -0.5 * (np.asarray(nees) + log_determinant + 3.0 * np.log(2.0 * np.pi))
+
+
+def gain_by_rescaling(nees: ArrayLike) -> float:
+    """Return the gain of a mean log likelihood [nats] by the best common factor on covariances, mean NEES / 3."""
+    mean = max(float(np.mean(nees)), 1e-12)  # of estimates without any error, the gain would be infinite
+    return 0.5 * (mean - 3.0 - 3.0 * float(np.log(mean / 3.0)))
+
+
+def crps(error: ArrayLike, deviation: ArrayLike) -> Array:
+    """Return the continuous ranked probability score of errors (...) under a normal of a deviation (...), in its unit.
+
+    Smaller is better; it is the mean error of an estimate without a deviation.
+    """
+    from scipy.special import ndtr
+
+    z = np.asarray(error) / np.asarray(deviation)
+    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    return np.asarray(deviation) * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / np.sqrt(np.pi))
+
+
 def is_far(translation: Array, rotation: Array) -> Flags:
     """Return True where an estimate is wrong by its errors, (N,) [mm] and (N,) [deg]."""
     return (translation > 10.0) | (np.abs(rotation) > 5.0)
@@ -103,7 +130,8 @@ def summarise(
     `truth` (N, 3) is NaN where it is not known and trusted, and `knocked` (N,) flags frames in which something else
     moves the object. Final errors are of the last frame with truth. Shares `in_95` and `silently_wrong` are of the
     frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 % region with a
-    status in CONTENT. `recovery` leaves the yaw out unless `yaw_shows`, which that of a disc does not.
+    status in CONTENT. `nats`, `crps_mm` (of x and y in the body frame) and sigmas are of frames in contact.
+    `recovery` leaves the yaw out unless `yaw_shows`, which that of a disc does not.
     """
     contact, status, covariance = online.contact, online.status, online.covariance
     assert contact is not None and status is not None and covariance is not None
@@ -114,6 +142,10 @@ def summarise(
     squared = nees(online.pose, covariance, truth)
     consistency = _known(squared)
     inside, since = inside_95(squared), since_contact(contact, squared)
+    scored_contact, (wide, turned) = since & contact, deviations(covariance)
+    nats = log_likelihood(squared, covariance)[scored_contact]
+    along = se2.log(se2.between(online.pose, truth))[scored_contact, :2]
+    axes = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[scored_contact, :2])
     silent = is_far(translation, rotation) & ~inside & np.isin(status, CONTENT)
     return {
         "frames": len(online),
@@ -129,17 +161,22 @@ def summarise(
         "final_translation_error_mm": None if last is None else float(translation[last]),
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
         "nees_mean": None if consistency is None else float(np.mean(consistency)),
+        "nats": _mean(nats),
+        "nats_rescaled": _mean(nats + gain_by_rescaling(squared[scored_contact])) if len(nats) else None,
+        "crps_mm": _mean(1e3 * crps(along, axes)),
+        "sigma_mm": float(np.median(1e3 * wide[scored_contact])) if len(nats) else None,
+        "sigma_deg": float(np.degrees(np.median(turned[scored_contact]))) if len(nats) else None,
         "statuses": dict(Counter(status)),
         "yaw_shows": yaw_shows,
         "scored_frames": len(scored),
         "final_scored_time_s": None if last is None else float(online.time[last]),
-        "in_95_share": _share(inside[since]),
-        "in_95_contact_share": _share(inside[since & contact]),
-        "in_95_rest_share": _share(inside[since & ~contact]),
+        "in_95_share": _mean(inside[since]),
+        "in_95_contact_share": _mean(inside[since & contact]),
+        "in_95_rest_share": _mean(inside[since & ~contact]),
         "in_95_final": bool(inside[since][-1]) if since.any() else None,
-        "silently_wrong_share": _share(silent[since]),
-        "silently_wrong_before_touch_share": _share((silent & before_next_touch(knocked, contact))[since]),
-        "ambiguous_share": _share((np.array(status) == "ambiguous")[contact]),
+        "silently_wrong_share": _mean(silent[since]),
+        "silently_wrong_before_touch_share": _mean((silent & before_next_touch(knocked, contact))[since]),
+        "ambiguous_share": _mean((np.array(status) == "ambiguous")[contact]),
         **recovery(online.time, contact, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
     }
 
@@ -195,8 +232,8 @@ def recovery(time: Array, contact: Flags, translation: Array, rotation: Array, k
     }
 
 
-def _share(flags: Flags) -> float | None:
-    return float(np.mean(flags)) if len(flags) else None
+def _mean(values: Array) -> float | None:
+    return float(np.mean(values)) if len(values) else None
 
 
 def _known(values: ArrayLike) -> Array | None:
